@@ -1,0 +1,1 @@
+"""Sample surfaces and scenes that travel with morphofold; each folder says its origin and licence."""

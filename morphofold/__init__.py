@@ -1,0 +1,39 @@
+"""Grow folded cortices, read real ones, and measure both with the same ruler."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+__version__ = "0.1.0"
+
+# In a checkout the rooms sim/ and analysis/ lie beside this folder. The tracked symlinks already lead
+# there; this line covers checkouts without symlinks. It never fires in an installed wheel.
+_root = Path(__file__).resolve().parent.parent
+if (_root / "pyproject.toml").is_file() and (_root / "sim" / "__init__.py").is_file():
+    __path__.append(str(_root))
+
+_PUBLIC = {
+    "Cortex": "morphofold.surface",
+    "Surface": "morphofold.surface",
+    "read_cortex": "morphofold.io",
+    "read_surface": "morphofold.io",
+    "measure": "morphofold.analysis.measures",
+    "Measures": "morphofold.analysis.measures",
+    "compare": "morphofold.compare",
+    "simulate": "morphofold.sim.run",
+}
+__all__ = ["__version__", *_PUBLIC]
+
+
+def __getattr__(name: str):
+    """Import a public name on first use, so that ``import morphofold`` stays instant (PEP 562)."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'morphofold' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_PUBLIC[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,1 @@
+"""Optional effects, one file each; a scene that does not name an effect never imports it."""
