@@ -1,0 +1,157 @@
+"""What every measure needs of a triangle mesh: areas, normals, neighbours, the cotangent Laplacian, topology.
+
+All sums run in the order of the faces, so results do not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from morphofold.surface import Faces, PerVertex, Verts
+
+Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
+
+
+def face_vectors(verts: Verts, faces: Faces) -> Vectors:
+    """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area."""
+    a, b, c = verts[faces[:, 0]], verts[faces[:, 1]], verts[faces[:, 2]]
+    return np.cross(b - a, c - a) / 2
+
+
+def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
+    """Areas (M,) [mm^2]."""
+    return np.linalg.norm(face_vectors(verts, faces), axis=1)
+
+
+def face_normals(verts: Verts, faces: Faces) -> Vectors:
+    """Unit normals (M, 3), outward for counter-clockwise faces; zero for a triangle without area."""
+    return unit(face_vectors(verts, faces))
+
+
+def unit(vectors: Vectors) -> Vectors:
+    """Vectors scaled to length one; a zero vector stays zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
+    """One third of the incident triangles' areas (N,) [mm^2], as in FreeSurfer's ``?h.area`` of the white surface.
+
+    They sum to the area of the surface. 0 at a vertex that no face uses.
+    """
+    third = face_areas(verts, faces) / 3
+    return np.bincount(faces.ravel(), np.repeat(third, 3), len(verts))
+
+
+def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:
+    """Unit vertex normals (N, 3), the incident triangles' normals weighted at the corner and summed.
+
+    ``weights``: ``"area"`` of the triangle; ``"angle"`` at the corner; ``"sine"`` of that angle; ``"max"``, the
+    vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
+    no face has area.
+    """
+    corner = verts[faces]
+    ahead = np.roll(corner, -1, axis=1) - corner                        # (M, 3 corners, 3)
+    back = -np.roll(ahead, 1, axis=1)
+    vector = np.cross(ahead, back)                                      # 2 x area x normal, at each corner
+    sides = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+    doubled = np.linalg.norm(vector, axis=2)
+    if weights == "area":
+        share = np.ones_like(sides)
+    elif weights == "angle":
+        angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))       # atan2, not acos: exact for slivers too
+        share = np.divide(angle, doubled, out=np.zeros_like(sides), where=doubled > 0)
+    elif weights == "sine":
+        share = np.divide(1, sides, out=np.zeros_like(sides), where=sides > 0)
+    elif weights == "max":
+        share = np.divide(1, sides**2, out=np.zeros_like(sides), where=sides > 0)
+    else:
+        raise ValueError(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
+    return unit(sum_corners(vector * share[:, :, None], faces, len(verts)))
+
+
+def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
+    """Sum vectors given at the corners (M, 3, 3) over the vertices (n, 3)."""
+    flat, at = values.reshape(-1, 3), faces.ravel()
+    return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
+
+
+def edges(faces: Faces) -> NDArray[np.int64]:
+    """Edges (E, 2), each once, the smaller vertex first, in ascending order."""
+    return _edges_and_counts(faces)[0]
+
+
+def _edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    low, high = pairs.min(axis=1), pairs.max(axis=1)
+    base = int(faces.max()) + 1
+    key, count = np.unique(low * base + high, return_counts=True)
+    return np.stack([key // base, key % base], axis=1), count
+
+
+def mean_edge_length(verts: Verts, faces: Faces) -> float:
+    """Mean length of the edges [mm], each edge once."""
+    pair = edges(faces)
+    return float(np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1).mean())
+
+
+def adjacency(n: int, faces: Faces) -> sparse.csr_array:
+    """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
+    pair = edges(faces)
+    i, j = np.concatenate([pair[:, 0], pair[:, 1]]), np.concatenate([pair[:, 1], pair[:, 0]])
+    matrix = sparse.csr_array((np.ones(len(i), dtype=np.bool_), (i, j)), shape=(n, n))
+    matrix.sort_indices()
+    return matrix
+
+
+def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
+    """(n, M) boolean CSR; ``indptr`` and ``indices`` list the faces of each vertex in ascending order."""
+    which = np.repeat(np.arange(len(faces)), 3)
+    ones = np.ones(len(which), dtype=np.bool_)
+    matrix = sparse.csr_array((ones, (faces.ravel(), which)), shape=(n, len(faces)))
+    matrix.sort_indices()
+    return matrix
+
+
+def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: float | None = None) -> sparse.csr_array:
+    """Stiffness matrix L (N, N) of linear elements: symmetric, rows sum to zero, ``x @ L @ x >= 0``.
+
+    ``(L x)_i = sum_j w_ij (x_i - x_j)`` with ``w_ij = (cot a + cot b) / 2`` over the two angles that face the edge.
+    With ``clip`` the cotangents are first bounded to [0, clip], which makes every weight non-negative (a maximum
+    principle on needle triangles) at the price of consistency there; 20 is a mild bound.
+    """
+    corner = verts[faces]
+    ahead = np.roll(corner, -1, axis=1) - corner
+    back = -np.roll(ahead, 1, axis=1)
+    doubled = np.linalg.norm(np.cross(ahead, back), axis=2)
+    dots = np.sum(ahead * back, axis=2)
+    cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
+    if clip is not None:
+        cot = np.clip(cot, 0, clip)
+    i, j = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()   # the edge facing each corner
+    half, n = cot.ravel() / 2, len(verts)
+    off = sparse.coo_array((-np.r_[half, half], (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()
+    return (off - sparse.dia_array((off.sum(axis=1)[None, :], [0]), shape=(n, n))).tocsr()
+
+
+def euler_characteristic(faces: Faces) -> int:
+    """V - E + F over the vertices that faces use; 2 for a sphere, 0 for a torus."""
+    return len(np.unique(faces)) - len(edges(faces)) + len(faces)
+
+
+def is_closed(faces: Faces) -> bool:
+    """True if exactly two faces meet at every edge."""
+    return bool((_edges_and_counts(faces)[1] == 2).all())
+
+
+def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
+    """Number of connected pieces, and the piece (n,) of each vertex; -1 where no face uses the vertex."""
+    label = csgraph.connected_components(adjacency(n, faces), directed=False)[1]
+    used = np.zeros(n, dtype=bool)
+    used[faces] = True
+    piece = np.full(n, -1, dtype=np.int64)
+    names, piece[used] = np.unique(label[used], return_inverse=True)
+    return len(names), piece
