@@ -1,0 +1,286 @@
+"""Self-contact of the pial surface: nodes against triangles, and against its own mirror image at symmetry planes.
+
+A node looks for the nearest node whose surface faces it (opposed normals, far apart in the reference), then keeps
+the best triangle around that node. The pairing is renewed when the surface has moved by a fifth of the search
+radius; until something faces something else within that radius, a step costs one empty loop. The penalty acts
+within a gap of 0.2 cell sizes and is scaled by nodal mass, so that it can never need a smaller step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+
+Array = NDArray[np.float64]
+
+GAP = 0.2               # contact acts below this distance, in cell sizes h
+STIFFNESS = 0.1         # penalty force per mass and penetration, at a step of one
+DASHPOT = 0.5           # damping force per mass and approach speed
+SEARCH = 1.5            # search radius in h
+DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
+APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [h at the time]
+OPPOSED = -0.2          # largest cosine between the normals of a pair
+
+
+@njit(inline="always")
+def _nearest_weights(p, a, b, c):
+    """Barycentric weights of the point of triangle abc nearest to p (Ericson 2005, section 5.1.5)."""
+    ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ac0, ac1, ac2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    ap0, ap1, ap2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    d1, d2 = ab0 * ap0 + ab1 * ap1 + ab2 * ap2, ac0 * ap0 + ac1 * ap1 + ac2 * ap2
+    if d1 <= 0 and d2 <= 0:
+        return 1.0, 0.0, 0.0
+    bp0, bp1, bp2 = p[0] - b[0], p[1] - b[1], p[2] - b[2]
+    d3, d4 = ab0 * bp0 + ab1 * bp1 + ab2 * bp2, ac0 * bp0 + ac1 * bp1 + ac2 * bp2
+    if d3 >= 0 and d4 <= d3:
+        return 0.0, 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0 and d1 >= 0 and d3 <= 0:
+        t = d1 / (d1 - d3)
+        return 1 - t, t, 0.0
+    cp0, cp1, cp2 = p[0] - c[0], p[1] - c[1], p[2] - c[2]
+    d5, d6 = ab0 * cp0 + ab1 * cp1 + ab2 * cp2, ac0 * cp0 + ac1 * cp1 + ac2 * cp2
+    if d6 >= 0 and d5 <= d6:
+        return 0.0, 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0 and d2 >= 0 and d6 <= 0:
+        t = d2 / (d2 - d6)
+        return 1 - t, 0.0, t
+    va = d3 * d6 - d5 * d4
+    if va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        return 0.0, 1 - t, t
+    total = va + vb + vc
+    return va / total, vb / total, vc / total
+
+
+@njit(inline="always")
+def _normal(a, b, c):
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    length = (n0 * n0 + n1 * n1 + n2 * n2) ** 0.5
+    if length == 0.0:
+        return 0.0, 0.0, 0.0
+    return n0 / length, n1 / length, n2 / length
+
+
+@njit(cache=True)
+def node_normals(x, tri, n_nodes):
+    """Unit area-weighted node normals (S, 3) of the triangles ``tri``."""
+    out = np.zeros((n_nodes, 3))
+    for t in range(len(tri)):
+        a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
+        u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        for k in range(3):
+            i = tri[t, k]
+            out[i, 0] += u1 * v2 - u2 * v1
+            out[i, 1] += u2 * v0 - u0 * v2
+            out[i, 2] += u0 * v1 - u1 * v0
+    for i in range(n_nodes):
+        length = (out[i, 0] ** 2 + out[i, 1] ** 2 + out[i, 2] ** 2) ** 0.5
+        if length > 0:
+            out[i] /= length
+    return out
+
+
+@njit(cache=True)
+def _cells(x, n_nodes, size):
+    """Counting sort of the nodes into cubic cells: (cell of each node, starts, members, shape, origin)."""
+    low, high = np.empty(3), np.empty(3)
+    for r in range(3):
+        low[r], high[r] = x[:n_nodes, r].min(), x[:n_nodes, r].max()
+    shape = ((high - low) / size).astype(np.int64) + 1
+    cell = np.empty(n_nodes, dtype=np.int64)
+    starts = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
+    for i in range(n_nodes):
+        k = ((x[i] - low) / size).astype(np.int64)
+        cell[i] = (k[0] * shape[1] + k[1]) * shape[2] + k[2]
+        starts[cell[i] + 1] += 1
+    for c in range(len(starts) - 1):
+        starts[c + 1] += starts[c]
+    fill, members = starts[:-1].copy(), np.empty(n_nodes, dtype=np.int64)
+    for i in range(n_nodes):
+        members[fill[cell[i]]] = i
+        fill[cell[i]] += 1
+    return cell, starts, members, shape
+
+
+@njit(parallel=True, cache=True)
+def find_facing(x, X, normals, n_nodes, radius, apart, facing):
+    """Nearest node within ``radius`` whose normal opposes and whose reference is farther than ``apart``; -1: none."""
+    cell, starts, members, shape = _cells(x, n_nodes, radius)
+    for i in prange(n_nodes):
+        best, nearest = radius * radius, -1
+        c2 = cell[i] % shape[2]
+        c1 = (cell[i] // shape[2]) % shape[1]
+        c0 = cell[i] // (shape[1] * shape[2])
+        for a in range(max(c0 - 1, 0), min(c0 + 2, shape[0])):
+            for b in range(max(c1 - 1, 0), min(c1 + 2, shape[1])):
+                for c in range(max(c2 - 1, 0), min(c2 + 2, shape[2])):
+                    k = (a * shape[1] + b) * shape[2] + c
+                    for s in range(starts[k], starts[k + 1]):
+                        j = members[s]
+                        d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+                        d = d0 * d0 + d1 * d1 + d2 * d2
+                        if d >= best or j == i:
+                            continue
+                        if normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2] > OPPOSED:
+                            continue
+                        e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
+                        if e0 * e0 + e1 * e1 + e2 * e2 < apart * apart:
+                            continue
+                        best, nearest = d, j
+        facing[i] = nearest
+
+
+@njit(parallel=True, cache=True)
+def choose_triangles(x, tri, ring_first, ring, facing, partner):
+    """Of the triangles around the facing node, the one nearest to each node; -1: none."""
+    for i in prange(len(facing)):
+        best, nearest = 1e300, -1
+        if facing[i] >= 0:
+            for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
+                t = ring[s]
+                if tri[t, 0] == i or tri[t, 1] == i or tri[t, 2] == i:
+                    continue
+                a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
+                wa, wb, wc = _nearest_weights(x[i], a, b, c)
+                d = 0.0
+                for r in range(3):
+                    d += (x[i, r] - wa * a[r] - wb * b[r] - wc * c[r]) ** 2
+                if d < best:
+                    best, nearest = d, t
+        partner[i] = nearest
+
+
+@njit(parallel=True, cache=True)
+def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth):
+    """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,).
+
+    Nearer in the reference than 2.5 ``apart``, a pair counts only before it has passed through: the flanks of one
+    ridge lie there, not two walls of a sulcus.
+    """
+    for i in prange(len(partner)):
+        depth[i] = 0.0
+        t = partner[i]
+        if t < 0:
+            continue
+        j, k, l = tri[t, 0], tri[t, 1], tri[t, 2]
+        n0, n1, n2 = _normal(x[j], x[k], x[l])
+        distance = n0 * (x[i, 0] - x[j, 0]) + n1 * (x[i, 1] - x[j, 1]) + n2 * (x[i, 2] - x[j, 2])
+        if distance >= gap or distance < -deepest:
+            continue
+        wj, wk, wl = _nearest_weights(x[i], x[j], x[k], x[l])
+        side = 0.0
+        for r in range(3):
+            side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
+        if side - distance * distance > 25.0 * gap * gap:               # slid off its triangle by a cell
+            continue
+        reference = 0.0
+        for r in range(3):
+            reference += (X[i, r] - X[j, r]) ** 2
+        if reference < 6.25 * apart * apart and distance < -0.5 * gap:
+            continue
+        m = min(mass[i], mass[j], mass[k], mass[l])
+        speed = 0.0
+        for r in range(3):
+            n = n0 if r == 0 else (n1 if r == 1 else n2)
+            speed += n * (v[i, r] - wj * v[j, r] - wk * v[k, r] - wl * v[l, r])
+        force = m * (STIFFNESS * (gap - distance) - DASHPOT * speed)
+        if force <= 0.0:
+            continue
+        depth[i] = gap - distance
+        push[i, 0], push[i, 1], push[i, 2] = force * n0, force * n1, force * n2
+        weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
+
+
+@njit(cache=True)
+def add_pushes(tri, partner, push, weight, depth, extra):
+    """Action on the nodes, reaction on their triangles; serial, so that the sum has one order."""
+    for i in range(len(partner)):
+        if depth[i] > 0.0:
+            t = partner[i]
+            for r in range(3):
+                extra[i, r] += push[i, r]
+                for k in range(3):
+                    extra[tri[t, k], r] -= weight[i, k] * push[i, r]
+
+
+@njit(cache=True)
+def press_planes(x, v, mass, on_plane, axes, gap, extra):
+    """Contact with the mirror image: surface nodes stay half a gap on their side of each symmetry plane."""
+    for a in axes:
+        for i in range(len(extra)):
+            distance = x[i, a]
+            if distance < gap and not on_plane[i, a]:
+                force = mass[i] * (STIFFNESS * (gap - distance) - DASHPOT * v[i, a])
+                if force > 0.0:
+                    extra[i, a] += force
+
+
+class Contact:
+    """Self-contact of the surface nodes; see the module for the rules."""
+
+    name = "contact"
+
+    def __init__(self, body: Body):
+        n, quads = body.n_surface, body.bilayer.quads
+        self._tri = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        order = np.argsort(self._tri.ravel(), kind="stable")
+        self._ring = order // 3
+        self._ring_first = np.concatenate([[0], np.cumsum(np.bincount(self._tri.ravel(), minlength=n))])
+        self._planes = np.array(body.bilayer.planes, dtype=np.int64)
+        self._facing = np.full(n, -1)
+        self._partner = np.full(n, -1)
+        self._paired_at = np.full((n, 3), np.inf)
+        self._push, self._weight, self._depth = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
+        self._h = body.filter.h
+        self._stiffness = np.zeros(n)
+        self.searches = 0
+
+    def refresh(self, body: Body, x: Array, v: Array) -> None:
+        n = body.n_surface
+        self._h = body.filter.h
+        radius = SEARCH * self._h
+        moved = np.max(np.abs(x[:n] - self._paired_at))
+        if moved > 0.2 * radius:
+            normals = node_normals(x, self._tri, n)
+            find_facing(x, body.X, normals, n, radius, APART * body.bilayer.edge, self._facing)
+            self._paired_at = x[:n].copy()
+            self.searches += 1
+        if self._facing.max() >= 0:
+            choose_triangles(x, self._tri, self._ring_first, self._ring, self._facing, self._partner)
+        else:
+            self._partner[:] = -1
+        self._stiffness = STIFFNESS * body.mass[:n]
+
+    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
+        gap = GAP * self._h
+        if self._partner.max() >= 0:
+            press(x, v, body.X, body.mass, self._tri, self._partner, gap, DEEPEST * SEARCH * self._h,
+                  APART * body.bilayer.edge, self._push, self._weight, self._depth)  # fmt: skip
+            add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
+        if len(self._planes):
+            press_planes(x, v, body.mass, body.on_plane, self._planes, 0.5 * gap, extra)
+
+    def energy(self, x: Array) -> float:
+        return 0.5 * float(np.sum(self._stiffness * self._depth**2))
+
+    def record(self) -> dict[str, Any]:
+        deepest = float(self._depth.max() / (GAP * self._h))
+        return {"pairs": int((self._depth > 0).sum()), "deepest_in_gaps": deepest, "searches": self.searches}
+
+    def save(self) -> dict[str, NDArray]:
+        return {"facing": self._facing, "paired_at": self._paired_at, "searches": np.array(self.searches)}
+
+    def load(self, arrays: dict[str, NDArray]) -> None:
+        self._facing, self._paired_at = arrays["facing"].copy(), arrays["paired_at"].copy()
+        self.searches = int(arrays["searches"])

@@ -1,0 +1,38 @@
+"""Growth tensors and how far along the ramp they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LAWS = ("isotropic", "tangential")
+
+
+def growth_tensor(g: NDArray[np.float64] | float, radial: NDArray[np.float64], law: str) -> NDArray[np.float64]:
+    """Growth tensor G of F = A G (Razavi et al. 2015, Eq. 1).
+
+    Parameters
+    ----------
+    g : float or (...) float64
+        Growth stretch, a ratio of lengths; 1 is none.
+    radial : (..., 3) float64
+        Unit reference direction N along which tangential growth adds nothing.
+    law : {"isotropic", "tangential"}
+        ``g I`` (paper, before Eq. 2), or ``g (I - N N) + N N`` (before Eq. 3).
+
+    Returns
+    -------
+    G : (..., 3, 3) float64
+
+    Raises
+    ------
+    ValueError
+        For another law.
+    """
+    if law not in LAWS:
+        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+    g = np.asarray(g, dtype=np.float64)[..., None, None]
+    if law == "isotropic":
+        return g * np.broadcast_to(np.eye(3), radial.shape + (3,))
+    NN = radial[..., :, None] * radial[..., None, :]
+    return g * (np.eye(3) - NN) + NN

@@ -1,0 +1,88 @@
+"""Neo-Hookean energy and stress in the elastic tensor A, and its Q1P0 form on a brick. Readable twins of the kernels.
+
+The kernels of the explicit solver evaluate ``brick_energy`` and its gradient in another arrangement; a test
+holds the two together. Everything here is plain NumPy with trailing 3x3 axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim.kernels import J_MIN
+
+Array = NDArray[np.float64]
+
+
+def cofactor(A: Array) -> Array:
+    """Cofactor matrix det(A) A^-T of (..., 3, 3), defined for singular A too."""
+    a, b, c = A[..., 0], A[..., 1], A[..., 2]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+
+
+def energy(A: Array, mu: Array | float, kappa: Array | float) -> Array:
+    """Neo-Hookean energy per grown volume [Pa], ``mu/2 (J^-2/3 tr(A^T A) - 3) + kappa/2 (J - 1)^2``.
+
+    Parameters
+    ----------
+    A : (..., 3, 3) float64
+        Elastic part of the deformation gradient, F = A G (Razavi et al. 2015, Eq. 1).
+    mu, kappa : float or (...) float64
+        Shear and bulk modulus [Pa].
+
+    Returns
+    -------
+    W : (...) float64
+
+    Notes
+    -----
+    Eq. (4) of the paper, ``mu/2 (tr(A^T A) - 3)`` with det A = 1, is the limit kappa/mu -> infinity. The split
+    into a volume-preserving factor and a volumetric term is the one of the finite-element program that the
+    paper used. Where J < 0.1 the factor J^-2/3 is frozen at its value there, so that a crushed element
+    gives a finite force.
+    """
+    J = np.linalg.det(A)
+    I1 = np.einsum("...ij,...ij->...", A, A)
+    return 0.5 * mu * (np.maximum(J, J_MIN) ** (-2 / 3) * I1 - 3) + 0.5 * kappa * (J - 1) ** 2
+
+
+def stress(A: Array, mu: Array | float, kappa: Array | float) -> Array:
+    """First Piola-Kirchhoff stress dW/dA [Pa] of :func:`energy`, (..., 3, 3)."""
+    J = np.linalg.det(A)
+    held = np.maximum(J, J_MIN)
+    I1 = np.einsum("...ij,...ij->...", A, A)
+    iso = mu * held ** (-2 / 3)
+    volumetric = kappa * (J - 1) - np.where(J > J_MIN, iso * I1 / (3 * held), 0.0)
+    return np.asarray(iso)[..., None, None] * A + np.asarray(volumetric)[..., None, None] * cofactor(A)
+
+
+def brick_energy(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
+    """Energy of Q1P0 bricks from their Gauss points.
+
+    Parameters
+    ----------
+    A : (E, 8, 3, 3) float64
+        Elastic tensor at the Gauss points.
+    w : (E, 8) float64
+        Grown volume of each Gauss point [mm^3].
+    mu, kappa : (E,) float64
+        Moduli of each element.
+
+    Returns
+    -------
+    (E,) float64
+        ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J: the pressure of
+        modulus kappa sees only the mean volume ratio, which keeps the brick from locking; the weak local
+        term, modulus 2 mu, keeps single points from collapsing. It vanishes with the mesh size.
+    """
+    V = w.sum(axis=1)
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
+    local = energy(A, mu[:, None], 2 * mu[:, None])
+    return (w * local).sum(axis=1) + 0.5 * kappa * V * (ratio - 1) ** 2
+
+
+def brick_stress(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
+    """dE/dA / w of :func:`brick_energy` at each Gauss point, (E, 8, 3, 3) [Pa]."""
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (ratio - 1))[:, None, None, None]
+    return stress(A, mu[:, None], 2 * mu[:, None]) + pressure * cofactor(A)
