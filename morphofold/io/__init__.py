@@ -1,0 +1,30 @@
+"""Files in and out: surfaces, per-vertex maps, regions and whole cortices, through nibabel, trimesh and meshio."""
+
+from morphofold.io.cortices import read_cortex
+from morphofold.io.files import atomic_file, atomic_folder
+from morphofold.io.freesurfer import (
+    flip_curvature_sign,
+    read_annotation,
+    read_label,
+    scanner_transform,
+    write_annotation,
+)
+from morphofold.io.samples import sample_path
+from morphofold.io.surfaces import read_morph, read_surface, write_gifti_map, write_morph, write_surface
+
+__all__ = [
+    "atomic_file",
+    "atomic_folder",
+    "flip_curvature_sign",
+    "read_annotation",
+    "read_cortex",
+    "read_label",
+    "read_morph",
+    "read_surface",
+    "sample_path",
+    "scanner_transform",
+    "write_annotation",
+    "write_gifti_map",
+    "write_morph",
+    "write_surface",
+]

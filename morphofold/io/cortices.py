@@ -1,0 +1,176 @@
+"""Read a ``Cortex``: a FreeSurfer subject, a simulation or one of its stages, a GIFTI pair, or two files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.io.files import StrPath, existing_file
+from morphofold.io.freesurfer import read_annotation, read_label, scanner_transform
+from morphofold.io.surfaces import read_morph, read_surface
+from morphofold.surface import Cortex
+
+MAPS = ("thickness", "curv", "sulc", "area")
+_SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
+_MAP_ENDINGS = ("", ".shape.gii", ".gii")
+
+
+def read_cortex(
+    path: StrPath | None = None,
+    hemi: str | None = None,
+    *,
+    white: StrPath | None = None,
+    pial: StrPath | None = None,
+    surfaces: Sequence[str] = ("white", "pial"),
+    annotation: str = "aparc",
+    name: str | None = None,
+) -> Cortex:
+    """Read white and pial surface of one hemisphere and what lies beside them.
+
+    Parameters
+    ----------
+    path : str or path, optional
+        A folder: a FreeSurfer subject or anything shaped so (``surf/lh.white``, ``label/lh.aparc.annot``), a
+        folder with a pair of surfaces in it (``lh.white.surf.gii``), a simulation (its last stage is read), or
+        one stage of it (``OUT/stages/g1.80``).
+    hemi : {"lh", "rh"}, optional
+        By default ``"lh"``, or what the names of ``white`` and ``pial`` say.
+    white, pial : str or path, optional
+        Two files instead of a folder, in any format that ``read_surface`` reads.
+    surfaces : two names
+        Which inner and outer surface of a folder to read.
+    annotation : str
+        Which ``label/?h.NAME.annot`` gives the regions, if it is there.
+    name : str, optional
+        What tables call it; by default the subject's folder, the scene and stage, or the white file.
+
+    Returns
+    -------
+    Cortex
+        ``maps`` has those of thickness, curv, sulc and area that are there, as the files have them (FreeSurfer's
+        sign). ``transform`` leads from surface to scanner coordinates where the white surface's footer is valid.
+        Of a simulation, ``portion`` and ``info`` come from ``stage.json``.
+
+    Raises
+    ------
+    FileNotFoundError
+        A surface is not there; the message says where it was looked for and what lies there.
+    ValueError
+        A file is damaged or of the wrong kind, or white, pial and maps do not correspond.
+    """
+    if hemi not in ("lh", "rh", None):
+        raise ValueError(f"hemi must be 'lh' or 'rh', got {hemi!r}.")
+    if path is None:
+        if white is None or pial is None:
+            raise TypeError("Pass a folder, or both white= and pial=.")
+        return _pair(Path(white), Path(pial), hemi, name)
+    if white is not None or pial is not None:
+        raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
+    path = Path(path)
+    if path.is_file():
+        raise NotADirectoryError(f"{path}: is a file. Pass the folder that holds it, or both white= and pial=.")
+    if not path.is_dir():
+        existing_file(path, "folder with a cortex")  # raises, and lists close names
+    return _folder(_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
+
+
+def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
+    for file in (white, pial):
+        said = file.name[:2] if file.name[:3] in ("lh.", "rh.") else hemi
+        if hemi is not None and said != hemi:
+            raise ValueError(f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r} or the other file.")
+        hemi = said
+    inner, outer = read_surface(white), read_surface(pial)
+    return Cortex(
+        inner, outer, hemi or "lh", name or white.name, origin="files",
+        transform=scanner_transform(inner.geometry), files=(str(white), str(pial)),
+    )  # fmt: skip
+
+
+def _stage(path: Path) -> Path:
+    """The folder itself, or the last stage if it is a simulation."""
+    stages = path / "stages"
+    if not stages.is_dir():
+        return path.parent if path.name == "surf" else path
+    growth = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
+    done = {p: float(m[1]) for p, m in growth.items() if m}
+    if not done:
+        raise FileNotFoundError(f"{stages}: no stage (g1.20, g1.80, ...) has been written yet. Let the simulation run on.")
+    return max(done, key=lambda p: done[p])
+
+
+def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, name: str | None) -> Cortex:
+    if len(surfaces) != 2:
+        raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+    inner, outer = (_required(root, f"{hemi}.{s}") for s in surfaces)
+    white, pial = read_surface(inner), read_surface(outer)
+    files = [inner, outer]
+
+    def optional(place: str, stem: str, endings: tuple[str, ...] = ("",)) -> Path | None:
+        found = _find((root / place,) if (root / place).is_dir() else (root,), stem, endings)
+        files.extend([found] if found else [])
+        return found
+
+    maps = {m: read_morph(p) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
+    inflated = optional("surf", f"{hemi}.inflated", _SURFACE_ENDINGS)
+    regions = optional("label", f"{hemi}.{annotation}.annot")
+    label = optional("label", f"{hemi}.cortex.label")
+    stage = root / "stage.json"
+    info = _stage_info(stage) if stage.is_file() else {}
+    return Cortex(
+        white, pial, hemi, name or _name(root, info), maps,
+        cortex=read_label(label, len(white.verts)) if label else None,
+        regions=read_annotation(regions) if regions else None,
+        inflated=read_surface(inflated) if inflated else None,
+        origin="simulation" if info else ("FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"),
+        units=str(info.get("units", "mm")),
+        transform=scanner_transform(white.geometry),
+        portion=float(info.get("portion", 1.0)),
+        info=info, files=tuple(str(p) for p in files),
+    )  # fmt: skip
+
+
+def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
+    return next((f for folder in folders for e in endings if (f := folder / f"{stem}{e}").is_file()), None)
+
+
+def _required(root: Path, stem: str) -> Path:
+    found = _find((root / "surf", root), stem, _SURFACE_ENDINGS)
+    if found is None:
+        place = root / "surf" if (root / "surf").is_dir() else root
+        try:
+            existing_file(place / stem, "surface")
+        except FileNotFoundError as error:
+            raise FileNotFoundError(
+                f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with surf/lh.white "
+                "and surf/lh.pial), a simulation, or a pair given as white and pial."
+            ) from None
+    assert found is not None
+    return found
+
+
+def _name(root: Path, info: dict[str, Any]) -> str:
+    folder = root.resolve().name
+    scene = str(info.get("name", ""))
+    return f"{scene} {folder}" if scene and folder not in scene else scene or folder
+
+
+def _stage_info(path: Path) -> dict[str, Any]:
+    """What ``simulate`` recorded of a stage: plain facts, with a portion in (0, 1]."""
+    existing_file(path, "stage record")
+    if path.stat().st_size > 2**20:
+        raise ValueError(f"{path}: has {path.stat().st_size} bytes, a stage record has at most 1 MiB.")
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: is not JSON ({error}). Write the stage anew with morphofold simulate.") from error
+    portion = info.get("portion", 1.0) if isinstance(info, dict) else None
+    if not isinstance(portion, (int, float)) or not (math.isfinite(portion) and 0 < portion <= 1):
+        raise ValueError(f"{path}: a stage record is an object with a portion in (0, 1], got {portion!r}.")
+    return {**info, "name": info.get("name", "simulation")}
+
+

@@ -1,0 +1,177 @@
+"""What every reader and writer asks of a file: that it is there, bounded, whole, and replaced in one step."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import secrets
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
+MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
+
+StrPath = str | os.PathLike[str]
+
+
+def existing_file(path: StrPath, what: str = "file") -> Path:
+    """Path of a readable regular file of 1 byte to ``MAX_BYTES``; the error says what was looked for.
+
+    Raises
+    ------
+    FileNotFoundError
+        Nothing is there; names close to it in the same folder are listed.
+    IsADirectoryError, ValueError
+        It is a folder, a device, empty, or too large.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder, looked for a {what}. Name the file in it.")
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such {what}. {_what_is_there(path)}")
+    if not path.is_file():
+        raise ValueError(f"{path}: is not a regular file, looked for a {what}.")
+    size = path.stat().st_size
+    if size == 0:
+        raise ValueError(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
+    if size > MAX_BYTES:
+        raise ValueError(
+            f"{path}: has {size / 2**30:.1f} GiB, more than the {MAX_BYTES / 2**30:g} GiB that morphofold reads as a {what}."
+        )
+    return path
+
+
+def _what_is_there(path: Path) -> str:
+    folder = path.parent
+    if not folder.is_dir():
+        while not folder.is_dir():
+            folder = folder.parent
+        return f"Its folder does not exist either; the path exists up to {folder}."
+    names = sorted(p.name for p in folder.iterdir())
+    close = difflib.get_close_matches(path.name, names, n=4, cutoff=0.5)
+    if close:
+        return f"Close to it in that folder: {', '.join(close)}."
+    if names:
+        return f"That folder holds {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}."
+    return "That folder is empty."
+
+
+@contextmanager
+def decoding(path: Path, what: str, advice: str = "Copy it again from its source, or convert it anew.") -> Iterator[None]:
+    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # remarks on optional parts of the format
+            yield
+    except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise ValueError(f"{path}: cannot be read as {what} ({reason}). {advice}") from error
+
+
+def looks_like_text(head: bytes) -> bool:
+    """Whether the first bytes of a file are printable text."""
+    return bool(head) and b"\0" not in head and sum(32 <= b < 127 or b in b"\t\r\n" for b in head) > 0.9 * len(head)
+
+
+def beginning(head: bytes) -> str:
+    """The first bytes of a file as an error may show them: escaped, short, one line."""
+    if looks_like_text(head):
+        return f"text, beginning {' '.join(head[:60].decode('ascii', 'replace').split())!r}"
+    return f"bytes, beginning {head[:8].hex(' ')}"
+
+
+@contextmanager
+def atomic_file(path: StrPath) -> Iterator[Path]:
+    """Write a file whole or not at all: yields a temporary name beside ``path``, moved onto it on success.
+
+    The temporary name keeps the ending, so that writers which go by it still do.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
+    temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(out: StrPath) -> Iterator[Path]:
+    """Write a folder whole or not at all: yields a temporary folder beside ``out``, moved there on success.
+
+    An existing ``out`` is replaced, as a whole, only if it is empty or morphofold wrote it: it holds the
+    marker file ``.morphofold`` that this function leaves, or a ``summary.json`` that names morphofold.
+    If the body fails or is interrupted, ``out`` is as it was and nothing else is left.
+
+    Raises
+    ------
+    FileExistsError
+        If ``out`` is a file or a folder that morphofold did not write.
+    """
+    out = Path(os.path.abspath(out))
+    if out.is_symlink():
+        out = out.resolve()
+    _refuse_foreign(out)
+    made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
+    try:
+        temporary.mkdir()
+        yield temporary
+        (temporary / MARKER).write_text(
+            "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
+            "Delete this file to keep the folder.\n", encoding="utf-8",
+        )  # fmt: skip
+        _refuse_foreign(out)
+        _move_onto(temporary, out)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _move_onto(new: Path, out: Path) -> None:
+    if not out.exists():
+        os.replace(new, out)
+        return
+    old = out.with_name(f"{new.name}.old")
+    os.replace(out, old)
+    try:
+        os.replace(new, out)
+    except BaseException:
+        os.replace(old, out)
+        raise
+    shutil.rmtree(old)
+
+
+def _refuse_foreign(out: Path) -> None:
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise FileExistsError(f"{out}: is a file; name a folder to write.")
+    names = sorted(p.name for p in out.iterdir())
+    if names and not _ours(out):
+        raise FileExistsError(
+            f"{out}: holds {len(names)} entries that morphofold did not write ({', '.join(names[:4])}"
+            f"{' ...' if len(names) > 4 else ''}), so it is not replaced. Name a new folder, or empty this one."
+        )
+
+
+def _ours(out: Path) -> bool:
+    if (out / MARKER).is_file():
+        return True
+    try:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(summary, dict) and "morphofold" in summary

@@ -1,0 +1,279 @@
+"""FreeSurfer's own files: surfaces, per-vertex maps, annotations and labels, through nibabel.
+
+nibabel trusts the counts in a header; here they are held against the size of the file before anything is
+allocated, so that a truncated file is named as such.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphofold.io.files import StrPath, atomic_file, beginning, decoding, existing_file, looks_like_text
+from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+
+TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+_STAMP = "created by morphofold"  # nibabel's default writes the user's name and the date
+_AGAIN = "Copy it again from its source."
+
+
+# surfaces ----------------------------------------------------------------------------------------------------
+
+
+def is_geometry(head: bytes) -> bool:
+    """Whether a file that begins so is a FreeSurfer surface (or, for ``FF FF FF``, perhaps a map)."""
+    return head[:3] in (TRIANGLES, QUADS, QUADS_FLOAT)
+
+
+def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+    """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
+
+    Old quadrangle surfaces come as triangles. The footer is None where the file has none.
+    """
+    import nibabel.freesurfer as fs
+
+    with path.open("rb") as file:
+        size, end = path.stat().st_size, _check_geometry(file, path)
+        file.seek(end)
+        tail = file.read(4096)
+    footer = tail.startswith((struct.pack(">3i", 2, 0, 20), struct.pack(">i", 20)))
+    if footer and b"\ncras" not in tail:
+        raise ValueError(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_AGAIN}")
+    with decoding(path, "a FreeSurfer surface"):
+        if footer:
+            verts, faces, geometry = fs.read_geometry(os.fspath(path), read_metadata=True)
+            _check_footer(geometry)
+        else:
+            (verts, faces), geometry = fs.read_geometry(os.fspath(path)), None
+    return verts, faces, geometry
+
+
+def _check_geometry(file: BinaryIO, path: Path) -> int:
+    """Byte at which vertices and faces end, which the file must reach."""
+    magic, size = file.read(3), path.stat().st_size
+    if magic == TRIANGLES:
+        file.readline(), file.readline()  # "created by ...", empty line
+        head = file.read(8)
+        n, m = struct.unpack(">2i", head) if len(head) == 8 else (0, 0)
+        need = file.tell() + 12 * n + 12 * m
+        kind = "triangles"
+    else:
+        head = file.read(6)
+        if magic == QUADS and _is_morph(magic + head + file.read(6), size):
+            (n,) = struct.unpack(">i", head[:4])
+            raise ValueError(
+                f"{path}: holds one value for each of {n} vertices, not a surface. "
+                "Pass a surface such as lh.white; maps are read with read_morph."
+            )
+        n, m = int.from_bytes(head[:3], "big"), int.from_bytes(head[3:], "big")
+        need = 9 + (6 if magic == QUADS else 12) * n + 12 * m
+        kind = "quadrangles"
+    if n <= 0 or m <= 0:
+        raise ValueError(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
+    if need > size:
+        raise ValueError(
+            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. {_AGAIN}"
+        )
+    return need
+
+
+def _check_footer(geometry: Mapping[str, Any]) -> None:
+    for key in ("xras", "yras", "zras", "cras"):
+        if np.shape(geometry[key]) != (3,) or not np.isfinite(geometry[key]).all():
+            raise ValueError(f"{key} in the volume-geometry footer is not three numbers")
+
+
+def write_geometry(path: StrPath, surface: Surface) -> None:
+    """Write a FreeSurfer triangle surface with its footer; coordinates are rounded to float32, as the format has it."""
+    import nibabel.freesurfer as fs
+
+    with atomic_file(path) as temporary:
+        fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
+
+
+def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
+    """Affine (4, 4) from surface RAS (FreeSurfer's tkr frame, [mm]) to scanner RAS; None if the file does not say.
+
+    With R the volume's direction cosines ``[xras yras zras]`` and T those of the tkr frame, the rotation is
+    R T^-1 and the shift is ``cras``: both frames have the volume's centre at the same voxel. For a conformed
+    volume R = T, and the shift is all there is.
+    """
+    if not geometry or not str(geometry.get("valid", "")).startswith("1"):
+        return None
+    tkr = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    affine = np.eye(4)
+    affine[:3, :3] = np.column_stack([geometry["xras"], geometry["yras"], geometry["zras"]]) @ tkr.T
+    affine[:3, 3] = geometry["cras"]
+    return affine
+
+
+# per-vertex maps ---------------------------------------------------------------------------------------------
+
+
+def read_curv(path: Path) -> PerVertex:
+    """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as they stand there."""
+    import nibabel.freesurfer as fs
+
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(15)
+    if is_geometry(head) and not _is_morph(head, size):
+        n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
+        if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
+            raise ValueError(
+                f"{path}: is truncated or damaged: values for {n} vertices need {15 + 4 * n} bytes, it has {size}. {_AGAIN}"
+            )
+        raise ValueError(f"{path}: is not a map with one value per vertex ({beginning(head)}). Is it a surface?")
+    old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
+    if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
+        raise ValueError(f"{path}: is not a FreeSurfer map with one value per vertex ({beginning(head)}).")
+    with decoding(path, "a FreeSurfer map"):
+        return np.asarray(fs.read_morph_data(os.fspath(path)), dtype=np.float64)
+
+
+def _is_morph(head: bytes, size: int) -> bool:
+    if head[:3] != QUADS or len(head) < 15:
+        return False
+    n, _, per_vertex = struct.unpack(">3i", head[3:15])
+    return n > 0 and per_vertex == 1 and size >= 15 + 4 * n
+
+
+def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
+    """Write checked values (N,) as a FreeSurfer "curv" file."""
+    import nibabel.freesurfer as fs
+
+    with atomic_file(path) as temporary:
+        fs.write_morph_data(os.fspath(temporary), values)
+
+
+def flip_curvature_sign(values: ArrayLike) -> PerVertex:
+    """From FreeSurfer's sign to the house's, and back: the one place where it flips.
+
+    FreeSurfer's ``?h.curv`` and ``?h.sulc`` are positive in sulci; outside ``morphofold.io`` convex (a gyral
+    crown, a sphere) is positive. NaN stays NaN, zero stays plain zero.
+    """
+    return 0.0 - np.asarray(values, dtype=np.float64)
+
+
+# regions and labels ------------------------------------------------------------------------------------------
+
+
+def read_annotation(path: StrPath) -> Regions:
+    """Region labels of a FreeSurfer annotation (``?h.aparc.annot``).
+
+    A vertex whose value is not in the file's colour table has label -1. Names are kept as they stand,
+    ``"unknown"`` and ``"corpuscallosum"`` among them; slots of the table that no entry fills are left out.
+
+    Notes
+    -----
+    The table is parsed here: ``nibabel.freesurfer.read_annot`` pairs names with the wrong colours when the
+    table has gaps, and gives a vertex with an unlisted value to the next region in the table.
+    """
+    path = existing_file(path, "annotation")
+    data = path.read_bytes()
+    with decoding(path, "a FreeSurfer annotation", _AGAIN):
+        (n,) = struct.unpack_from(">i", data)
+        if n <= 0 or 4 + 8 * n > len(data):
+            raise ValueError(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated, or not one")
+        vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
+        if not np.array_equal(np.sort(vertex), np.arange(n)):
+            raise ValueError(f"its vertices are not 0..{n - 1}, each once")
+        index, names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
+    order = np.argsort(index)
+    names, colours = [names[i] for i in order], colours[order]
+    ids = colours.astype(np.int64) @ (1, 256, 65536)
+    known, first = np.unique(ids, return_index=True)
+    at = np.searchsorted(known, value).clip(max=len(known) - 1)
+    labels = np.full(n, -1)
+    labels[vertex] = np.where(known[at] == value, first[at], -1)
+    return Regions(labels, tuple(names), colours.astype(np.uint8), name=_annotation_name(path))
+
+
+def _colour_table(file: io.BytesIO) -> tuple[NDArray[np.int64], list[str], NDArray[np.int64]]:
+    """Slot, name and RGB of each entry; both layouts of the table."""
+
+    def integer() -> int:
+        return int(struct.unpack(">i", file.read(4))[0])
+
+    def text() -> str:
+        length = integer()
+        raw = file.read(max(length, 0))
+        if length < 0 or len(raw) < length:
+            raise ValueError("its colour table is truncated")
+        return raw.split(b"\0")[0].decode("utf-8", "replace")
+
+    if not file.read(4).endswith(b"\1"):
+        raise ValueError("it has no colour table, so its regions have no names")
+    count = integer()
+    with_slots = count < 0
+    if with_slots:
+        if count != -2:
+            raise ValueError(f"its colour table has version {-count}, only 2 is known")
+        integer()  # highest slot
+    text()  # where the table came from
+    if with_slots:
+        count = integer()
+    index, names, colours = [], [], []
+    for i in range(count):
+        index.append(integer() if with_slots else i)
+        names.append(text())
+        colours.append([integer() for _ in range(4)][:3])
+    rgb = np.array(colours, dtype=np.int64).reshape(-1, 3)
+    if not names or (rgb < 0).any() or (rgb > 255).any():
+        raise ValueError("its colour table is empty or has colours outside 0..255")
+    return np.array(index), names, rgb
+
+
+def _annotation_name(path: Path) -> str:
+    name = path.name.removesuffix(".annot")
+    return name[3:] if name[:3] in ("lh.", "rh.") else name
+
+
+def write_annotation(path: StrPath, regions: Regions) -> None:
+    """Write a FreeSurfer annotation. Colours must differ: the format tells regions apart by nothing else."""
+    import nibabel.freesurfer as fs
+
+    colours = np.asarray(regions.colours, dtype=np.int64)
+    labels = np.asarray(regions.labels, dtype=np.int64)
+    if colours.shape != (len(regions.names), 3):
+        raise ValueError(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
+    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
+        raise ValueError(f"{path}: labels must lie in -1..{len(colours) - 1}, got {labels.min()}..{labels.max()}.")
+    ids = colours @ (1, 256, 65536)
+    if len(np.unique(ids)) < len(ids):
+        raise ValueError(f"{path}: two regions have the same colour, which an annotation cannot tell apart.")
+    if (ids == 0).any() and (labels == -1).any():
+        raise ValueError(f"{path}: colour (0, 0, 0) stands for 'no region' in an annotation; give that region another.")
+    table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
+    with atomic_file(path) as temporary:
+        fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
+
+
+def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
+    """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices."""
+    import nibabel.freesurfer as fs
+
+    path = existing_file(path, "label")
+    mask = np.zeros(n, dtype=bool)
+    with path.open("rb") as file:
+        first, second = file.readline(512), file.readline(512)
+    if not first.startswith(b"#") or not second.strip().isdigit():
+        raise ValueError(f"{path}: is not a FreeSurfer label ({beginning(first or second)}).")
+    with decoding(path, "a FreeSurfer label", _AGAIN):
+        vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
+        if len(vertices) != int(second):
+            raise ValueError(f"its second line promises {int(second)} vertices, it has {len(vertices)}: truncated?")
+    if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
+        raise ValueError(
+            f"{path}: names vertex {vertices.max() if vertices.max() >= n else vertices.min()}, the surface has "
+            f"vertices 0..{n - 1}. It belongs to another surface."
+        )
+    mask[vertices] = True
+    return mask

@@ -1,0 +1,156 @@
+"""GIFTI surfaces and per-vertex maps, through nibabel.
+
+GIFTI compresses its arrays, so its size says little about what it unpacks to: each array is first unpacked in
+a bounded way and held against the size that its header gives.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import math
+import os
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding
+from morphofold.surface import Faces, PerVertex, Surface, Verts
+
+_STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
+_SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
+
+
+def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if all of it is there."""
+    image = _load(path, "a GIFTI surface")
+    points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
+    triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
+    if len(points) != 1 or len(triangles) != 1:
+        raise ValueError(
+            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, a surface has one of "
+            f"each. It holds {_intents(image)}; pass a .surf.gii."
+        )
+    return points[0].data, triangles[0].data, _volume_geometry(points[0].meta)
+
+
+def read_gifti_map(path: Path) -> PerVertex:
+    """Values (N,) of a GIFTI with a single per-vertex array (``.shape.gii``, ``.func.gii``)."""
+    image = _load(path, "a GIFTI map")
+    values = [a.data for a in image.darrays if np.ndim(np.squeeze(a.data)) == 1]
+    if len(image.darrays) != 1 or len(values) != 1:
+        raise ValueError(f"{path}: holds {_intents(image)}; a map has one array with one value per vertex.")
+    return np.asarray(values[0], dtype=np.float64).reshape(-1)
+
+
+def _load(path: Path, what: str) -> Any:
+    from nibabel.gifti import GiftiImage
+
+    with decoding(path, what, _SOURCE):
+        raw = path.read_bytes()
+        if raw[:2] == b"\x1f\x8b":
+            with gzip.open(path) as file:
+                raw = file.read(MAX_BYTES + 1)
+            if len(raw) > MAX_BYTES:
+                raise ValueError(f"it unpacks to more than {MAX_BYTES / 2**30:g} GiB")
+        _check_sizes(raw)
+        # from memory: an array kept in an external file, which could be any file, is thereby refused
+        return GiftiImage.from_bytes(raw)
+
+
+def _check_sizes(raw: bytes) -> None:
+    """Raise unless every compressed array unpacks to the size that its attributes give."""
+    from nibabel.gifti.util import gifti_encoding_codes
+    from nibabel.nifti1 import data_type_codes
+
+    for _, element in ET.iterparse(BytesIO(raw)):
+        if element.tag != "DataArray":
+            continue
+        dims = [int(element.get(f"Dim{i}", "1")) for i in range(int(element.get("Dimensionality", "1")))]
+        shape = " x ".join(map(str, dims))
+        size = math.prod(dims) * data_type_codes.dtype[element.get("DataType", "")].itemsize
+        if min(dims, default=0) <= 0 or size > MAX_BYTES:
+            raise ValueError(f"an array of {shape} values is empty or too large")
+        if gifti_encoding_codes.label[element.get("Encoding", "")] == "B64GZ":
+            packed = base64.b64decode(element.findtext("Data") or "")
+            unpacked = len(zlib.decompressobj().decompress(packed, size + 1))
+            if unpacked != size:
+                more = "more" if unpacked > size else unpacked
+                raise ValueError(f"an array of {shape} values needs {size} bytes, it unpacks to {more}")
+        element.clear()
+
+
+def _intents(image: Any) -> str:
+    from nibabel.nifti1 import intent_codes
+
+    names = [f"{intent_codes.label[a.intent]} {np.shape(a.data)}" for a in image.darrays]
+    return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "") if names else "no arrays"
+
+
+_FOOTER = {
+    "volume": ("Width", "Height", "Depth"),
+    "voxelsize": ("Xsize", "Ysize", "Zsize"),
+    "xras": ("X_R", "X_A", "X_S"),
+    "yras": ("Y_R", "Y_A", "Y_S"),
+    "zras": ("Z_R", "Z_A", "Z_S"),
+    "cras": ("C_R", "C_A", "C_S"),
+}
+
+
+def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
+    """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all are there."""
+    try:
+        found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER.items()}
+    except (KeyError, ValueError):
+        return None
+    if not all(np.isfinite(v).all() for v in found.values()):
+        return None
+    head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
+    return {**head, **found, "volume": found["volume"].astype(int)}
+
+
+def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None) -> None:
+    """Write a GIFTI surface, float32 and int32, compressed; a valid volume geometry goes along as ``VolGeom...``."""
+    from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
+
+    meta = _structure(path, hemi) | {"GeometricType": "Anatomical"}
+    footer = surface.geometry
+    if footer and str(footer.get("valid", "")).startswith("1"):
+        meta["VolGeomFname"] = str(footer["filename"])
+        for key, names in _FOOTER.items():
+            meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
+    points = GiftiDataArray(
+        surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32",
+        coordsys=GiftiCoordSystem(), meta=meta,
+    )  # fmt: skip
+    triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
+    _save(path, [points, triangles], {})
+
+
+def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, hemi: str | None) -> None:
+    """Write checked values (N,) as a GIFTI map."""
+    from nibabel.gifti import GiftiDataArray
+
+    array = GiftiDataArray(values, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": name})
+    _save(path, [array], _structure(path, hemi))
+
+
+def _structure(path: StrPath, hemi: str | None) -> dict[str, str]:
+    hemi = hemi or Path(path).name[:2]
+    return {"AnatomicalStructurePrimary": _STRUCTURE[hemi]} if hemi in _STRUCTURE else {}
+
+
+def _save(path: StrPath, arrays: list[Any], meta: dict[str, str]) -> None:
+    from nibabel.gifti import GiftiImage, GiftiMetaData
+
+    if not os.fspath(path).endswith((".gii", ".gii.gz")):
+        raise ValueError(f"{path}: a GIFTI file ends in .gii or .gii.gz.")
+    raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta)).to_bytes()
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

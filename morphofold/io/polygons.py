@@ -1,0 +1,121 @@
+"""Polygon files through trimesh, and VTK's and other volume-mesh formats through meshio and pyvista."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import warnings
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.io.files import StrPath, atomic_file, decoding
+from morphofold.surface import Faces, Surface, Verts
+
+TRIMESH = (".ply", ".stl", ".obj", ".off", ".glb")
+MESHIO = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
+PYVISTA = (".vtp",)
+
+# text and binary counts that a header may promise; each counted thing takes at least a byte
+_COUNTS = re.compile(rb"(?:element +\w+|^ *(?:POINTS|POLYGONS|CELLS)) +(\d+)", re.MULTILINE)
+
+
+def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
+    """Vertices and faces of a PLY, STL, OBJ, OFF or GLB file (``kind``: the ending without its dot).
+
+    trimesh cuts polygons with more corners into triangles. Vertices keep the file's order, except:
+
+    STL names no vertices, so corners at exactly the same place become one vertex (in order of first
+    appearance), and a warning says how many. Materials, textures and files named inside are not read.
+    """
+    import trimesh
+
+    with decoding(path, kind.upper()):
+        raw = path.read_bytes()
+        _check_counts(raw)
+        # from memory and without a resolver: no other file that this one may name is opened
+        mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, process=False, maintain_order=True, skip_materials=True)
+        verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+        if len(faces) == 0:
+            raise ValueError("it holds no triangles")
+    if kind == "stl":
+        corners = len(verts)
+        verts, faces = merge_equal(verts, faces)
+        warnings.warn(
+            f"{path}: STL has no shared vertices; {corners} corners at exactly equal places were merged to "
+            f"{len(verts)} vertices.", stacklevel=4,
+        )  # fmt: skip
+    return verts, faces
+
+
+def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
+    """Make one vertex of those at exactly the same place, in order of first appearance."""
+    _, first, inverse = np.unique(verts + 0.0, axis=0, return_index=True, return_inverse=True)  # -0.0 is 0.0
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return verts[first[order]], rank[inverse.reshape(-1)][faces]
+
+
+def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
+    """Vertices and triangles of a VTK (unstructured), VTU, Gmsh or Medit file; lines and points in it are left out.
+
+    Refused if the file has other faces than triangles, or volume cells and no triangles.
+    """
+    with decoding(path, kind.upper()):
+        if kind == "vtk":
+            _check_counts(path.read_bytes())
+        mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
+        cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
+        if not cells.get("triangle"):
+            raise ValueError(f"it holds no triangles but {cells or 'no cells'}; extract and triangulate the surface first")
+        flat = {k: n for k, n in cells.items() if k.startswith(("quad", "polygon", "triangle")) and k != "triangle"}
+        if flat:
+            raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
+        return mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+
+
+def read_pyvista(path: Path) -> tuple[Verts, Faces]:
+    """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` that says ``DATASET POLYDATA``)."""
+    import pyvista
+
+    with decoding(path, "VTK polygon data"), pyvista.vtk_verbosity("off"):
+        if path.suffix != ".vtp":
+            _check_counts(path.read_bytes())
+        mesh = pyvista.read(path)
+        if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
+            raise ValueError("it holds no triangles, or is truncated")
+        if not mesh.is_all_triangles:
+            raise ValueError("it holds faces that are no triangles; triangulate it first")
+        return np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+
+
+def _check_counts(raw: bytes) -> None:
+    head = raw[:4096]
+    for match in _COUNTS.finditer(head):
+        if int(match[1]) > len(raw):
+            raise ValueError(f"its header promises {' '.join(match[0].decode().split())}, more than its {len(raw)} bytes hold")
+
+
+def write_polygons(path: StrPath, surface: Surface) -> None:
+    """Write by ending. OBJ, OFF, VTK, VTU keep float64 (OBJ and OFF to 17 decimals); PLY, STL, GLB and VTP hold float32."""
+    path = Path(path)
+    kind = path.suffix.lower()
+    with atomic_file(path) as temporary:
+        if kind in TRIMESH:
+            import trimesh
+
+            mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
+            exact = {"digits": 17} if kind in (".obj", ".off") else {}
+            mesh.export(temporary, file_type=kind[1:], **exact)
+        elif kind in PYVISTA:
+            import pyvista
+
+            pyvista.PolyData.from_regular_faces(surface.verts, surface.faces).save(temporary)
+        else:
+            import meshio
+
+            mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
+            importlib.import_module(f"meshio.{MESHIO[kind]}").write(os.fspath(temporary), mesh)

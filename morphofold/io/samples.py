@@ -1,0 +1,26 @@
+"""Where the sample surfaces lie, in a checkout and in an installed package."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from morphofold.io.files import StrPath
+
+
+def sample_path(name: StrPath = "") -> Path:
+    """Path of a sample that travels with morphofold, e.g. ``"fsaverage5"`` or ``"S1/lh.pial.surf.gii"``.
+
+    Each sample's folder holds a README with its origin and its licence.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such sample; the message lists those there are.
+    """
+    root = Path(str(files("morphofold.data_samples")))
+    path = root / name
+    if not path.exists():
+        there = sorted(p.name for p in root.iterdir() if p.is_dir() and not p.name.startswith("_"))
+        raise FileNotFoundError(f"{name}: no such sample. There are {', '.join(there)}.")
+    return path

@@ -1,0 +1,179 @@
+"""Read and write one surface or one per-vertex map, whatever the format."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphofold.io import freesurfer, gifti, polygons
+from morphofold.io.files import StrPath, beginning, existing_file, looks_like_text
+from morphofold.surface import Faces, PerVertex, Surface, Verts, check_mesh
+
+_KNOWN = "FreeSurfer, GIFTI (.gii), PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh (.msh) and Medit (.mesh)"
+_FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
+
+
+def read_surface(path: StrPath) -> Surface:
+    """Read a triangle surface.
+
+    Parameters
+    ----------
+    path : str or path
+        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh or Medit. What the file
+        begins with decides; its ending only where that is silent (OBJ, binary STL, Gmsh, Medit).
+
+    Returns
+    -------
+    Surface
+        Vertices in the file's unit (FreeSurfer and GIFTI: mm) and order, named after the file; for a FreeSurfer
+        file with its volume-geometry footer. STL alone gets its shared vertices by merging corners at exactly
+        equal places, and warns so.
+
+    Raises
+    ------
+    FileNotFoundError
+        Nothing is there; the message lists close names.
+    ValueError
+        The file is no surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
+    """
+    path = existing_file(path, "surface")
+    verts, faces, geometry = _read(path)
+    try:
+        return Surface(verts, faces, name=path.name, geometry=geometry)
+    except (ValueError, TypeError):
+        check_mesh(np.asarray(verts), np.asarray(faces), str(path))  # the same error, with the whole path
+        raise
+
+
+def _read(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+    with path.open("rb") as file:
+        head = file.read(1024)
+    ending = path.suffix.lower()
+    if freesurfer.is_geometry(head):
+        return freesurfer.read_geometry(path)
+    if is_gifti(path, head):
+        return gifti.read_gifti_surface(path)
+    if head.startswith(b"\x1f\x8b"):
+        raise ValueError(f"{path}: is compressed; only GIFTI (.gii.gz) is read so. Decompress it first, with gunzip.")
+    if head.startswith((b"ply\n", b"ply\r")):
+        return *polygons.read_trimesh(path, "ply"), None
+    if head.startswith(b"glTF"):
+        return *polygons.read_trimesh(path, "glb"), None
+    if re.match(rb"\s*(#[^\n]*\n\s*)*OFF\s", head):
+        return *polygons.read_trimesh(path, "off"), None
+    if re.match(rb"\s*solid\b", head) or ending == ".stl":
+        return *polygons.read_trimesh(path, "stl"), None
+    if b'type="PolyData"' in head or (head.startswith(b"# vtk") and b"POLYDATA" in head):
+        return *polygons.read_pyvista(path), None
+    if b'type="UnstructuredGrid"' in head:
+        return *polygons.read_meshio(path, "vtu"), None
+    if head.startswith(b"# vtk"):
+        return *polygons.read_meshio(path, "vtk"), None
+    if head.startswith(b"$MeshFormat"):
+        return *polygons.read_meshio(path, "gmsh"), None
+    if ending == ".mesh" and b"MeshVersionFormatted" in head:
+        return *polygons.read_meshio(path, "medit"), None
+    if ending == ".obj" and looks_like_text(head):
+        return *polygons.read_trimesh(path, "obj"), None
+    raise ValueError(f"{path}: is not a surface that morphofold reads ({beginning(head)}). It reads {_KNOWN}.")
+
+
+def is_gifti(path: Path, head: bytes) -> bool:
+    """Whether a file is GIFTI: by its first bytes, or compressed and named ``.gii.gz``."""
+    return b"<GIFTI" in head or (head.startswith(b"\x1f\x8b") and path.name.lower().endswith(".gii.gz"))
+
+
+def write_surface(path: StrPath, surface: Surface) -> None:
+    """Write a surface, whole or not at all; the ending of ``path`` says how.
+
+    Parameters
+    ----------
+    path : str or path
+        ``lh.white`` and the like, or any name without ending: FreeSurfer, with the footer of
+        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu .msh
+        .mesh``: as named.
+    surface : Surface
+
+    Raises
+    ------
+    ValueError
+        The ending is none of these.
+
+    Notes
+    -----
+    FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
+    """
+    name, ending = Path(path).name, Path(path).suffix.lower()
+    if name.lower().endswith((".gii", ".gii.gz")):
+        gifti.write_gifti_surface(path, surface)
+    elif ending in (*polygons.TRIMESH, *polygons.PYVISTA, *polygons.MESHIO):
+        polygons.write_polygons(path, surface)
+    elif name.startswith(("lh.", "rh.")) or ending in _FREESURFER:
+        freesurfer.write_geometry(path, surface)
+    else:
+        raise ValueError(f"{path}: no format goes with the ending {ending!r}. Known are {_KNOWN}.")
+
+
+def read_morph(path: StrPath) -> PerVertex:
+    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, exactly as the file has them.
+
+    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` turns them.
+    """
+    path = existing_file(path, "per-vertex map")
+    with path.open("rb") as file:
+        head = file.read(1024)
+    return gifti.read_gifti_map(path) if is_gifti(path, head) else freesurfer.read_curv(path)
+
+
+def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -> None:
+    """Write a per-vertex map (N,) in FreeSurfer's format (float32), whole or not at all.
+
+    Parameters
+    ----------
+    nan : float, optional
+        What to write where a value is NaN (``float("nan")`` keeps it). Without it NaN is refused: other tools
+        average over it or stop at it.
+
+    Raises
+    ------
+    ValueError
+        NaN without ``nan``, infinite values, or another shape than (N,).
+    """
+    freesurfer.write_curv(path, _checked(path, values, nan))
+
+
+def write_gifti_map(
+    path: StrPath, values: ArrayLike, *, name: str = "", hemi: str | None = None, nan: float | None = None
+) -> None:
+    """Write a per-vertex map (N,) as GIFTI (float32); ``nan`` as in ``write_morph``.
+
+    ``name`` is what viewers show, by default the file's; ``hemi`` is by default taken from a file name ``lh....``.
+    """
+    gifti.write_gifti_map_file(path, _checked(path, values, nan), name or Path(path).name.split(".gii")[0], hemi)
+
+
+def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0:
+        raise ValueError(f"{path}: a map has one value per vertex, shape (N,) with N > 0; got {values.shape}.")
+    missing = np.isnan(values)
+    with np.errstate(over="ignore"):
+        infinite = ~missing & ~np.isfinite(values.astype(np.float32))
+    if infinite.any():
+        raise ValueError(
+            f"{path}: {infinite.sum()} of {len(values)} values are infinite or too large for float32; the first is "
+            f"at vertex {np.flatnonzero(infinite)[0]}."
+        )
+    if missing.any():
+        if nan is None:
+            raise ValueError(
+                f"{path}: {missing.sum()} of {len(values)} values are NaN; the first is at vertex "
+                f"{np.flatnonzero(missing)[0]}. Say what to write there, e.g. nan=0.0."
+            )
+        values = np.where(missing, nan, values)
+    return values.astype(np.float32)
