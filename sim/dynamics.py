@@ -61,12 +61,14 @@ class UnstableError(RuntimeError):
 
 @dataclass
 class State:
-    """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], steps done, growth stretch."""
+    """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, and the steps
+    done in all and in relaxation."""
 
     x: Array
     v: Array
     step: int = 0
     growth: float = 1.0
+    relaxed: int = 0
     record: dict[str, Any] = field(default_factory=dict)
 
 
@@ -110,22 +112,25 @@ class Dynamics:
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
-        """Take about ``steps`` steps at the present growth."""
-        for _ in range(-(-steps // REFRESH)):
+        """Take steps at the present growth until there were ``steps`` of them, rounded up to ``REFRESH``."""
+        while self.state.relaxed < steps:
             self._run(REFRESH)
+            self.state.relaxed += REFRESH
             after(self.state)
 
     def save(self) -> dict[str, NDArray]:
         """The run as arrays, enough to go on bitwise the same."""
         state = self.state
-        arrays = {"x": state.x, "v": state.v, "step": np.array(state.step), "growth": np.array(state.growth)}
+        arrays = {"x": state.x, "v": state.v}
+        arrays |= {key: np.array(getattr(state, key)) for key in ("step", "growth", "relaxed")}
         for effect in self.effects:
             arrays |= {f"{effect.name}.{key}": value for key, value in effect.save().items()}
         return arrays
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Take up a run that ``save`` wrote."""
-        self.state = State(arrays["x"].copy(), arrays["v"].copy(), int(arrays["step"]), float(arrays["growth"]))
+        step, growth, relaxed = int(arrays["step"]), float(arrays["growth"]), int(arrays["relaxed"])
+        self.state = State(arrays["x"].copy(), arrays["v"].copy(), step, growth, relaxed)
         self.body.grow(self.state.growth)
         for effect in self.effects:
             prefix = f"{effect.name}."
@@ -135,7 +140,7 @@ class Dynamics:
     def _pace(self) -> float:
         """Share of the full growth rate: less while the kinetic energy is above its limit."""
         ratio = self.state.record["kinetic_over_strain"]
-        if self.state.growth < 1.05 or ratio <= KINETIC_LIMIT:         # too little strain energy yet to divide by
+        if self.state.growth < 1.2 or ratio <= KINETIC_LIMIT:         # too little strain energy yet to divide by
             return 1.0
         return max(SLOWEST, KINETIC_LIMIT / ratio)
 

@@ -1,0 +1,320 @@
+"""Scene in, simulation folder out: stages, log, health, checkpoints that a stopped run goes on from."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import __version__
+from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.sim.scene import Scene, load_scene
+from morphofold.surface import Cortex
+
+Progress = Callable[[float, str], None]
+Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
+
+RELAXATION = 0.15       # steps at the final growth, as a share of the steps of the whole ramp to it
+LOG_EVERY = 0.01        # growth between two lines of the log
+
+VTK_CORNERS = [0, 4, 6, 2, 1, 5, 7, 3]  # corners 4 i + 2 j + k in the order of a VTK hexahedron
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A folder of growth stages."""
+
+    path: Path
+    scene: Scene
+
+    @property
+    def stages(self) -> tuple[float, ...]:
+        """Growth stretches whose surfaces are written, ascending."""
+        return tuple(sorted(float(p.name[1:]) for p in (self.path / "stages").glob("g*")))
+
+    @property
+    def health(self) -> dict[str, Any]:
+        """Contents of ``health.json``."""
+        return json.loads((self.path / "health.json").read_text())
+
+    def cortex(self, g: float | None = None) -> Cortex:
+        """The surfaces at growth stretch ``g``, by default the final one."""
+        return read_cortex(stage_folder(self.path, self.stages[-1] if g is None else g))
+
+
+def stage_folder(out: Path, g: float) -> Path:
+    return out / "stages" / f"g{g:.2f}"
+
+
+def simulate(
+    source: str | Path | Scene,
+    out: str | Path | None = None,
+    *,
+    settings: Iterable[str] = (),
+    resume: bool = False,
+    threads: int | None = None,
+    progress: Progress = lambda share, text: None,
+    describe: Describe = lambda cortex: {},
+) -> Simulation:
+    """Grow a scene and write its simulation folder.
+
+    Parameters
+    ----------
+    source : str, Path or Scene
+        A built-in scene's name, a TOML file, or a scene.
+    out : str or Path, optional
+        Folder to write; by default the scene's name in the working directory.
+    settings : iterable of str
+        ``"growth.final=1.8"`` and the like, put over the scene.
+    resume : bool
+        Go on from the checkpoint in ``out``; a finished run of the same scene is returned as it is.
+    threads : int, optional
+        Threads of the kernels; the result is bitwise the same for any number.
+    progress : callable
+        Called with the share done (0 to 1) and a line of text.
+    describe : callable
+        Per-vertex maps to write beside each stage's surfaces, by name, from its ``Cortex``; the growth room itself
+        measures nothing.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the scene cannot be had; nothing is written then.
+    FileExistsError
+        If ``out`` holds something else, or a run and ``resume`` is not asked for.
+    UnstableError
+        If the run leaves its bounds; the last checkpoint and the stages so far stay.
+    """
+    scene = load_scene(source, settings)
+    folder = Path(scene.name if out is None else out)
+    if _claim(folder, scene, resume):
+        return Simulation(folder, scene)
+    _set_threads(threads)
+    _Run(scene, folder, progress, describe).go()
+    return Simulation(folder, scene)
+
+
+def _claim(folder: Path, scene: Scene, resume: bool) -> bool:
+    """Make ``folder`` ours; True if it already holds this very simulation, finished."""
+    written = folder / "scene.toml"
+    if folder.exists() and not folder.is_dir():
+        raise FileExistsError(f"{folder}: is a file; choose another folder with -o.")
+    if not written.exists():
+        if folder.exists() and any(folder.iterdir()):
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder with -o.")
+        folder.mkdir(parents=True, exist_ok=True)
+        with atomic_file(written) as temporary:
+            temporary.write_text(scene.to_toml())
+        return False
+    if not resume:
+        raise FileExistsError(f"{folder}: holds a simulation; go on with it (--resume), or choose another folder with -o.")
+    if load_scene(written) != scene:
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder with -o.")
+    return (folder / "health.json").exists()
+
+
+def _set_threads(threads: int | None) -> None:
+    import numba
+
+    most = numba.config.NUMBA_NUM_THREADS
+    if threads is not None and not 1 <= threads <= most:
+        raise ValueError(f"threads must be 1 to {most} on this machine, got {threads}.")
+    numba.set_num_threads(most if threads is None else threads)
+
+
+class _Run:
+    """One run: the body, its dynamics, and where it writes."""
+
+    def __init__(self, scene: Scene, out: Path, progress: Progress, describe: Describe):
+        from morphofold.sim.body import Body
+        from morphofold.sim.dynamics import Dynamics, Effect
+        from morphofold.sim.mesh import bilayer_sphere
+
+        self.scene, self.out, self.progress, self.describe = scene, out, progress, describe
+        self.started = time.perf_counter()
+        geometry, effects = scene.geometry, scene.effects
+        bilayer = bilayer_sphere(
+            geometry.radius, geometry.cortex_thickness, geometry.hole_radius, geometry.portion, scene.cells,
+            scene.accuracy.elements_through_cortex,
+        )  # fmt: skip
+        X = None
+        if effects.perturbation is not None:
+            from morphofold.sim.effects.perturbation import perturbed_nodes
+
+            options = effects.perturbation
+            degree = options.degree or 0.8 * geometry.radius / geometry.cortex_thickness
+            X = perturbed_nodes(bilayer, amplitude=options.amplitude, degree=degree, seed=options.seed)
+        mu_cortex, mu_core, kappa = scene.moduli
+        self.body = Body(bilayer, mu_cortex=mu_cortex, mu_core=mu_core, kappa=kappa, law=scene.growth.law, X=X)
+        acting: list[Effect] = []
+        if effects.contact is not None:
+            from morphofold.sim.effects.contact import Contact
+
+            acting.append(Contact(self.body))
+        self.dynamics = Dynamics(self.body, acting, steps_per_unit=scene.steps_per_unit)
+        self.relaxing = int(RELAXATION * scene.steps_per_unit * (scene.growth.final - 1))
+        self.log: list[dict[str, Any]] = []
+        self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
+
+    def go(self) -> None:
+        from morphofold.sim.health import broken_bounds
+
+        self._take_up()
+        stages = []
+        for g in self.scene.stages:
+            self.dynamics.grow_to(g, self._after)
+            if g == self.scene.growth.final:
+                self.dynamics.relax(self.relaxing, self._after)
+            stages.append(self._write_stage(g))
+        self._note()
+        self._write_log()
+        warnings = [sentence for stage in stages for sentence in broken_bounds(stage)]
+        body = self.body
+        self._write_json(
+            self.out / "health.json",
+            {
+                "morphofold": __version__,
+                "healthy": not warnings,
+                "warnings": warnings,
+                "stages": stages,
+                "elements": body.n_elements,
+                "nodes": len(body.X),
+                "cells_per_quarter": self.scene.cells,
+                "surface_edge_mm": body.bilayer.edge,
+                "steps": self.dynamics.state.step,
+                "seconds": round(time.perf_counter() - self.started, 2),
+                "seconds_by_phase": {k: round(v, 3) for k, v in self.dynamics.seconds.items()},
+                "effects": list(self.scene.effects.named),
+                "effects_left_out": [n for n in type(self.scene.effects).model_fields if n not in self.scene.effects.named],
+            },
+        )
+        (self.out / "checkpoint.npz").unlink(missing_ok=True)
+        self.progress(1.0, "done")
+
+    def _after(self, state: Any) -> None:
+        """Between steps: progress, log, checkpoint."""
+        final = self.scene.growth.final
+        ramp = (state.growth - 1) / (final - 1) if final > 1 else 1.0
+        rest = RELAXATION * state.relaxed / self.relaxing if self.relaxing else RELAXATION
+        self.progress(
+            0.99 * (ramp + min(rest, RELAXATION)) / (1 + RELAXATION),
+            f"g {state.growth:.3f}, min J {state.record['min_J']:.2f}, "
+            f"kinetic/strain {state.record['kinetic_over_strain']:.0e}",
+        )
+        if not self.log or state.growth - self.log[-1]["growth"] >= LOG_EVERY:
+            self._note()
+        if time.perf_counter() > self.checkpoint_due:
+            self._checkpoint()
+
+    def _note(self) -> None:
+        seconds = {k: round(v, 3) for k, v in self.dynamics.seconds.items()}
+        self.log.append({**self.dynamics.state.record, "seconds": seconds})
+
+    def _write_log(self) -> None:
+        with atomic_file(self.out / "log.jsonl") as temporary:
+            temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in self.log))
+
+    def _checkpoint(self) -> None:
+        buffer = io.BytesIO()
+        np.savez(buffer, **self.dynamics.save())                        # type: ignore[arg-type]
+        self._write_log()
+        with atomic_file(self.out / "checkpoint.npz") as temporary:
+            temporary.write_bytes(buffer.getvalue())
+        self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
+
+    def _take_up(self) -> None:
+        """Go on from a checkpoint, if there is one."""
+        path = self.out / "checkpoint.npz"
+        if not path.exists():
+            return
+        with np.load(path, allow_pickle=False) as arrays:
+            self.dynamics.load(dict(arrays))
+        step = self.dynamics.state.step
+        lines = (self.out / "log.jsonl").read_text().splitlines()
+        self.log = [line for line in map(json.loads, lines) if line["step"] <= step]
+
+    def _write_stage(self, g: float) -> dict[str, Any]:
+        """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
+        from morphofold.sim.health import enclosed_volume, overlap
+        from morphofold.sim.surfaces import whole_surfaces
+
+        folder = stage_folder(self.out, g)
+        if (folder / "stage.json").exists():                            # written before a stop
+            return json.loads((folder / "stage.json").read_text())["health"]
+        scene, body, state = self.scene, self.body, self.dynamics.state
+        white, pial = whole_surfaces(body, state.x)
+        grown = self.grown_volume(g)
+        numbers = {
+            "growth": g,
+            **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},
+            "overlap": overlap(pial),
+            "volume_drift": abs((enclosed_volume(pial) - enclosed_volume(white)) / grown - 1),
+            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()),
+        }
+        info = {
+            "name": scene.name,
+            "g": g,
+            "law": scene.growth.law,
+            "mu_ratio": scene.material.mu_ratio,
+            "reference_thickness": scene.geometry.cortex_thickness,
+            "reference_radius": scene.geometry.radius,
+            "portion": body.bilayer.portion,
+            "units": "mm",
+            "health": numbers,
+        }
+        cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=body.bilayer.portion, info=info)
+        maps = self.describe(cortex)
+        with atomic_folder(folder) as temporary:
+            (temporary / "surf").mkdir()
+            for surface in (white, pial):
+                write_surface(temporary / "surf" / surface.name, surface)
+            for name, values in maps.items():
+                write_morph(temporary / "surf" / f"lh.{name}", values)
+            if scene.output.volume:
+                self._write_volume(temporary / "volume.vtu")
+            self._write_json(temporary / "stage.json", info)
+        return numbers
+
+    def grown_volume(self, g: float) -> float:
+        """Volume of the closed cortex after free growth: the reference volume times det G [mm^3]."""
+        body = self.body
+        reference = body.point0.reshape(len(body.point0), 8, 7, -1)[:, :, 6].sum(axis=1).ravel()[: body.n_cortex].sum()
+        return float(reference) / body.bilayer.portion * (g**3 if self.scene.growth.law == "isotropic" else g**2)
+
+    def _write_volume(self, path: Path) -> None:
+        import meshio
+
+        from morphofold.sim.mesh import BINARY_CORNERS
+
+        body, state = self.body, self.dynamics.state
+        corners = body.bilayer.mesh.t[BINARY_CORNERS].T[:, VTK_CORNERS]
+        element = body.element_state()
+        layer = np.zeros(body.n_elements)
+        layer[: body.n_cortex] = 1
+        meshio.Mesh(
+            state.x,
+            [("hexahedron", corners)],
+            point_data={"reference": body.X, "displacement": state.x - body.X},
+            cell_data={
+                "cortex": [layer],
+                "volume_ratio": [element["volume_ratio"]],
+                "min_J": [element["J_min"]],
+                "energy": [element["energy"]],
+            },
+        ).write(path)
+
+    @staticmethod
+    def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+        with atomic_file(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")

@@ -1,0 +1,93 @@
+"""From the deformed body to closed pial and white surfaces: best diagonals, mirrored, seams welded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+from morphofold.surface import Surface
+
+Array = NDArray[np.float64]
+
+SWEEPS = 8
+
+# Corner opposite to side s (from corner s to s + 1) in the triangle that holds it, for diagonals 0-2 and 1-3
+_OPPOSITE = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
+
+
+def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
+    """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm].
+
+    A part of a sphere is mirrored at its symmetry planes; nodes on a plane are shared by both halves. Each quad is
+    split along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`): a fixed
+    diagonal draws saw-teeth on walls that run along the other one.
+    """
+    bilayer, n = body.bilayer, body.n_surface
+    faces = smooth_diagonals(x[:n], bilayer.quads)
+    pial, white = x[bilayer.layer(0)], x[bilayer.layer(bilayer.cortex_layers)]
+    seam = body.on_plane[:n]
+    for axis in bilayer.planes:
+        count = len(pial)
+        image = np.arange(count)
+        off = np.flatnonzero(~seam[:, axis])
+        image[off] = count + np.arange(len(off))
+        sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+        pial, white = np.concatenate([pial, pial[off] * sign]), np.concatenate([white, white[off] * sign])
+        faces = np.concatenate([faces, image[faces][:, ::-1]])
+        seam = np.concatenate([seam, seam[off]])
+    return Surface(white, faces, name="lh.white"), Surface(pial, faces, name="lh.pial")
+
+
+def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Split quads (Q, 4) into triangles (2 Q, 3) along the diagonals that bend the surface least.
+
+    Each quad takes the diagonal with the smaller sum of squared dihedral angles over the diagonal and its four
+    sides, given the present choice of its neighbours; sweeps in a fixed order until nothing changes, at most eight.
+    """
+    a, b = quads, np.roll(quads, -1, axis=1)
+    key = np.minimum(a, b) * (quads.max() + 1) + np.maximum(a, b)
+    order = np.argsort(key.ravel(), kind="stable")
+    other = np.full(quads.size, -1)
+    same = np.flatnonzero(key.ravel()[order][1:] == key.ravel()[order][:-1])
+    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
+    choice = np.zeros(len(quads), dtype=np.int64)
+    _sweep(x, quads, other.reshape(-1, 4), choice, _OPPOSITE)
+    first = np.where(choice[:, None] == 0, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
+    second = np.where(choice[:, None] == 0, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
+    return np.concatenate([first, second])
+
+
+@njit(cache=True)
+def _bend(p, q, left, right):
+    """Squared dihedral angle at edge pq between the triangles to its left and right, 0 when flat."""
+    e = q - p
+    n = np.cross(e, left - p)
+    m = np.cross(right - p, e)
+    sine = np.dot(np.cross(n, m), e) / np.sqrt(np.dot(e, e))
+    return np.arctan2(sine, np.dot(n, m)) ** 2
+
+
+@njit(cache=True)
+def _sweep(x, quads, other, choice, opposite):
+    for _ in range(SWEEPS):
+        changed = 0
+        for q in range(len(quads)):
+            c = quads[q]
+            cost = np.zeros(2)
+            cost[0] = _bend(x[c[0]], x[c[2]], x[c[3]], x[c[1]])
+            cost[1] = _bend(x[c[1]], x[c[3]], x[c[0]], x[c[2]])
+            for s in range(4):
+                if other[q, s] < 0:
+                    continue
+                r, side = other[q, s] // 4, other[q, s] % 4
+                beyond = quads[r][opposite[choice[r], side]]
+                for d in range(2):
+                    cost[d] += _bend(x[c[s]], x[c[(s + 1) % 4]], x[c[opposite[d, s]]], x[beyond])
+            best = 1 if cost[1] < cost[0] else 0
+            if best != choice[q]:
+                choice[q] = best
+                changed += 1
+        if changed == 0:
+            break
