@@ -34,9 +34,9 @@ def read_cortex(
     Parameters
     ----------
     path : str or path, optional
-        A folder: a FreeSurfer subject or anything shaped so (``surf/lh.white``, ``label/lh.aparc.annot``), a
-        folder with a pair of surfaces in it (``lh.white.surf.gii``), a simulation (its last stage is read), or
-        one stage of it (``OUT/stages/g1.80``).
+        A folder: a FreeSurfer subject or anything shaped so (``surf/lh.white``, ``label/lh.aparc.annot``),
+        a pair of surfaces (``lh.white.surf.gii``), a simulation (its last stage is read), or one stage of
+        it (``OUT/stages/g1.80``).
     hemi : {"lh", "rh"}, optional
         By default ``"lh"``, or what the names of ``white`` and ``pial`` say.
     white, pial : str or path, optional
@@ -51,9 +51,9 @@ def read_cortex(
     Returns
     -------
     Cortex
-        ``maps`` has those of thickness, curv, sulc and area that are there, as the files have them (FreeSurfer's
-        sign). ``transform`` leads from surface to scanner coordinates where the white surface's footer is valid.
-        Of a simulation, ``portion`` and ``info`` come from ``stage.json``.
+        ``maps`` has those of thickness, curv, sulc and area that are there, as the files have them
+        (FreeSurfer's sign). ``transform`` leads from surface to scanner coordinates where the white surface's
+        footer is valid. Of a simulation, ``portion`` and ``info`` come from ``stage.json``.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def read_cortex(
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
     path = Path(path)
     if path.is_file():
-        raise NotADirectoryError(f"{path}: is a file. Pass the folder that holds it, or both white= and pial=.")
+        raise NotADirectoryError(f"{path}: is a file. Pass its folder, or both white= and pial=.")
     if not path.is_dir():
         existing_file(path, "folder with a cortex")  # raises, and lists close names
     return _folder(_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
@@ -82,7 +82,9 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     for file in (white, pial):
         said = file.name[:2] if file.name[:3] in ("lh.", "rh.") else hemi
         if hemi is not None and said != hemi:
-            raise ValueError(f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r} or the other file.")
+            raise ValueError(
+                f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r}, or the other file."
+            )
         hemi = said
     inner, outer = read_surface(white), read_surface(pial)
     return Cortex(
@@ -99,7 +101,7 @@ def _stage(path: Path) -> Path:
     growth = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
     done = {p: float(m[1]) for p, m in growth.items() if m}
     if not done:
-        raise FileNotFoundError(f"{stages}: no stage (g1.20, g1.80, ...) has been written yet. Let the simulation run on.")
+        raise FileNotFoundError(f"{stages}: no stage (g1.20, ...) is written yet. Let the simulation run.")
     return max(done, key=lambda p: done[p])
 
 
@@ -146,8 +148,8 @@ def _required(root: Path, stem: str) -> Path:
             existing_file(place / stem, "surface")
         except FileNotFoundError as error:
             raise FileNotFoundError(
-                f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with surf/lh.white "
-                "and surf/lh.pial), a simulation, or a pair given as white and pial."
+                f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
+                "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
             ) from None
     assert found is not None
     return found
@@ -167,7 +169,7 @@ def _stage_info(path: Path) -> dict[str, Any]:
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise ValueError(f"{path}: is not JSON ({error}). Write the stage anew with morphofold simulate.") from error
+        raise ValueError(f"{path}: is not JSON ({error}). Simulate that stage anew.") from error
     portion = info.get("portion", 1.0) if isinstance(info, dict) else None
     if not isinstance(portion, (int, float)) or not (math.isfinite(portion) and 0 < portion <= 1):
         raise ValueError(f"{path}: a stage record is an object with a portion in (0, 1], got {portion!r}.")

@@ -40,7 +40,7 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
         raise ValueError(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
     if size > MAX_BYTES:
         raise ValueError(
-            f"{path}: has {size / 2**30:.1f} GiB, more than the {MAX_BYTES / 2**30:g} GiB that morphofold reads as a {what}."
+            f"{path}: has {size / 2**30:.1f} GiB; a {what} may have {MAX_BYTES / 2**30:g} GiB at most."
         )
     return path
 
@@ -61,7 +61,7 @@ def _what_is_there(path: Path) -> str:
 
 
 @contextmanager
-def decoding(path: Path, what: str, advice: str = "Copy it again from its source, or convert it anew.") -> Iterator[None]:
+def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
     """Turn whatever a file library raises on a damaged file into one clear ``ValueError``."""
     try:
         with warnings.catch_warnings():
@@ -69,12 +69,13 @@ def decoding(path: Path, what: str, advice: str = "Copy it again from its source
             yield
     except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise ValueError(f"{path}: cannot be read as {what} ({reason}). {advice}") from error
+        raise ValueError(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 
 def looks_like_text(head: bytes) -> bool:
     """Whether the first bytes of a file are printable text."""
-    return bool(head) and b"\0" not in head and sum(32 <= b < 127 or b in b"\t\r\n" for b in head) > 0.9 * len(head)
+    printable = sum(32 <= b < 127 or b in b"\t\r\n" for b in head)
+    return bool(head) and b"\0" not in head and printable > 0.9 * len(head)
 
 
 def beginning(head: bytes) -> str:
@@ -162,8 +163,8 @@ def _refuse_foreign(out: Path) -> None:
     names = sorted(p.name for p in out.iterdir())
     if names and not _ours(out):
         raise FileExistsError(
-            f"{out}: holds {len(names)} entries that morphofold did not write ({', '.join(names[:4])}"
-            f"{' ...' if len(names) > 4 else ''}), so it is not replaced. Name a new folder, or empty this one."
+            f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
+            f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."
         )
 
 

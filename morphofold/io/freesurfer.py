@@ -24,7 +24,7 @@ _STAMP = "created by morphofold"  # nibabel's default writes the user's name and
 _AGAIN = "Copy it again from its source."
 
 
-# surfaces ----------------------------------------------------------------------------------------------------
+# surfaces -------------------------------------------------------------------------------------------------
 
 
 def is_geometry(head: bytes) -> bool:
@@ -79,7 +79,8 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         raise ValueError(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
     if need > size:
         raise ValueError(
-            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. {_AGAIN}"
+            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. "
+            f"{_AGAIN}"
         )
     return need
 
@@ -91,7 +92,7 @@ def _check_footer(geometry: Mapping[str, Any]) -> None:
 
 
 def write_geometry(path: StrPath, surface: Surface) -> None:
-    """Write a FreeSurfer triangle surface with its footer; coordinates are rounded to float32, as the format has it."""
+    """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     import nibabel.freesurfer as fs
 
     with atomic_file(path) as temporary:
@@ -99,7 +100,7 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
-    """Affine (4, 4) from surface RAS (FreeSurfer's tkr frame, [mm]) to scanner RAS; None if the file does not say.
+    """Affine (4, 4) from surface RAS (the tkr frame, [mm]) to scanner RAS; None if the file does not say.
 
     With R the volume's direction cosines ``[xras yras zras]`` and T those of the tkr frame, the rotation is
     R T^-1 and the shift is ``cras``: both frames have the volume's centre at the same voxel. For a conformed
@@ -114,7 +115,7 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64]
     return affine
 
 
-# per-vertex maps ---------------------------------------------------------------------------------------------
+# per-vertex maps ------------------------------------------------------------------------------------------
 
 
 def read_curv(path: Path) -> PerVertex:
@@ -128,9 +129,9 @@ def read_curv(path: Path) -> PerVertex:
         n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
         if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
             raise ValueError(
-                f"{path}: is truncated or damaged: values for {n} vertices need {15 + 4 * n} bytes, it has {size}. {_AGAIN}"
+                f"{path}: is truncated: {n} values need {15 + 4 * n} bytes, it has {size}. {_AGAIN}"
             )
-        raise ValueError(f"{path}: is not a map with one value per vertex ({beginning(head)}). Is it a surface?")
+        raise ValueError(f"{path}: is not a map with one value per vertex. Is it a surface?")
     old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
         raise ValueError(f"{path}: is not a FreeSurfer map with one value per vertex ({beginning(head)}).")
@@ -162,7 +163,7 @@ def flip_curvature_sign(values: ArrayLike) -> PerVertex:
     return 0.0 - np.asarray(values, dtype=np.float64)
 
 
-# regions and labels ------------------------------------------------------------------------------------------
+# regions and labels ---------------------------------------------------------------------------------------
 
 
 def read_annotation(path: StrPath) -> Regions:
@@ -181,7 +182,7 @@ def read_annotation(path: StrPath) -> Regions:
     with decoding(path, "a FreeSurfer annotation", _AGAIN):
         (n,) = struct.unpack_from(">i", data)
         if n <= 0 or 4 + 8 * n > len(data):
-            raise ValueError(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated, or not one")
+            raise ValueError(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated?")
         vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
         if not np.array_equal(np.sort(vertex), np.arange(n)):
             raise ValueError(f"its vertices are not 0..{n - 1}, each once")
@@ -244,13 +245,13 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     labels = np.asarray(regions.labels, dtype=np.int64)
     if colours.shape != (len(regions.names), 3):
         raise ValueError(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
-    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
-        raise ValueError(f"{path}: labels must lie in -1..{len(colours) - 1}, got {labels.min()}..{labels.max()}.")
     ids = colours @ (1, 256, 65536)
+    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
+        raise ValueError(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{len(ids) - 1}.")
     if len(np.unique(ids)) < len(ids):
         raise ValueError(f"{path}: two regions have the same colour, which an annotation cannot tell apart.")
     if (ids == 0).any() and (labels == -1).any():
-        raise ValueError(f"{path}: colour (0, 0, 0) stands for 'no region' in an annotation; give that region another.")
+        raise ValueError(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     with atomic_file(path) as temporary:
         fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
@@ -269,11 +270,11 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     with decoding(path, "a FreeSurfer label", _AGAIN):
         vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
         if len(vertices) != int(second):
-            raise ValueError(f"its second line promises {int(second)} vertices, it has {len(vertices)}: truncated?")
+            raise ValueError(f"its second line promises {int(second)} vertices, it has {len(vertices)}")
     if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
         raise ValueError(
-            f"{path}: names vertex {vertices.max() if vertices.max() >= n else vertices.min()}, the surface has "
-            f"vertices 0..{n - 1}. It belongs to another surface."
+            f"{path}: names vertices {vertices.min()}..{vertices.max()}, the surface has 0..{n - 1}. "
+            "It belongs to another surface."
         )
     mask[vertices] = True
     return mask

@@ -28,14 +28,14 @@ _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command
 
 
 def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
-    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if all of it is there."""
+    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if whole."""
     image = _load(path, "a GIFTI surface")
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
     if len(points) != 1 or len(triangles) != 1:
         raise ValueError(
-            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, a surface has one of "
-            f"each. It holds {_intents(image)}; pass a .surf.gii."
+            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one each. "
+            f"It holds {_intents(image)}; pass a .surf.gii."
         )
     return points[0].data, triangles[0].data, _volume_geometry(points[0].meta)
 
@@ -74,7 +74,7 @@ def _check_sizes(raw: bytes) -> None:
             continue
         dims = [int(element.get(f"Dim{i}", "1")) for i in range(int(element.get("Dimensionality", "1")))]
         shape = " x ".join(map(str, dims))
-        size = math.prod(dims) * data_type_codes.dtype[element.get("DataType", "")].itemsize
+        size = math.prod(dims) * np.dtype(data_type_codes.dtype[element.get("DataType", "")]).itemsize  # type: ignore[call-overload]
         if min(dims, default=0) <= 0 or size > MAX_BYTES:
             raise ValueError(f"an array of {shape} values is empty or too large")
         if gifti_encoding_codes.label[element.get("Encoding", "")] == "B64GZ":
@@ -111,12 +111,12 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
         return None
     if not all(np.isfinite(v).all() for v in found.values()):
         return None
-    head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
-    return {**head, **found, "volume": found["volume"].astype(int)}
+    head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid"}
+    return {**head, "filename": meta.get("VolGeomFname", ""), **found, "volume": found["volume"].astype(int)}
 
 
 def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None) -> None:
-    """Write a GIFTI surface, float32 and int32, compressed; a valid volume geometry goes along as ``VolGeom...``."""
+    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``."""
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
 
     meta = _structure(path, hemi) | {"GeometricType": "Anatomical"}

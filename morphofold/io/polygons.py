@@ -18,25 +18,30 @@ TRIMESH = (".ply", ".stl", ".obj", ".off", ".glb")
 MESHIO = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
 PYVISTA = (".vtp",)
 
-# text and binary counts that a header may promise; each counted thing takes at least a byte
-_COUNTS = re.compile(rb"(?:element +\w+|^ *(?:POINTS|POLYGONS|CELLS)) +(\d+)", re.MULTILINE)
+# counts that a header may promise (PLY; VTK; GLB); each counted thing takes at least a byte of the file
+_COUNTS = re.compile(rb'(?:element +\w+ +|^ *(?:POINTS|POLYGONS|CELLS) +|"count" *: *)(\d+)', re.MULTILINE)
+_OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
 def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
     """Vertices and faces of a PLY, STL, OBJ, OFF or GLB file (``kind``: the ending without its dot).
 
-    trimesh cuts polygons with more corners into triangles. Vertices keep the file's order, except:
+    trimesh cuts polygons with more corners into triangles. Vertices keep the file's order.
 
-    STL names no vertices, so corners at exactly the same place become one vertex (in order of first
-    appearance), and a warning says how many. Materials, textures and files named inside are not read.
+    STL names no vertices, so corners at exactly the same place become one (in order of first appearance), and
+    a warning says how many. OBJ says nowhere how long it is, so a missing end goes unseen. Materials, textures
+    and files named inside are not read.
     """
     import trimesh
 
-    with decoding(path, kind.upper()):
+    with decoding(path, f"a surface in {kind.upper()} format"):
         raw = path.read_bytes()
         _check_counts(raw)
+        if kind in _CHECK:
+            _CHECK[kind](raw)
         # from memory and without a resolver: no other file that this one may name is opened
-        mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, process=False, maintain_order=True, skip_materials=True)
+        options = {"process": False, "maintain_order": True, "skip_materials": True}
+        mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
             raise ValueError("it holds no triangles")
@@ -60,18 +65,18 @@ def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
 
 
 def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
-    """Vertices and triangles of a VTK (unstructured), VTU, Gmsh or Medit file; lines and points in it are left out.
+    """Vertices and triangles of a VTK (unstructured), VTU, Gmsh or Medit file; lines and points are left out.
 
     Refused if the file has other faces than triangles, or volume cells and no triangles.
     """
-    with decoding(path, kind.upper()):
-        if kind == "vtk":
-            _check_counts(path.read_bytes())
+    with decoding(path, f"a surface in {kind.upper()} format"):
+        if kind in ("vtk", "vtu"):
+            _check_vtk(path.read_bytes())
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
-            raise ValueError(f"it holds no triangles but {cells or 'no cells'}; extract and triangulate the surface first")
-        flat = {k: n for k, n in cells.items() if k.startswith(("quad", "polygon", "triangle")) and k != "triangle"}
+            raise ValueError(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
+        flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
             raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
         return mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
@@ -81,9 +86,9 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
     """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` that says ``DATASET POLYDATA``)."""
     import pyvista
 
-    with decoding(path, "VTK polygon data"), pyvista.vtk_verbosity("off"):
-        if path.suffix != ".vtp":
-            _check_counts(path.read_bytes())
+    errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
+    with decoding(path, "a surface in VTK format"), pyvista.vtk_verbosity("off"), errors:
+        _check_vtk(path.read_bytes())
         mesh = pyvista.read(path)
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
             raise ValueError("it holds no triangles, or is truncated")
@@ -93,14 +98,41 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
 
 
 def _check_counts(raw: bytes) -> None:
-    head = raw[:4096]
-    for match in _COUNTS.finditer(head):
+    for match in _COUNTS.finditer(raw[: 2**20]):
         if int(match[1]) > len(raw):
-            raise ValueError(f"its header promises {' '.join(match[0].decode().split())}, more than its {len(raw)} bytes hold")
+            raise ValueError(f"its header promises {match[1].decode()} elements, it has {len(raw)} bytes")
+
+
+def _check_vtk(raw: bytes) -> None:
+    _check_counts(raw)
+    if not raw.startswith(b"# vtk") and not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
+        raise ValueError("it does not go from <VTKFile> to </VTKFile>")
+
+
+def _check_stl(raw: bytes) -> None:
+    """Binary by its size, or text with an end; trimesh takes half a binary file for an empty text."""
+    promised = 84 + 50 * int.from_bytes(raw[80:84], "little")
+    if len(raw) == promised or (raw.lstrip().startswith(b"solid") and b"endsolid" in raw[-1024:]):
+        return
+    if raw.lstrip().startswith(b"solid") and b"facet" in raw[:1024]:
+        raise ValueError("it has no endsolid, so its end is missing")
+    raise ValueError(f"its header promises {promised} bytes, it has {len(raw)}")
+
+
+def _check_off(raw: bytes) -> None:
+    """trimesh takes as many faces as there are; a triangle needs four numbers."""
+    match = _OFF_COUNTS.search(raw[:4096])
+    n, m = (int(match[1]), int(match[2])) if match else (0, 0)
+    numbers = len(raw[match.end() :].split()) if match else 0
+    if numbers < 3 * n + 4 * m:
+        raise ValueError(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
+
+
+_CHECK = {"stl": _check_stl, "off": _check_off}
 
 
 def write_polygons(path: StrPath, surface: Surface) -> None:
-    """Write by ending. OBJ, OFF, VTK, VTU keep float64 (OBJ and OFF to 17 decimals); PLY, STL, GLB and VTP hold float32."""
+    """Write by ending. PLY, STL, GLB and VTP hold float32; OBJ and OFF get 22 decimals."""
     path = Path(path)
     kind = path.suffix.lower()
     with atomic_file(path) as temporary:
@@ -108,12 +140,12 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             import trimesh
 
             mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
-            exact = {"digits": 17} if kind in (".obj", ".off") else {}
+            exact = {"digits": 22} if kind in (".obj", ".off") else {}
             mesh.export(temporary, file_type=kind[1:], **exact)
         elif kind in PYVISTA:
             import pyvista
 
-            pyvista.PolyData.from_regular_faces(surface.verts, surface.faces).save(temporary)
+            pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)).save(temporary)
         else:
             import meshio
 

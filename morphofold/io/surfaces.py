@@ -11,10 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.io import freesurfer, gifti, polygons
-from morphofold.io.files import StrPath, beginning, existing_file, looks_like_text
+from morphofold.io.files import StrPath, beginning, existing_file
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_mesh
 
 _KNOWN = "FreeSurfer, GIFTI (.gii), PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh (.msh) and Medit (.mesh)"
+_GZIP = b"\x1f\x8b"
+_BEGINNINGS = {
+    "ply": re.compile(rb"ply\r?\n"),
+    "glb": re.compile(rb"glTF"),
+    "off": re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s"),
+    "vtp": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA""", re.DOTALL),
+    "vtu": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid""", re.DOTALL),
+    "vtk": re.compile(rb"# vtk"),
+    "gmsh": re.compile(rb"\$MeshFormat"),
+    "stl": re.compile(rb"\s*solid\b"),
+}
 _FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
 
 
@@ -25,14 +36,14 @@ def read_surface(path: StrPath) -> Surface:
     ----------
     path : str or path
         FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh or Medit. What the file
-        begins with decides; its ending only where that is silent (OBJ, binary STL, Gmsh, Medit).
+        begins with decides; its ending only where that is silent (OBJ, binary STL, Medit).
 
     Returns
     -------
     Surface
-        Vertices in the file's unit (FreeSurfer and GIFTI: mm) and order, named after the file; for a FreeSurfer
-        file with its volume-geometry footer. STL alone gets its shared vertices by merging corners at exactly
-        equal places, and warns so.
+        Vertices in the file's unit (FreeSurfer and GIFTI: mm) and order, named after the file; with the
+        volume-geometry footer of a FreeSurfer file. STL alone gets its shared vertices by merging corners at
+        exactly equal places, and warns so.
 
     Raises
     ------
@@ -53,39 +64,38 @@ def read_surface(path: StrPath) -> Surface:
 def _read(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     with path.open("rb") as file:
         head = file.read(1024)
-    ending = path.suffix.lower()
     if freesurfer.is_geometry(head):
         return freesurfer.read_geometry(path)
-    if is_gifti(path, head):
+    kind = _kind(path, head)
+    if kind == "gii":
         return gifti.read_gifti_surface(path)
-    if head.startswith(b"\x1f\x8b"):
-        raise ValueError(f"{path}: is compressed; only GIFTI (.gii.gz) is read so. Decompress it first, with gunzip.")
-    if head.startswith((b"ply\n", b"ply\r")):
-        return *polygons.read_trimesh(path, "ply"), None
-    if head.startswith(b"glTF"):
-        return *polygons.read_trimesh(path, "glb"), None
-    if re.match(rb"\s*(#[^\n]*\n\s*)*OFF\s", head):
-        return *polygons.read_trimesh(path, "off"), None
-    if re.match(rb"\s*solid\b", head) or ending == ".stl":
-        return *polygons.read_trimesh(path, "stl"), None
-    if b'type="PolyData"' in head or (head.startswith(b"# vtk") and b"POLYDATA" in head):
+    if kind in ("ply", "glb", "off", "stl", "obj"):
+        return *polygons.read_trimesh(path, kind), None
+    if kind == "vtp":
         return *polygons.read_pyvista(path), None
-    if b'type="UnstructuredGrid"' in head:
-        return *polygons.read_meshio(path, "vtu"), None
-    if head.startswith(b"# vtk"):
-        return *polygons.read_meshio(path, "vtk"), None
-    if head.startswith(b"$MeshFormat"):
-        return *polygons.read_meshio(path, "gmsh"), None
-    if ending == ".mesh" and b"MeshVersionFormatted" in head:
-        return *polygons.read_meshio(path, "medit"), None
-    if ending == ".obj" and looks_like_text(head):
-        return *polygons.read_trimesh(path, "obj"), None
-    raise ValueError(f"{path}: is not a surface that morphofold reads ({beginning(head)}). It reads {_KNOWN}.")
+    if kind in polygons.MESHIO.values():
+        return *polygons.read_meshio(path, kind), None
+    if head.startswith(_GZIP):
+        raise ValueError(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
+    raise ValueError(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_KNOWN}.")
+
+
+def _kind(path: Path, head: bytes) -> str:
+    """Format by the first bytes; by the ending only where they are silent."""
+    if is_gifti(path, head):
+        return "gii"
+    for kind, pattern in _BEGINNINGS.items():
+        if pattern.match(head):
+            return kind
+    ending = path.suffix.lower()
+    if ending in polygons.MESHIO:
+        return polygons.MESHIO[ending]
+    return ending[1:] if ending in (*polygons.TRIMESH, *polygons.PYVISTA) else ""
 
 
 def is_gifti(path: Path, head: bytes) -> bool:
-    """Whether a file is GIFTI: by its first bytes, or compressed and named ``.gii.gz``."""
-    return b"<GIFTI" in head or (head.startswith(b"\x1f\x8b") and path.name.lower().endswith(".gii.gz"))
+    """Whether a file is GIFTI, by its first bytes or its name."""
+    return b"<GIFTI" in head or path.name.lower().endswith((".gii", ".gii.gz"))
 
 
 def write_surface(path: StrPath, surface: Surface) -> None:
@@ -120,9 +130,10 @@ def write_surface(path: StrPath, surface: Surface) -> None:
 
 
 def read_morph(path: StrPath) -> PerVertex:
-    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, exactly as the file has them.
+    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, as the file has them.
 
-    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` turns them.
+    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` turns
+    them.
     """
     path = existing_file(path, "per-vertex map")
     with path.open("rb") as file:
@@ -152,22 +163,23 @@ def write_gifti_map(
 ) -> None:
     """Write a per-vertex map (N,) as GIFTI (float32); ``nan`` as in ``write_morph``.
 
-    ``name`` is what viewers show, by default the file's; ``hemi`` is by default taken from a file name ``lh....``.
+    ``name`` is what viewers show, by default the file's; ``hemi`` is by default what the file's name says.
     """
-    gifti.write_gifti_map_file(path, _checked(path, values, nan), name or Path(path).name.split(".gii")[0], hemi)
+    name = name or Path(path).name.split(".gii")[0]
+    gifti.write_gifti_map_file(path, _checked(path, values, nan), name, hemi)
 
 
 def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:
-        raise ValueError(f"{path}: a map has one value per vertex, shape (N,) with N > 0; got {values.shape}.")
+        raise ValueError(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
     missing = np.isnan(values)
     with np.errstate(over="ignore"):
         infinite = ~missing & ~np.isfinite(values.astype(np.float32))
     if infinite.any():
         raise ValueError(
-            f"{path}: {infinite.sum()} of {len(values)} values are infinite or too large for float32; the first is "
-            f"at vertex {np.flatnonzero(infinite)[0]}."
+            f"{path}: {infinite.sum()} of {len(values)} values are infinite or beyond float32, the first at "
+            f"vertex {np.flatnonzero(infinite)[0]}."
         )
     if missing.any():
         if nan is None:
