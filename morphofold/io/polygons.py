@@ -29,8 +29,8 @@ def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
     trimesh cuts polygons with more corners into triangles. Vertices keep the file's order.
 
     STL names no vertices, so corners at exactly the same place become one (in order of first appearance), and
-    a warning says how many. OBJ says nowhere how long it is, so a missing end goes unseen. Materials, textures
-    and files named inside are not read.
+    a warning says how many. OBJ does not say how long it is, so a missing end goes unseen. Materials,
+    textures and files named inside are not read.
     """
     import trimesh
 
