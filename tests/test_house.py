@@ -12,7 +12,11 @@ import pytest
 import morphofold
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = {"morphofold": ROOT / "morphofold", "morphofold.sim": ROOT / "sim", "morphofold.analysis": ROOT / "analysis"}
+ROOMS = {
+    "morphofold": ROOT / "morphofold",
+    "morphofold.sim": ROOT / "sim",
+    "morphofold.analysis": ROOT / "analysis",
+}
 
 # who may not be imported by whom; a name stands for itself and all below it
 GROUND = ("surface", "io", "shapes")
@@ -24,7 +28,7 @@ FORBIDDEN = {
     "report": ("cli",),
     "cohort": ("cli",),
 }
-PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtk", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
+PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
 
 in_a_checkout = pytest.mark.skipif(not (ROOT / "pyproject.toml").is_file(), reason="needs a checkout")
 
@@ -131,7 +135,7 @@ except SystemExit as leave:
 
 
 def loaded_by(code):
-    heavy = ("numpy", "scipy", "pyvista", "vtkmodules", "trimesh", "numba", "skfem", "nibabel", "pydantic", "meshio")
+    heavy = ("numpy", "scipy", "pyvista", "trimesh", "numba", "skfem", "nibabel", "pydantic", "meshio")
     tail = f"\nimport sys; print('LOADED', *[m for m in {heavy!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code + tail], capture_output=True, text=True, check=True)
     return done.stdout.rpartition("LOADED")[2].strip()

@@ -5,8 +5,8 @@ import json
 import math
 import os
 import re
+import shutil
 import struct
-import warnings
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 
 FORMATS = [
-    "lh.white", "bare", "a.gii", "a.surf.gii.gz", "a.ply", "a.obj", "a.off", "a.glb", "a.vtp", "a.vtk", "a.vtu",
-    "a.msh", "a.mesh",
+    "lh.white", "bare", "a.gii", "a.surf.gii.gz", "a.ply", "a.obj", "a.off", "a.glb", "a.vtp", "a.vtk",
+    "a.vtu", "a.msh", "a.mesh",
 ]  # fmt: skip
 FOOTER = {
     "head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": "../mri/orig.mgz",
@@ -75,7 +75,7 @@ def one_line(error, limit=420):
     return message
 
 
-# surfaces ------------------------------------------------------------------------------------------------------
+# surfaces -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -153,7 +153,7 @@ def test_an_ending_that_no_format_has_is_refused_before_anything_is_written(tmp_
     assert os.listdir(tmp_path) == []
 
 
-# footer and scanner coordinates --------------------------------------------------------------------------------
+# footer and scanner coordinates -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["lh.white", "lh.white.surf.gii"])
@@ -177,7 +177,7 @@ def test_c_ras_becomes_the_shift_to_scanner_coordinates(tmp_path, rough):
 
 
 def test_an_oblique_volume_turns_as_its_direction_cosines_say():
-    """Both frames reach the same voxel: the volume's first axis is -x of the tkr frame and ``xras`` in the scanner."""
+    """Both frames reach the same voxel: its first axis is -x in the tkr frame, ``xras`` in the scanner."""
     c, s = math.cos(0.3), math.sin(0.3)
     cosines = {"xras": np.array([-c, -s, 0]), "yras": np.array([0, 0, -1.0]), "zras": np.array([-s, c, 0])}
     transform = scanner_transform({**FOOTER, **cosines})
@@ -193,7 +193,7 @@ def test_an_invalid_footer_gives_no_transform(fsaverage5):
     assert fsaverage5.transform is None
 
 
-# maps, regions, labels -----------------------------------------------------------------------------------------
+# maps, regions, labels ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["lh.k", "lh.k.shape.gii", "lh.k.shape.gii.gz"])
@@ -268,7 +268,7 @@ def test_names_stay_with_their_colours_when_the_table_has_gaps(tmp_path):
         return struct.pack(">i", len(s) + 1) + s.encode() + b"\0"
 
     entries = [(5, "late", (9, 0, 0)), (2, "early", (7, 0, 0))]
-    raw = struct.pack(">5i", 2, 0, 9, 1, 7) + struct.pack(">3i", 1, -2, 6) + text("table") + struct.pack(">i", 2)
+    raw = struct.pack(">8i", 2, 0, 9, 1, 7, 1, -2, 6) + text("table") + struct.pack(">i", 2)
     for slot, name, rgb in entries:
         raw += struct.pack(">i", slot) + text(name) + struct.pack(">4i", *rgb, 0)
     (tmp_path / "lh.x.annot").write_bytes(raw)
@@ -325,7 +325,7 @@ def test_a_label_becomes_a_mask(tmp_path):
     assert not read_label(tmp_path / "b.label", 5).any()
 
 
-# cortices ------------------------------------------------------------------------------------------------------
+# cortices -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -334,7 +334,8 @@ def test_a_label_becomes_a_mask(tmp_path):
 )
 def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, thickness, cortex):
     c = read_cortex(sample_path("fsaverage5"), hemi)
-    assert (c.n_vertices, len(c.faces), c.hemi, c.name, c.origin) == (10242, 20480, hemi, "fsaverage5", "FreeSurfer")
+    assert (c.n_vertices, len(c.faces), c.hemi) == (10242, 20480, hemi)
+    assert (c.name, c.origin) == ("fsaverage5", "FreeSurfer")
     assert area(c.white) == pytest.approx(white, abs=0.05)
     assert area(c.pial) == pytest.approx(pial, abs=0.05)
     assert set(c.maps) == {"thickness", "curv", "sulc", "area"}
@@ -370,7 +371,7 @@ def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name():
     c = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
     assert (c.hemi, c.origin, c.maps) == ("rh", "files", {})
     for wrong in ({"pial": folder / "rh.pial"}, {"pial": folder / "lh.pial", "hemi": "rh"}):
-        with pytest.raises(ValueError, match="is named .h, but .h was asked for"):
+        with pytest.raises(ValueError, match=r"is named .h, but .h was asked for"):
             read_cortex(**{"white": folder / "lh.white", **wrong})
 
 
@@ -404,13 +405,13 @@ def test_one_stage_of_a_simulation_can_be_named(tmp_path):
 
 def test_a_simulation_without_a_stage_says_so(tmp_path):
     (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
-    with pytest.raises(FileNotFoundError, match="no stage .* is written yet"):
+    with pytest.raises(FileNotFoundError, match=r"no stage .* is written yet"):
         read_cortex(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "is not JSON"), ("[]", "portion in"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
+    [("{", "not JSON"), ("[]", "portion in"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
 )
 def test_a_damaged_stage_record_is_refused(tmp_path, text, message):
     stage = simulation(tmp_path) / "stages" / "g1.80"
@@ -427,7 +428,7 @@ def test_a_map_of_another_surface_is_refused_when_a_cortex_is_read(tmp_path):
 
 
 def test_white_and_pial_of_two_subjects_are_refused():
-    with pytest.raises(ValueError, match="has 10242 vertices and pial .* has 152893"):
+    with pytest.raises(ValueError, match=r"has 10242 vertices and pial .* has 152893"):
         read_cortex(white=sample_path("fsaverage5/surf/lh.white"), pial=sample_path("S1/lh.pial.surf.gii"))
 
 
@@ -437,7 +438,7 @@ def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
         read_cortex(**arguments)
 
 
-# refusals ------------------------------------------------------------------------------------------------------
+# refusals -----------------------------------------------------------------------------------------
 
 
 def test_a_missing_surface_is_named_with_what_lies_beside_it():
@@ -447,7 +448,7 @@ def test_a_missing_surface_is_named_with_what_lies_beside_it():
 
 
 def test_a_missing_hemisphere_says_what_was_looked_for():
-    with pytest.raises(FileNotFoundError, match=r"rh\.white: no such surface.*Also tried: rh\.white\.surf\.gii"):
+    with pytest.raises(FileNotFoundError, match=r"rh\.white: no such surface.*tried: rh\.white\.surf\.gii"):
         read_cortex(sample_path("S1"), "rh")
 
 
@@ -459,7 +460,7 @@ def test_a_missing_folder_says_how_far_the_path_exists(tmp_path):
 def test_a_folder_instead_of_a_surface_and_a_file_instead_of_a_folder_are_refused():
     with pytest.raises(IsADirectoryError, match="is a folder, looked for a surface"):
         read_surface(sample_path("fsaverage5"))
-    with pytest.raises(NotADirectoryError, match="is a file. Pass its folder"):
+    with pytest.raises(NotADirectoryError, match=r"is a file. Pass its folder"):
         read_cortex(sample_path("fsaverage5/surf/lh.white"))
 
 
@@ -485,7 +486,7 @@ TEXT = "Dear colleague,\n\nplease find the surface attached.\n" * 40
 
 
 @pytest.mark.parametrize("name", [*FORMATS, "a.stl", "a.txt"])
-@pytest.mark.parametrize("content", [TEXT.encode(), bytes(range(256)) * 8, b"\n"], ids=["text", "bytes", "newline"])
+@pytest.mark.parametrize("content", [TEXT.encode(), bytes(range(256)) * 8, b"\n"], ids=["a", "b", "c"])
 def test_something_else_than_a_surface_is_refused_in_one_line(tmp_path, capfd, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=re.escape(name)) as error:
@@ -500,8 +501,7 @@ def test_a_truncated_surface_is_refused_in_one_line(tmp_path, capfd, rough, name
     write_surface(tmp_path / name, Surface(rough.verts, rough.faces, geometry=FOOTER))
     raw = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(raw[: max(1, int(share * len(raw)))])
-    with warnings.catch_warnings(), pytest.raises(ValueError, match=re.escape(name)) as error:
-        warnings.simplefilter("ignore", UserWarning)
+    with pytest.raises(ValueError, match=re.escape(name)) as error:
         read_surface(tmp_path / name)
     one_line(error)
     assert capfd.readouterr() == ("", "")
@@ -510,7 +510,7 @@ def test_a_truncated_surface_is_refused_in_one_line(tmp_path, capfd, rough, name
 def test_a_truncated_freesurfer_surface_is_told_its_bytes(tmp_path):
     raw = sample_path("fsaverage5/surf/lh.white").read_bytes()
     (tmp_path / "lh.white").write_bytes(raw[:200_000])
-    with pytest.raises(ValueError, match="10242 vertices and 20480 triangles need 3687.. bytes, it has 200000"):
+    with pytest.raises(ValueError, match=r"20480 triangles need 3687\d\d bytes, it has 200000"):
         read_surface(tmp_path / "lh.white")
 
 
@@ -530,7 +530,7 @@ def test_counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocat
     raw = (tmp_path / "lh.white").read_bytes()
     at = raw.index(b"\n\n") + 2
     (tmp_path / "lh.white").write_bytes(raw[:at] + struct.pack(">2i", *counts) + raw[at + 8 :])
-    with pytest.raises(ValueError, match="vertices and -?[0-9]+ triangles"):
+    with pytest.raises(ValueError, match=r"vertices and -?[0-9]+ triangles"):
         read_surface(tmp_path / "lh.white")
 
 
@@ -538,7 +538,7 @@ def test_a_face_out_of_range_is_refused_with_the_path(tmp_path):
     write_surface(tmp_path / "lh.white", Surface(*icosphere(1)))
     raw = (tmp_path / "lh.white").read_bytes()
     (tmp_path / "lh.white").write_bytes(raw[:-4] + struct.pack(">i", 42))
-    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'lh.white'}: 1 of 80 faces name a vertex outside")):
+    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'lh.white'}: 1 of 80 faces name a vertex")):
         read_surface(tmp_path / "lh.white")
 
 
@@ -582,7 +582,7 @@ def test_a_gifti_that_keeps_its_data_in_another_file_is_refused(tmp_path, rough)
 def test_a_map_in_place_of_a_surface_and_the_reverse_are_told_apart():
     with pytest.raises(ValueError, match="holds one value for each of 10242 vertices, not a surface"):
         read_surface(sample_path("fsaverage5/surf/lh.thickness"))
-    with pytest.raises(ValueError, match="Is it a surface?"):
+    with pytest.raises(ValueError, match=r"Is it a surface?"):
         read_morph(sample_path("fsaverage5/surf/lh.white"))
     with pytest.raises(ValueError, match="a map has one array with one value per vertex"):
         read_morph(sample_path("S1/lh.white.surf.gii"))
@@ -597,9 +597,8 @@ def test_a_gifti_map_is_no_surface(tmp_path):
 @pytest.mark.parametrize("length", [1, 5, 14, 15, 1000, 40982])
 @pytest.mark.parametrize("kind", ["thickness", "annotation"])
 def test_a_truncated_map_or_annotation_is_refused_in_one_line(tmp_path, kind, length):
-    read, source = (
-        (read_morph, "surf/lh.thickness") if kind == "thickness" else (read_annotation, "label/lh.aparc.annot")
-    )
+    read = {"thickness": read_morph, "annotation": read_annotation}[kind]
+    source = {"thickness": "surf/lh.thickness", "annotation": "label/lh.aparc.annot"}[kind]
     (tmp_path / "lh.x").write_bytes(sample_path(f"fsaverage5/{source}").read_bytes()[:length])
     with pytest.raises(ValueError, match=r"lh\.x") as error:
         read(tmp_path / "lh.x")
@@ -621,20 +620,24 @@ def test_text_is_neither_a_map_nor_an_annotation(tmp_path, read):
     one_line(error)
 
 
-# whole or not at all -------------------------------------------------------------------------------------------
+# whole or not at all ------------------------------------------------------------------------------
+
+
+def interrupt_while_writing(path):
+    path.write_text("half")
+    raise KeyboardInterrupt
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(KeyboardInterrupt), atomic_file(tmp_path / "a.txt") as temporary:
-        temporary.write_text("half")
-        raise KeyboardInterrupt
+        interrupt_while_writing(temporary)
     assert os.listdir(tmp_path) == ["a.txt"]
     assert (tmp_path / "a.txt").read_text() == "old"
 
 
 def test_writing_into_a_folder_that_is_not_there_is_refused(tmp_path, rough):
-    with pytest.raises(FileNotFoundError, match="no such folder to write lh.white into"):
+    with pytest.raises(FileNotFoundError, match=r"no such folder to write lh.white into"):
         write_surface(tmp_path / "no" / "lh.white", rough)
 
 
@@ -658,8 +661,7 @@ def test_a_failed_folder_leaves_the_old_one_and_nothing_else(tmp_path):
     write_folder(tmp_path / "out", "first")
     for out in (tmp_path / "out", tmp_path / "new" / "deep"):
         with pytest.raises(KeyboardInterrupt), atomic_folder(out) as folder:
-            (folder / "a.txt").write_text("half")
-            raise KeyboardInterrupt
+            interrupt_while_writing(folder / "a.txt")
     assert os.listdir(tmp_path) == ["out"]
     assert (tmp_path / "out" / "a.txt").read_text() == "first"
 
@@ -676,7 +678,7 @@ def test_an_empty_folder_and_one_with_our_summary_are_replaced(tmp_path):
 @pytest.mark.parametrize("content", ["{}", "[]", "not json"])
 def test_a_folder_of_somebody_else_is_never_replaced(tmp_path, content):
     (tmp_path / "summary.json").write_text(content)
-    with pytest.raises(FileExistsError, match="morphofold did not write this folder.*summary.json"):
+    with pytest.raises(FileExistsError, match=r"morphofold did not write this folder.*summary.json"):
         write_folder(tmp_path)
     assert (tmp_path / "summary.json").read_text() == content
     with pytest.raises(FileExistsError, match="is a file; name a folder"):
@@ -686,10 +688,9 @@ def test_a_folder_of_somebody_else_is_never_replaced(tmp_path, content):
 def test_a_folder_that_somebody_fills_meanwhile_is_not_replaced(tmp_path):
     out = tmp_path / "out"
     with pytest.raises(FileExistsError, match="did not write"), atomic_folder(out):
-        out.mkdir()
-        (out / "theirs.txt").touch()
+        shutil.copytree(sample_path("S1"), out)
     assert os.listdir(tmp_path) == ["out"]
-    assert os.listdir(out) == ["theirs.txt"]
+    assert sorted(os.listdir(out)) == sorted(os.listdir(sample_path("S1")))
 
 
 def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
@@ -709,7 +710,7 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
     assert (out / "a.txt").read_text() == "first"
 
 
-# samples -------------------------------------------------------------------------------------------------------
+# samples ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["fsaverage5", "S1"])

@@ -58,7 +58,7 @@ def test_a_vertex_index_out_of_range_is_refused(ball, shift):
 def test_a_face_that_names_a_vertex_twice_is_named(ball):
     faces = ball[1].copy()
     faces[5] = [3, 4, 3]
-    with pytest.raises(ValueError, match=r"1 of 80 faces name a vertex twice; the first is face 5 = \[3, 4, 3\]"):
+    with pytest.raises(ValueError, match=r"1 of 80 faces name a vertex twice; .* face 5 = \[3, 4, 3\]"):
         check_mesh(ball[0], faces)
 
 
