@@ -1,0 +1,278 @@
+"""Measures of several cortices side by side: one table, one plot, one page (Figs. 8 and 9 of Razavi et al. 2015).
+
+Nothing here knows whether a ``Measures`` came from a simulation; ``cortex.origin`` and ``cortex.info`` are
+shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoretical line.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures import SCALARS, Measures
+
+RATIO = "gyral_to_cortical_ratio"
+
+
+@dataclass(frozen=True)
+class Point:
+    """Gyral against cortical thickness [mm] of one region, crest, bin of vertices or whole surface.
+
+    ``low`` and ``high`` are quartiles of the gyral thickness, where the point stands for many vertices.
+    """
+
+    cortical: float
+    gyral: float
+    label: str
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least-squares line of gyral on cortical thickness over ``n`` points, with the 95 % interval of its slope.
+
+    The interval takes the points as independent, which neighbouring regions are not quite.
+    """
+
+    slope: float
+    slope_low: float
+    slope_high: float
+    intercept: float
+    r: float
+    p: float
+    n: int
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """The thickness points of one surface: ``kind`` is ``"region"``, ``"crest"`` or ``"whole"``; ``bins`` show spread."""
+
+    kind: str
+    points: tuple[Point, ...]
+    bins: tuple[Point, ...] = ()
+    fit: Fit | None = None
+
+
+@dataclass(frozen=True)
+class Theory:
+    """The wrinkling wavelength of a stiff film on a soft substrate, per film thickness [mm/mm]."""
+
+    mu_ratio: float
+    slope: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
+
+    ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
+    ``theory`` are lines for each ratio of stiffness that occurs. ``notes`` say what was left out.
+    """
+
+    names: tuple[str, ...]
+    measures: tuple[Measures, ...] = field(repr=False)
+    table: tuple[dict[str, Any], ...] = field(repr=False)
+    clouds: tuple[Cloud, ...] = field(repr=False)
+    theory: tuple[Theory, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the maps, as plain values for JSON."""
+        return {
+            "names": list(self.names),
+            "table": [dict(row) for row in self.table],
+            "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
+            "theory": [asdict(line) for line in self.theory],
+            "notes": list(self.notes),
+        }
+
+    def report(self, out: str | Path) -> Path:
+        """Write ``out/`` whole or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
+
+        Returns the path of the page.
+        """
+        import morphofold
+        from morphofold.io import atomic_folder
+        from morphofold.report.page import comparison_report
+        from morphofold.results import strict_json
+
+        with atomic_folder(out) as folder:
+            comparison_report(self, folder)
+            content = {"morphofold": morphofold.__version__, **self.to_dict()}
+            (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
+            with (folder / "comparison.tsv").open("w", encoding="utf-8", newline="") as file:
+                lines = csv.writer(file, delimiter="\t", lineterminator="\n")
+                lines.writerow(["measure", *self.names])
+                for row in self.table:
+                    values = [row[name] for name in self.names]
+                    lines.writerow([row["measure"], *("n/a" if v is None else json.dumps(v) for v in values)])
+        return Path(out) / "report.html"
+
+
+def compare(
+    surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None
+) -> Comparison:
+    """Put the measures of several cortices side by side.
+
+    Parameters
+    ----------
+    surfaces : mapping of name to Measures, or to a sequence of them
+        Two hemispheres under one name become ``"name lh"`` and ``"name rh"``.
+    mu_ratio : float, optional
+        Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there is,
+        and 1 if there is none.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to compare, two surfaces end up with one name, or ``mu_ratio`` is not positive.
+    """
+    named = _named(surfaces)
+    notes = [
+        f"{name}: {what} ({why})" for name, m in named.items() for what, why in sorted(m.notes.items())
+    ]
+    clouds = tuple(thickness_cloud(m) for m in named.values())
+    for name, cloud in zip(named, clouds):
+        if not cloud.points:
+            notes.append(f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two.")
+        elif cloud.kind == "whole":
+            notes.append(f"{name}: no regions, so one point (medians) and bins of vertices stand for the surface.")
+    return Comparison(
+        names=tuple(named),
+        measures=tuple(named.values()),
+        table=tuple(_table(named)),
+        clouds=clouds,
+        theory=tuple(wrinkling_wavelength(mu) for mu in _ratios(named, mu_ratio)),
+        notes=tuple(notes),
+    )
+
+
+def _named(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> dict[str, Measures]:
+    named: dict[str, Measures] = {}
+    for name, entry in surfaces.items():
+        several = [entry] if isinstance(entry, Measures) else list(entry)
+        for m in several:
+            full = name if len(several) == 1 else f"{name} {m.cortex.hemi}"
+            if full in named:
+                raise ValueError(
+                    f"{full!r} names two surfaces ({named[full].cortex.name} and {m.cortex.name}, both "
+                    f"{m.cortex.hemi}). Give them different names."
+                )
+            named[full] = m
+    if not named:
+        raise ValueError('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
+    return named
+
+
+def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float]:
+    if mu_ratio is not None:
+        ratios = [mu_ratio]
+    else:
+        ratios = sorted({float(m.cortex.info["mu_ratio"]) for m in named.values() if "mu_ratio" in m.cortex.info})
+    for mu in ratios:
+        if not 0 < mu < np.inf:
+            raise ValueError(f"mu_ratio must be a positive number, got {mu}.")
+    return ratios or [1.0]
+
+
+def wrinkling_wavelength(mu_ratio: float) -> Theory:
+    """Wavelength of linear wrinkling per film thickness, ``2 pi (mu_f / 3 mu_s)^(1/3)``.
+
+    Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004), with
+    mu_f and mu_s the shear moduli of film and substrate: 4.36 for equal stiffness. It is the linear theory of a
+    thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
+    """
+    return Theory(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
+
+
+def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:
+    extra = sorted({key for m in named.values() for key in m.scalars} - set(SCALARS))
+    rows = [
+        {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}} for key in (*SCALARS, *extra)
+    ]
+    ratio: dict[str, Any] = {"measure": RATIO}
+    for name, m in named.items():
+        gyral, cortical = m.scalars.get("median_gyral_thickness_mm"), m.scalars.get("mean_cortical_thickness_mm")
+        ratio[name] = _plain(gyral / cortical) if gyral and cortical else None
+    return [*rows, ratio]
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, str | bool):
+        return value
+    number = float(value)
+    if not np.isfinite(number):
+        return None
+    return int(number) if isinstance(value, int | np.integer) else number
+
+
+def thickness_cloud(measures: Measures) -> Cloud:
+    """Gyral against cortical thickness of one surface.
+
+    One point per region where there are regions with both thicknesses; else one per crest; else one for the
+    whole surface (median gyral, mean cortical thickness). Without regions, bins of vertices with equal counts by
+    cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or
+    crests, never to bins: their vertices are not independent.
+    """
+    for kind, rows, label in (("region", measures.regions, "region"), ("crest", measures.crests, "crest")):
+        points = tuple(
+            Point(float(row["cortical_thickness_mm"]), float(row["gyral_thickness_mm"]), str(row.get(label, kind)))
+            for row in rows
+            if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
+        )
+        if points:
+            return Cloud(kind, points, () if kind == "region" else _bins(measures), fit_line(points))
+    gyral = measures.scalars.get("median_gyral_thickness_mm")
+    cortical = measures.scalars.get("mean_cortical_thickness_mm")
+    if not (_known(gyral) and _known(cortical)):
+        return Cloud("whole", ())
+    assert gyral is not None and cortical is not None
+    return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
+
+
+def _known(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point, ...]:
+    """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
+    from morphofold.report.quantities import find
+
+    cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
+    if cortical is None or gyral is None:
+        return ()
+    both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    count = min(at_most, len(both) // least)
+    if count < 2:
+        return ()
+    ordered = both[np.argsort(cortical[both], kind="stable")]
+    bins = []
+    for part in np.array_split(ordered, count):
+        low, middle, high = (float(q) for q in np.percentile(gyral[part], [25, 50, 75]))
+        label = f"{len(part)} vertices of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
+        bins.append(Point(float(np.median(cortical[part])), middle, label, low, high))
+    return tuple(bins)
+
+
+def fit_line(points: Sequence[Point]) -> Fit | None:
+    """Ordinary least squares of gyral on cortical thickness; None for fewer than three points or no spread in x."""
+    from scipy import stats
+
+    x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
+    if len(points) < 3 or np.ptp(x) == 0:
+        return None
+    line = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
+    slope = float(line.slope)
+    return Fit(slope, slope - half, slope + half, float(line.intercept), float(line.rvalue), float(line.pvalue), len(points))

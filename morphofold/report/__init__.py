@@ -1,0 +1,24 @@
+"""What a person looks at: figures (PNG) and self-contained HTML pages with an interactive view.
+
+``analysis_report`` and ``comparison_report`` write pages; ``write_figures`` writes the static pictures.
+Nothing here computes a measure.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PUBLIC = {
+    "analysis_report": "morphofold.report.page",
+    "comparison_report": "morphofold.report.page",
+    "write_figures": "morphofold.report.figures",
+    "renderer": "morphofold.report.figures",
+}
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'morphofold.report' has no attribute {name!r}")
+    return getattr(importlib.import_module(_PUBLIC[name]), name)

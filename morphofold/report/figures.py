@@ -1,0 +1,228 @@
+"""Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
+
+pyvista draws the surfaces where a GL library exists. Where none does, its first picture kills the process, so
+one is tried in a child process; if that fails, ``raster`` draws instead. Titles, rulers and colour bars are
+ours either way, so the two kinds of picture are laid out alike.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis._mesh import vertex_normals
+from morphofold.report import colours, raster
+from morphofold.report.plots import ticks
+from morphofold.report.png import lettering, png_bytes
+from morphofold.report.quantities import Quantity
+from morphofold.surface import Surface
+
+Picture = NDArray[np.uint8]     # (height, width, 3)
+
+VIEWS = ("lateral", "medial", "top", "bottom")
+_PROBE = """
+import pyvista as pv
+p = pv.Plotter(off_screen=True, window_size=(32, 32))
+p.add_mesh(pv.Sphere(), color="red")
+raise SystemExit(0 if p.screenshot(return_img=True).std() > 1 else 3)
+"""
+_ADVICE = (
+    "Pictures are drawn by the software renderer: no GL library answers here. "
+    "For pyvista's, apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri."
+)
+
+
+@cache
+def renderer() -> str:
+    """``"pyvista"`` or ``"raster"``, found once per process; says in one warning what would help in the second case.
+
+    ``MORPHOFOLD_RENDERER`` set to one of the two names decides without a trial.
+    """
+    wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
+    if wanted in ("pyvista", "raster"):
+        return wanted
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    try:
+        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        trial = None
+    if trial is not None and trial.returncode == 0:
+        return "pyvista"
+    warnings.warn(_ADVICE, stacklevel=2)
+    return "raster"
+
+
+def camera(view: str, hemi: str) -> NDArray[np.float64]:
+    """The screen's right, up and towards-the-viewer axes, rows of a (3, 3) rotation.
+
+    Coordinates are right, anterior, superior (RAS): a left hemisphere is seen laterally from -x, a right one
+    from +x; seen from the top or the bottom, anterior is up.
+    """
+    side = 1.0 if (hemi == "rh") == (view == "lateral") else -1.0
+    axes = {
+        "lateral": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
+        "medial": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
+        "top": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "bottom": [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+        "front": [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
+    }
+    if view not in axes:
+        raise ValueError(f"view must be one of {', '.join(axes)}; got {view!r}.")
+    return np.array(axes[view], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One surface of a figure: what it is called, its shape, and a value (N,) per vertex."""
+
+    name: str
+    surface: Surface
+    values: NDArray[np.float64]
+    hemi: str = "lh"
+
+
+def draw(
+    row: Row, view: str, what: Quantity, limits: tuple[float, float], size: tuple[int, int], half_height: float,
+    backend: str | None = None,
+) -> Picture:  # fmt: skip
+    """One view of one surface, (height, width, 3); ``half_height`` is half the picture's height in mm."""
+    axes = camera(view, row.hemi)
+    verts = row.surface.verts
+    points = (verts - (verts.min(axis=0) + verts.max(axis=0)) / 2) @ axes.T
+    normals = vertex_normals(points, row.surface.faces)
+    rgb = colours.apply(row.values, limits, what.signed)
+    if (backend or renderer()) == "pyvista":
+        return _pyvista(points, normals, row.surface.faces, rgb, size, half_height)
+    return raster.render(points, normals, row.surface.faces, rgb, size, half_height)
+
+
+def _pyvista(points, normals, faces, rgb, size, half_height) -> Picture:
+    import pyvista as pv
+
+    mesh = pv.PolyData.from_regular_faces(points, faces)
+    mesh.point_data["colour"] = rgb
+    mesh.point_data["Normals"] = normals
+    mesh.point_data.active_normals_name = "Normals"
+    plotter = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
+    try:
+        plotter.set_background("white")
+        plotter.add_mesh(
+            mesh, scalars="colour", rgb=True, smooth_shading=True, interpolation="Phong",
+            ambient=0.26, diffuse=0.8, specular=0.06, specular_power=24,
+        )  # fmt: skip
+        for position, intensity in (((-0.35, 0.55, 0.75), 0.55), ((0.0, 0.0, 1.0), 0.45)):
+            far = 1e3 * half_height * np.asarray(position)
+            plotter.add_light(pv.Light(position=tuple(far), focal_point=(0, 0, 0), intensity=intensity))
+        plotter.camera.parallel_projection = True
+        plotter.camera.position, plotter.camera.focal_point, plotter.camera.up = (0, 0, 1e3), (0, 0, 0), (0, 1, 0)
+        plotter.camera.parallel_scale = half_height
+        plotter.reset_camera_clipping_range()
+        image = np.asarray(plotter.screenshot(return_img=True))[:, :, :3].astype(np.float64)
+    finally:
+        plotter.close()
+    image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
+    return np.round(image).astype(np.uint8)
+
+
+def figure(
+    rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
+    width: int = 1520, backend: str | None = None,
+) -> Picture:  # fmt: skip
+    """Rows of surfaces seen from ``views``, all at one scale, with view names, a ruler in mm and a colour bar."""
+    extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
+    gap, edge, head, foot, label = 24, 20, 72, 112, 30
+    per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
+    columns = np.ceil(per_mm * extent[:, :, 0].max(axis=0)).astype(int) + gap
+    lines = np.ceil(per_mm * extent[:, :, 1].max(axis=1)).astype(int) + gap
+    canvas = np.full((head + int(lines.sum()) + len(rows) * label + foot, width, 3), 255, dtype=np.uint8)
+    write(canvas, what.title, (edge, 10), 20, bold=True)
+    lefts, top = edge + np.cumsum(columns) - columns, head
+    for left, column, view in zip(lefts, columns, views):
+        write(canvas, view, (left + column / 2, 42), 15, anchor="middle", grey=110)
+    for row, line in zip(rows, lines):
+        write(canvas, row.name, (edge, top), 17)
+        top += label
+        for left, column, view in zip(lefts, columns, views):
+            size = (int(column), int(line))
+            canvas[top : top + line, left : left + column] = draw(
+                row, view, what, limits, size, line / (2 * per_mm), backend
+            )
+        top += line
+    _ruler(canvas, per_mm, (edge, top + 34))
+    _bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
+    if any(np.isnan(row.values).any() for row in rows):
+        x = width // 2 + 240
+        canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED
+        write(canvas, "not measured", (x + 34, top + 19), 14, grey=80)
+    return canvas
+
+
+def _ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
+    mm = max((m for m in (1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=1)
+    end = at[0] + round(mm * px_per_mm)
+    canvas[at[1] : at[1] + 3, at[0] : end] = 60
+    write(canvas, f"{mm} mm", ((at[0] + end) / 2, at[1] + 6), 14, anchor="middle", grey=60)
+
+
+def _bar(
+    canvas: Picture, what: Quantity, limits: tuple[float, float], at: tuple[int, int], size: tuple[int, int]
+) -> None:
+    x, y = at
+    ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
+    canvas[y : y + size[1], x : x + size[0]] = ramp
+    marks = sorted({*limits, *(t for t in ticks(*limits, about=4) if min(abs(t - limits[0]), abs(t - limits[1]))
+                               > 0.12 * (limits[1] - limits[0]))})  # fmt: skip
+    for mark in marks:
+        column = x + round((mark - limits[0]) / (limits[1] - limits[0]) * (size[0] - 1))
+        canvas[y + size[1] : y + size[1] + 5, column] = 60
+        write(canvas, f"{mark:.3g}", (column, y + size[1] + 6), 14, anchor="middle", grey=60)
+    write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
+
+
+_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})     # glyphs VTK's font lacks
+
+
+def write(
+    canvas: Picture, text: str, at: tuple[float, float], size: int, bold: bool = False, anchor: str = "start",
+    grey: int = 20,
+) -> None:  # fmt: skip
+    """Put one line of text on a picture, its top left (or top middle) at ``at``; what lies outside is cut off."""
+    ink = lettering(text.translate(_ASCII), size, bold)
+    x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
+    y = round(at[1] + 1.4 * size) - ink.shape[0]            # bottoms of all letterings lie alike
+    left, top = max(-x, 0), max(-y, 0)
+    under = canvas[y + top : y + ink.shape[0], x + left : x + ink.shape[1]]
+    ink = ink[top : top + under.shape[0], left : left + under.shape[1], None]
+    under[:] = np.round(under * (1 - ink) + grey * ink).astype(np.uint8)
+
+
+def write_figures(
+    folder: Path,
+    rows: Mapping[str, Sequence[Row]],
+    quantities: Mapping[str, tuple[Quantity, tuple[float, float]]],
+    backend: str | None = None,
+) -> dict[str, Path]:
+    """Write ``folder/KEY.png`` for every quantity that at least one row has; the paths by key."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {}
+    for key, surfaces in rows.items():
+        if surfaces:
+            what, limits = quantities[key]
+            paths[key] = folder / f"{safe_name(key)}.png"
+            paths[key].write_bytes(png_bytes(figure(surfaces, what, limits, backend=backend)))
+    return paths
+
+
+def safe_name(key: str) -> str:
+    """A file name made of letters, digits, ``-``, ``_`` and ``.`` from a map's name, which a file may have brought."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"

@@ -1,0 +1,189 @@
+"""Small charts as inline SVG: distributions over each other, and gyral against cortical thickness.
+
+Geometry is worked out here, drawn in ``templates/chart.svg``; names are escaped there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, select_autoescape
+from markupsafe import Markup
+
+MARKERS = ("circle", "square", "triangle", "diamond")
+DASHES = ("", "7 3", "2 3", "9 3 2 3")
+
+
+@cache
+def environment() -> Environment:
+    """The templates of the report, with escaping on for every one of them."""
+    env = Environment(
+        loader=PackageLoader("morphofold.report", "templates"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    env.filters["short"] = lambda x: f"{x:.4g}".replace("-", "−")
+    env.filters["px"] = lambda x: f"{x:.2f}".rstrip("0").rstrip(".")
+    return env
+
+
+def ticks(low: float, high: float, about: int = 5) -> list[float]:
+    """Round numbers between low and high, about ``about`` of them, steps of 1, 2 or 5 times a power of ten."""
+    raw = (high - low) / max(about, 1)
+    if not raw > 0:
+        return [low]
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw * 0.999)
+    first = int(np.ceil(low / step - 1e-9))
+    last = int(np.floor(high / step + 1e-9))
+    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
+
+
+def number(x: float | int | None, digits: int = 3) -> str:
+    """A number as a reader wants it: ``digits`` figures, narrow spaces between thousands, a real minus, en dash for None."""
+    if x is None or (isinstance(x, float) and not np.isfinite(x)):
+        return "–"
+    if isinstance(x, bool | str):
+        return str(x)
+    if isinstance(x, int | np.integer) or abs(x) >= 10**digits:
+        text = f"{round(x):,}".replace(",", "\u202f")
+    elif x != 0 and abs(x) < 1e-3:
+        text = f"{x:.{digits - 1}e}"
+    else:
+        text = f"{x:.{max(digits - 1 - int(np.floor(np.log10(abs(x)))), 0) if x else 0}f}"
+    return text.replace("-", "−")
+
+
+@dataclass
+class Axes:
+    """A plot area in pixels and the data range it shows."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    width: float = 430.0
+    height: float = 250.0
+    margin: tuple[float, float, float, float] = (12.0, 14.0, 44.0, 54.0)   # top right bottom left
+    items: list[dict[str, Any]] = field(default_factory=list)
+
+    def px(self, x: Any) -> Any:
+        left, right = self.margin[3], self.width - self.margin[1]
+        return left + (np.asarray(x) - self.x[0]) / (self.x[1] - self.x[0]) * (right - left)
+
+    def py(self, y: Any) -> Any:
+        top, bottom = self.margin[0], self.height - self.margin[2]
+        return bottom - (np.asarray(y) - self.y[0]) / (self.y[1] - self.y[0]) * (bottom - top)
+
+    def path(self, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> str:
+        return "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in zip(self.px(x), self.py(y)))
+
+    def render(self, x_label: str, y_label: str, title: str, legend: Sequence[dict[str, Any]] = ()) -> Markup:
+        across, up = ticks(*self.x, about=6), ticks(*self.y, about=4)
+        return Markup(
+            environment().get_template("chart.svg").render(
+                axes=self, x_label=x_label, y_label=y_label, title=title, legend=legend, items=self.items,
+                x_ticks=[(float(self.px(t)), f"{t:.4g}".replace("-", "−")) for t in across],
+                y_ticks=[(float(self.py(t)), f"{t:.4g}") for t in up],
+            )
+        )  # fmt: skip
+
+
+def histograms(
+    series: Sequence[tuple[str, np.ndarray, np.ndarray, str]],
+    limits: tuple[float, float],
+    label: str,
+    unit: str,
+    bins: int = 48,
+) -> Markup | None:
+    """Area-weighted distributions over each other, in the same bins.
+
+    Parameters
+    ----------
+    series : sequence of (name, values (N,), weights (N,), colour)
+        NaN values are left out; each distribution is normalised over all its measured area, so what lies
+        outside the limits is missing from the curve and is stated as a share in the tooltip.
+    limits : (low, high)
+        The bins fill this range, widened by a tenth on either side.
+    label, unit : str
+        Of the quantity; the vertical axis is share of area per unit.
+
+    Returns
+    -------
+    svg : Markup, or None if no surface has a value.
+    """
+    low, high = limits
+    wide = (high - low) / 10
+    edges = np.linspace(low - wide, high + wide, bins + 1)
+    curves = []
+    for name, values, weights, colour in series:
+        known = np.isfinite(values)
+        if known.any() and weights[known].sum() > 0:
+            density = np.histogram(values[known], edges, weights=weights[known])[0]
+            density = density / weights[known].sum() / np.diff(edges)
+            curves.append((name, density, colour, weighted_median(values[known], weights[known])))
+    if not curves:
+        return None
+    top = max(float(d.max()) for _, d, _, _ in curves) or 1.0
+    axes = Axes((float(edges[0]), float(edges[-1])), (0.0, 1.08 * top))
+    for i, (name, density, colour, median) in enumerate(curves):
+        x = np.repeat(edges, 2)
+        y = np.concatenate([[0], np.repeat(density, 2), [0]])
+        axes.items.append({
+            "kind": "area", "d": axes.path(x, y), "colour": colour, "dash": DASHES[i % len(DASHES)],
+            "title": f"{name}: median {number(median)} {unit}".strip(),
+        })  # fmt: skip
+        if edges[0] <= median <= edges[-1]:
+            axes.items.append({"kind": "median", "x": float(axes.px(median)), "y": float(axes.py(0)), "colour": colour})
+    per = f" per {unit}" if unit else ""
+    return axes.render(f"{label} [{unit}]" if unit else label, f"share of area{per}", f"Distribution of {label}")
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """Smallest value below which at least half the weight lies."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[dict[str, Any]]) -> Markup | None:
+    """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
+
+    Parameters
+    ----------
+    clouds : sequence of dict
+        ``name``, ``colour``, ``marker``, ``points`` (list of dict with ``cortical``, ``gyral``, ``label``), ``bins`` (same, with
+        ``low`` and ``high`` quartiles), ``fit`` (dict with ``slope``, ``intercept``) or None. All in mm.
+    lines : sequence of dict
+        ``slope`` [mm/mm] and ``label``.
+
+    Returns
+    -------
+    svg : Markup, or None if there is no point at all.
+    """
+    marks = [p for c in clouds for p in (*c["points"], *c["bins"])]
+    if not marks:
+        return None
+    right = 1.12 * max(p["cortical"] for p in marks)
+    top = 1.12 * max(max(p["gyral"], p.get("high") or 0) for p in marks)
+    axes = Axes((0.0, right), (0.0, top), width=880, height=430, margin=(14, 18, 46, 58))
+    for line in lines:
+        end = min(right, top / line["slope"])
+        axes.items.append({"kind": "theory", "d": axes.path([0, end], [0, end * line["slope"]]), "title": line["label"]})
+    for i, cloud in enumerate(clouds):
+        marker, colour = cloud["marker"], cloud["colour"]
+        at = lambda p: {"x": float(axes.px(p["cortical"])), "y": float(axes.py(p["gyral"])), "colour": colour}
+        for p in cloud["bins"]:
+            axes.items.append({**at(p), "kind": "bar", "y0": float(axes.py(p["low"])), "y1": float(axes.py(p["high"])),
+                               "title": f"{cloud['name']}, {p['label']}"})  # fmt: skip
+        if cloud["fit"] and len(cloud["points"]) > 1:
+            x = np.array([min(p["cortical"] for p in cloud["points"]), max(p["cortical"] for p in cloud["points"])])
+            y = cloud["fit"]["intercept"] + cloud["fit"]["slope"] * x
+            axes.items.append({"kind": "fit", "d": axes.path(x, y), "colour": colour, "dash": DASHES[i % len(DASHES)]})
+        for p in cloud["points"]:
+            title = f"{cloud['name']}, {p['label']}: {number(p['gyral'])} mm at {number(p['cortical'])} mm"
+            axes.items.append({**at(p), "kind": "point", "marker": marker, "big": len(cloud["points"]) == 1, "title": title})
+    return axes.render("Cortical thickness [mm]", "Gyral thickness [mm]", "Gyral thickness against cortical thickness")

@@ -1,0 +1,54 @@
+"""PNG files without an imaging library, and lettering for them without a display."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def png_bytes(image: NDArray[np.uint8]) -> bytes:
+    """A (height, width, 3) uint8 picture as the bytes of a PNG file; each row is stored as differences upwards."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise ValueError(f"a picture must be (height, width, 3) uint8, got {image.shape} {image.dtype}.")
+    height, width, _ = image.shape
+    rows = np.full((height, 1 + 3 * width), 2, dtype=np.uint8)          # filter type 2: "up"
+    flat = image.reshape(height, 3 * width)
+    rows[0, 1:] = flat[0]
+    rows[1:, 1:] = flat[1:] - flat[:-1]                                 # uint8 wraps, as PNG wants
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    body = zlib.compress(rows.tobytes(), 9)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+def lettering(text: str, size: int, bold: bool = False) -> NDArray[np.float64]:
+    """How much ink lies on each pixel, (height, width) in 0..1, of one line of text; VTK's own font, no display.
+
+    The picture is as high for every text of one size, with the baseline on the same row.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
+    from vtkmodules.vtkRenderingFreeType import vtkFreeTypeTools  # noqa: F401  (registers the renderer)
+
+    style = vtkTextProperty()
+    style.SetFontFamilyToArial()
+    style.SetFontSize(size)
+    style.SetBold(bold)
+    style.SetColor(0, 0, 0)
+    picture, used = vtkImageData(), [0, 0]
+    plain = "".join(c if c.isprintable() else " " for c in text) or " "
+    # FreeType, said outright: otherwise a "$" in a subject's name is read as TeX.
+    ok = vtkTextRenderer.GetInstance().RenderString(style, plain, picture, used, 72, vtkTextRenderer.FreeType)
+    if not ok:
+        return np.zeros((2 * size, 1))
+    columns, lines, _ = picture.GetDimensions()
+    alpha = vtk_to_numpy(picture.GetPointData().GetScalars()).reshape(lines, columns, 4)[::-1, :, 3] / 255.0
+    inked = np.flatnonzero(alpha.any(axis=0))
+    return alpha[:, : inked[-1] + 2] if inked.size else alpha[:, :1]

@@ -1,0 +1,137 @@
+"""What a map or scalar is called on a page: words, unit, sign, and the limits it is coloured by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A per-vertex quantity as a reader meets it; ``limits`` are those used when they suit the data."""
+
+    key: str
+    label: str
+    unit: str = ""
+    signed: bool = False
+    limits: tuple[float, float] | None = None
+    aliases: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+QUANTITIES = (
+    Quantity("H", "Mean curvature H", "1/mm", True, (-0.5, 0.5), ("mean_curvature", "H_per_mm")),
+    Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1.0, 5.0), ("cortical_thickness_mm", "thickness")),
+    Quantity("gyral_thickness", "Gyral thickness", "mm", False, (4.0, 20.0), ("gyral_thickness_mm", "gyral_width")),
+    Quantity("sulcal_depth", "Sulcal depth", "mm", False, (0.0, 20.0), ("sulcal_depth_mm", "depth", "depth_mm")),
+    Quantity("local_gyrification_index", "Local gyrification index", "", False, (1.0, 5.0), ("lgi",)),
+    Quantity("K", "Gaussian curvature K", "1/mm²", True, (-0.1, 0.1), ("gaussian_curvature", "K_per_mm2")),
+    Quantity("k1", "Largest curvature k₁", "1/mm", True, (-0.6, 0.6)),
+    Quantity("k2", "Smallest curvature k₂", "1/mm", True, (-0.6, 0.6)),
+    Quantity("curvedness", "Curvedness", "1/mm", False, (0.0, 0.6)),
+    Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
+    Quantity("area", "Vertex area", "mm²", False, None, ("area_mm2", "area_pial_mm2")),
+)  # fmt: skip
+MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
+
+SCALAR_WORDS = {
+    "n_vertices": ("Vertices", ""),
+    "euler_characteristic": ("Euler characteristic", ""),
+    "area_pial_mm2": ("Pial area", "mm²"),
+    "area_white_mm2": ("White area", "mm²"),
+    "gyrification_index": ("Gyrification index", ""),
+    "folding_index": ("Folding index", ""),
+    "intrinsic_curvature_index": ("Intrinsic curvature index", ""),
+    "mean_cortical_thickness_mm": ("Cortical thickness, mean", "mm"),
+    "median_gyral_thickness_mm": ("Gyral thickness, median", "mm"),
+    "mean_sulcal_depth_mm": ("Sulcal depth, mean", "mm"),
+    "wavelength_mm": ("Wavelength of folds", "mm"),
+    "n_hinges": ("Hinges", ""),
+    "n_hinges_3": ("Hinges with three arms", ""),
+    "n_hinges_4": ("Hinges with four arms", ""),
+    "n_crests": ("Gyral crests", ""),
+    "crest_length_mm": ("Length of crests", "mm"),
+    "gyral_to_cortical_slope": ("Slope, gyral on cortical thickness", "mm/mm"),
+    "gyral_to_cortical_r": ("Correlation, gyral with cortical thickness", ""),
+    "gyral_to_cortical_ratio": ("Gyral / cortical thickness", ""),
+}
+HEADLINES = (
+    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", "gyral_to_cortical_ratio",
+    "mean_sulcal_depth_mm",
+)  # fmt: skip
+
+_UNITS = (("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
+
+
+def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
+    """The ``Quantity`` of a map's name.
+
+    A name nobody registered is described from the name alone, and is signed if its 2nd and 98th percentile
+    over ``values`` lie on two sides of zero.
+    """
+    for known in QUANTITIES:
+        if name == known.key or name in known.aliases:
+            return known
+    label, unit = _words(name)
+    ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
+    signed = bool(ends) and min(e[0] for e in ends) < 0 < max(e[1] for e in ends)
+    return Quantity(name, label, unit, signed)
+
+
+def scalar_words(name: str) -> tuple[str, str]:
+    """Label and unit of a scalar's name."""
+    return SCALAR_WORDS.get(name) or _words(name)
+
+
+def _words(name: str) -> tuple[str, str]:
+    for suffix, unit in _UNITS:
+        if name.endswith(suffix):
+            return name.removesuffix(suffix).replace("_", " ").capitalize(), unit
+    words = name.replace("_", " ")
+    return words[:1].upper() + words[1:], ""
+
+
+def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
+    """Limits for colouring several surfaces alike.
+
+    The quantity's own limits, if at least 80 % of all values lie inside and the values fill at least 40 %
+    of them; else the 2nd and 98th percentile of the pooled values, rounded outwards to two figures and, for a
+    signed quantity, made symmetric about zero.
+    """
+    pooled = np.concatenate([np.asarray(v, dtype=np.float64).ravel() for v in values] or [np.empty(0)])
+    pooled = pooled[np.isfinite(pooled)]
+    if pooled.size == 0:
+        return what.limits or (0.0, 1.0)
+    low, high = (float(q) for q in np.percentile(pooled, [2, 98]))
+    if what.limits is not None:
+        a, b = what.limits
+        inside = np.mean((pooled >= a) & (pooled <= b))
+        if inside >= 0.8 and high - low >= 0.4 * (b - a):
+            return what.limits
+    if what.signed:
+        top = round_out(max(abs(low), abs(high)))
+        return (-top, top) if top > 0 else (-1.0, 1.0)
+    if high - low <= 1e-9 * max(1.0, abs(high)):
+        step = round_out(abs(high)) or 1.0
+        return (low - 0.1 * step, high + 0.1 * step)
+    unit = 10.0 ** np.floor(np.log10(high - low)) / 2
+    return float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
+
+
+def round_out(x: float) -> float:
+    """The next number with at most two figures whose second is 0 or 5, away from zero; 0 stays 0."""
+    if x <= 0:
+        return 0.0
+    unit = 10.0 ** np.floor(np.log10(x)) / 2
+    return float(np.ceil(x / unit - 1e-9) * unit)
+
+
+def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
+    """The map that goes by ``key`` or one of its aliases; None if there is none."""
+    what = quantity(key)
+    return next((maps[name] for name in (what.key, *what.aliases) if name in maps), None)

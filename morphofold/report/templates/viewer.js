@@ -1,0 +1,370 @@
+// Draws every surface of the page in one WebGL2 canvas, one panel each, cameras linked.
+// Data come from <script type="text/plain" id="data-N"> blocks written by pack.py; nothing is fetched.
+"use strict";
+(async () => {
+const root = document.documentElement;
+const stage = document.getElementById("stage");
+if (!stage) return;
+const config = JSON.parse(document.getElementById("viewer-config").textContent);
+const $ = (id) => document.getElementById(id);
+const fail = (why) => {
+  root.dataset.viewer = "failed: " + why;
+  $("viewer").classList.add("failed");
+  $("viewer-failure").textContent = "The interactive view is not available here (" + why + "). The pictures below show the same surfaces.";
+};
+
+// ---- data ---------------------------------------------------------------------------------------------
+async function inflate(id) {
+  const text = $(id).textContent.trim();
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+function decode(raw, a) {
+  const out = a.bytes === 2 ? new Uint16Array(a.n) : new Uint32Array(a.n);
+  for (let i = 0; i < a.n; i++) {
+    let z = 0;
+    for (let b = 0; b < a.bytes; b++) z |= raw[a.at + b * a.n + i] << (8 * b);
+    z >>>= 0;
+    out[i] = ((z >>> 1) ^ -(z & 1)) + (i >= a.stride ? out[i - a.stride] : 0);
+  }
+  return out;
+}
+function toMm(codes, box) {
+  const out = new Float32Array(codes.length), step = box.edge / 65535;
+  for (let i = 0; i < codes.length; i++) out[i] = box.low[i % 3] + codes[i] * step;
+  return out;
+}
+function vertexNormals(p, f) {
+  const n = new Float32Array(p.length);
+  for (let t = 0; t < f.length; t += 3) {
+    const a = 3 * f[t], b = 3 * f[t + 1], c = 3 * f[t + 2];
+    const ux = p[b] - p[a], uy = p[b + 1] - p[a + 1], uz = p[b + 2] - p[a + 2];
+    const vx = p[c] - p[a], vy = p[c + 1] - p[a + 1], vz = p[c + 2] - p[a + 2];
+    const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
+    for (const i of [a, b, c]) { n[i] += x; n[i + 1] += y; n[i + 2] += z; }
+  }
+  for (let i = 0; i < n.length; i += 3) {
+    const s = 1 / (Math.hypot(n[i], n[i + 1], n[i + 2]) || 1);
+    n[i] *= s; n[i + 1] *= s; n[i + 2] *= s;
+  }
+  return n;
+}
+
+// ---- cameras: rows of R are the screen's right, up and towards-the-viewer axes in brain coordinates -----------
+// Coordinates are right, anterior, superior. A left hemisphere is seen laterally from -x, a right one from +x.
+const VIEWS = {
+  lateral: (h) => h === "rh" ? [0, 1, 0, 0, 0, 1, 1, 0, 0] : [0, -1, 0, 0, 0, 1, -1, 0, 0],
+  medial: (h) => VIEWS.lateral(h === "rh" ? "lh" : "rh"),
+  top: () => [1, 0, 0, 0, 1, 0, 0, 0, 1],
+  bottom: () => [-1, 0, 0, 0, 1, 0, 0, 0, -1],
+  front: () => [-1, 0, 0, 0, 0, 1, 0, 1, 0],
+};
+function turn(R, about, angle) {            // rotate the object about a screen axis: 0 right, 1 up, 2 viewer
+  const c = Math.cos(angle), s = Math.sin(angle), i = (about + 1) % 3, j = (about + 2) % 3, out = R.slice();
+  for (let k = 0; k < 3; k++) {
+    out[3 * i + k] = c * R[3 * i + k] - s * R[3 * j + k];
+    out[3 * j + k] = s * R[3 * i + k] + c * R[3 * j + k];
+  }
+  return out;
+}
+const state = { map: config.maps[0] ? config.maps[0].key : "", surface: "pial", zoom: 1, pan: [0, 0], fit: false, view: "lateral" };
+const limits = Object.fromEntries(config.maps.map((m) => [m.key, m.limits.slice()]));
+
+// ---- GL ---------------------------------------------------------------------------------------------------
+const canvas = $("canvas");
+const gl = window.WebGL2RenderingContext && canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, alpha: false });
+if (!gl) return fail("no WebGL 2");
+if (!window.DecompressionStream) return fail("no DecompressionStream");
+const VERTEX = `#version 300 es
+layout(location=0) in vec3 position; layout(location=1) in vec3 normal; layout(location=2) in float code;
+uniform mat3 R; uniform vec3 centre; uniform vec2 pan, scale; uniform float depth;
+out vec3 n; out float value, known;
+void main() {
+  vec3 p = R * (position - centre);
+  gl_Position = vec4((p.xy + pan) * scale, -p.z / depth, 1.0);
+  n = R * normal; known = code < 65534.5 ? 1.0 : 0.0; value = known * code;
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 n; in float value, known; out vec4 colour;
+uniform sampler2D table; uniform vec2 range, limit; uniform vec3 missing, bare; uniform bool coloured;
+void main() {
+  vec3 base = bare;
+  if (coloured) {
+    float v = range.x + value / max(known, 1e-4) / 65534.0 * (range.y - range.x);
+    base = known < 0.5 ? missing : texture(table, vec2(clamp((v - limit.x) / (limit.y - limit.x), 0.002, 0.998), 0.5)).rgb;
+  }
+  vec3 m = normalize(gl_FrontFacing ? n : -n);
+  float key = max(dot(m, normalize(vec3(-0.35, 0.55, 0.75))), 0.0), head = max(m.z, 0.0);
+  float shine = pow(max(dot(m, normalize(vec3(-0.18, 0.28, 0.94))), 0.0), 24.0);
+  colour = vec4(base * (0.26 + 0.44 * key + 0.36 * head) + 0.06 * shine, 1.0);
+}`;
+function program(vs, fs) {
+  const p = gl.createProgram();
+  for (const [type, text] of [[gl.VERTEX_SHADER, vs], [gl.FRAGMENT_SHADER, fs]]) {
+    const s = gl.createShader(type);
+    gl.shaderSource(s, text); gl.compileShader(s); gl.attachShader(p, s);
+  }
+  gl.linkProgram(p);
+  if (!gl.getProgramParameter(p, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(p) || "shader");
+  return p;
+}
+let prog, panels;
+const U = {};
+try {
+  prog = program(VERTEX, FRAGMENT);
+  for (const name of ["R", "centre", "pan", "scale", "depth", "table", "range", "limit", "missing", "bare", "coloured"])
+    U[name] = gl.getUniformLocation(prog, name);
+  panels = await Promise.all(config.surfaces.map(load));
+} catch (error) { return fail(String(error.message || error)); }
+const tables = Object.fromEntries(Object.entries(config.tables).map(([name, rgb]) => [name, texture(rgb)]));
+
+function texture(rgb) {
+  const t = gl.createTexture(), data = new Uint8Array(rgb.flat());
+  gl.bindTexture(gl.TEXTURE_2D, t);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, rgb.length, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, data);
+  for (const [k, v] of [["MIN_FILTER", "LINEAR"], ["MAG_FILTER", "LINEAR"], ["WRAP_S", "CLAMP_TO_EDGE"], ["WRAP_T", "CLAMP_TO_EDGE"]])
+    gl.texParameteri(gl.TEXTURE_2D, gl["TEXTURE_" + k], gl[v]);
+  return t;
+}
+function buffer(data, target = gl.ARRAY_BUFFER) {
+  const b = gl.createBuffer();
+  gl.bindBuffer(target, b); gl.bufferData(target, data, gl.STATIC_DRAW);
+  return b;
+}
+async function load(meta, index) {
+  const raw = await inflate("data-" + index), get = (name) => decode(raw, meta.arrays[name]);
+  const faces = get("faces"), shapes = {};
+  for (const [name, box] of Object.entries(meta.surfaces)) {
+    const verts = toMm(get(name), box), low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+    for (let i = 0; i < verts.length; i++) {
+      low[i % 3] = Math.min(low[i % 3], verts[i]); high[i % 3] = Math.max(high[i % 3], verts[i]);
+    }
+    const centre = low.map((x, k) => (x + high[k]) / 2);
+    let radius = 0;
+    for (let i = 0; i < verts.length; i += 3)
+      radius = Math.max(radius, Math.hypot(verts[i] - centre[0], verts[i + 1] - centre[1], verts[i + 2] - centre[2]));
+    shapes[name] = { verts, centre, radius };
+  }
+  const codes = {};
+  for (const key of Object.keys(meta.maps)) codes[key] = get("map:" + key);
+  gl.bindVertexArray(null);
+  return { meta, faces, shapes, codes, ids: get("ids"), regions: meta.regions && get("regions"),
+    box: $("panel-" + index), R: null, picked: -1, elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER), arrays: {} };
+}
+const shapeOf = (panel) => panel.shapes[state.surface] || panel.shapes.pial;
+function bind(panel) {
+  const shape = shapeOf(panel);
+  if (!shape.vao) {
+    shape.normals = vertexNormals(shape.verts, panel.faces);
+    shape.vao = gl.createVertexArray();
+    gl.bindVertexArray(shape.vao);
+    for (const [slot, data] of [[0, shape.verts], [1, shape.normals]]) {
+      buffer(data);
+      gl.enableVertexAttribArray(slot); gl.vertexAttribPointer(slot, 3, gl.FLOAT, false, 0, 0);
+    }
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, panel.elements);
+  }
+  gl.bindVertexArray(shape.vao);
+  const codes = panel.codes[state.map];
+  if (!codes) return gl.disableVertexAttribArray(2), gl.vertexAttrib1f(2, 65535);
+  panel.arrays[state.map] ||= buffer(codes);
+  gl.bindBuffer(gl.ARRAY_BUFFER, panel.arrays[state.map]);
+  gl.enableVertexAttribArray(2); gl.vertexAttribPointer(2, 1, gl.UNSIGNED_SHORT, false, 0, 0);
+}
+
+// ---- drawing ------------------------------------------------------------------------------------------------
+function frame(panel) {                        // half height of the view in mm, and the panel's size in px
+  const w = panel.box.clientWidth, h = panel.box.clientHeight, own = shapeOf(panel).radius;
+  const radius = state.fit ? own : Math.max(...panels.map((p) => shapeOf(p).radius));
+  return { w, h, perPx: 2 * 1.04 * radius / Math.min(w, h) / state.zoom };
+}
+function draw() {
+  pending = false;
+  const dpr = Math.min(window.devicePixelRatio || 1, 2), W = stage.clientWidth, H = stage.clientHeight;
+  if (canvas.width !== Math.round(W * dpr) || canvas.height !== Math.round(H * dpr)) {
+    canvas.width = Math.round(W * dpr); canvas.height = Math.round(H * dpr);
+  }
+  gl.disable(gl.SCISSOR_TEST);
+  gl.clearColor(1, 1, 1, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  gl.enable(gl.SCISSOR_TEST); gl.enable(gl.DEPTH_TEST);
+  gl.useProgram(prog);
+  const map = config.maps.find((m) => m.key === state.map);
+  const [lo, hi] = map ? limits[map.key] : [0, 1];
+  gl.activeTexture(gl.TEXTURE0);
+  gl.bindTexture(gl.TEXTURE_2D, tables[map && map.signed ? "diverging" : "sequential"]);
+  gl.uniform1i(U.table, 0); gl.uniform2f(U.limit, lo, hi);
+  gl.uniform3fv(U.missing, config.missing.map((x) => x / 255)); gl.uniform3fv(U.bare, config.bare.map((x) => x / 255));
+  let triangles = 0;
+  for (const panel of panels) {
+    const { w, h, perPx } = frame(panel), shape = shapeOf(panel), range = panel.meta.maps[state.map];
+    const x = panel.box.offsetLeft, y = H - panel.box.offsetTop - h;
+    gl.viewport(x * dpr, y * dpr, w * dpr, h * dpr); gl.scissor(x * dpr, y * dpr, w * dpr, h * dpr);
+    const R = panel.R;
+    gl.uniformMatrix3fv(U.R, false, [R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]]);
+    gl.uniform3fv(U.centre, shape.centre); gl.uniform2f(U.pan, ...pan(panel, perPx));
+    gl.uniform2f(U.scale, 2 / (w * perPx), 2 / (h * perPx)); gl.uniform1f(U.depth, 1.1 * shape.radius);
+    gl.uniform2f(U.range, range ? range.low : 0, range ? range.high : 1); gl.uniform1i(U.coloured, map ? 1 : 0);
+    bind(panel);
+    gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
+    triangles += panel.faces.length / 3;
+    ruler(panel, perPx); mark(panel, perPx);
+  }
+  gl.bindVertexArray(null);
+  root.dataset.triangles = triangles;
+  root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
+}
+let pending = false;
+const redraw = () => { if (!pending) { pending = true; requestAnimationFrame(draw); } };
+const pan = (panel, perPx) => [state.pan[0] * perPx, state.pan[1] * perPx];
+function ruler(panel, perPx) {
+  let mm = 1;
+  for (const step of [1, 2, 5, 10, 20, 50, 100]) if (step / perPx <= 0.3 * panel.box.clientWidth) mm = step;
+  const bar = panel.box.querySelector(".ruler");
+  bar.style.width = mm / perPx + "px"; bar.textContent = mm + " mm";
+}
+function project(panel, i, perPx) {
+  const { verts, centre } = shapeOf(panel), R = panel.R, q = [0, 1, 2].map((k) => verts[3 * i + k] - centre[k]);
+  const p = [0, 1, 2].map((r) => R[3 * r] * q[0] + R[3 * r + 1] * q[1] + R[3 * r + 2] * q[2]);
+  return [panel.box.clientWidth / 2 + p[0] / perPx + state.pan[0], panel.box.clientHeight / 2 - p[1] / perPx - state.pan[1], p[2]];
+}
+function mark(panel, perPx) {
+  const dot = panel.box.querySelector(".mark");
+  if (panel.picked < 0) { dot.hidden = true; return; }
+  const [x, y] = project(panel, panel.picked, perPx), n = shapeOf(panel).normals, i = 3 * panel.picked;
+  dot.hidden = panel.R[6] * n[i] + panel.R[7] * n[i + 1] + panel.R[8] * n[i + 2] < 0;
+  dot.style.left = x + "px"; dot.style.top = y + "px";
+}
+
+// ---- picking ------------------------------------------------------------------------------------------------
+function pick(panel, px, py) {
+  const { perPx } = frame(panel), n = panel.shapes.pial.verts.length / 3, at = new Float32Array(3 * n);
+  for (let i = 0; i < n; i++) at.set(project(panel, i, perPx), 3 * i);
+  let best = -1, front = -1e9;
+  for (let t = 0; t < panel.faces.length; t += 3) {
+    const [a, b, c] = [3 * panel.faces[t], 3 * panel.faces[t + 1], 3 * panel.faces[t + 2]];
+    const side = (i, j) => (at[j] - at[i]) * (py - at[i + 1]) - (at[j + 1] - at[i + 1]) * (px - at[i]);
+    const u = side(b, c), v = side(c, a), w = side(a, b);
+    if (!((u >= 0 && v >= 0 && w >= 0) || (u <= 0 && v <= 0 && w <= 0)) || u + v + w === 0) continue;
+    const z = (u * at[a + 2] + v * at[b + 2] + w * at[c + 2]) / (u + v + w);
+    if (z > front) {
+      front = z;
+      best = [[u, a], [v, b], [w, c]].sort((l, r) => Math.abs(r[0]) - Math.abs(l[0]))[0][1] / 3;
+    }
+  }
+  panel.picked = best;
+  describe(panel);
+  redraw();
+}
+function valueAt(panel, key, i) {
+  const code = panel.codes[key] ? panel.codes[key][i] : 65535, range = panel.meta.maps[key];
+  return code === 65535 ? null : range.low + code / 65534 * (range.high - range.low);
+}
+function describe(panel) {
+  const box = panel.box.querySelector(".values"), i = panel.picked;
+  box.replaceChildren();
+  if (i < 0) return;
+  const line = (label, text) => {
+    const dt = document.createElement("dt"), dd = document.createElement("dd");
+    dt.textContent = label; dd.textContent = text; box.append(dt, dd);
+  };
+  line("Vertex", String(panel.ids[i]));
+  if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
+  for (const m of config.maps) {
+    if (!panel.codes[m.key]) continue;
+    const v = valueAt(panel, m.key, i);
+    line(m.label, v === null ? "not measured" : Number(v.toPrecision(3)) + (m.unit ? " " + m.unit : ""));
+  }
+}
+
+// ---- controls ------------------------------------------------------------------------------------------------
+function look(view) {
+  state.view = view;
+  for (const panel of panels) panel.R = VIEWS[view](panel.meta.hemi);
+  for (const b of document.querySelectorAll("[data-look]")) b.setAttribute("aria-pressed", String(b.dataset.look === view));
+  redraw();
+}
+function rotate(dx, dy) {
+  state.view = "free";
+  for (const panel of panels) panel.R = turn(turn(panel.R, 1, dx), 0, dy);
+  for (const b of document.querySelectorAll("[data-look]")) b.setAttribute("aria-pressed", "false");
+  redraw();
+}
+function zoom(by) { state.zoom = Math.min(40, Math.max(0.3, state.zoom * by)); redraw(); }
+function reset() {
+  state.zoom = 1; state.pan = [0, 0];
+  for (const panel of panels) { panel.picked = -1; describe(panel); }
+  look("lateral");
+}
+function showMap(key) {
+  state.map = key;
+  const map = config.maps.find((m) => m.key === key);
+  $("bar").hidden = !map;
+  if (map) {
+    $("bar-title").textContent = map.unit ? map.label + " [" + map.unit + "]" : map.label;
+    const rgb = config.tables[map.signed ? "diverging" : "sequential"];
+    $("bar-colours").style.background = "linear-gradient(to right," + rgb.filter((_, i) => i % 15 === 0).map((c) => "rgb(" + c + ")").join(",") + ")";
+    [$("bar-low").value, $("bar-high").value] = limits[key];
+    $("bar-middle").textContent = Number(((limits[key][0] + limits[key][1]) / 2).toPrecision(3));
+  }
+  redraw();
+}
+let drag = null;
+stage.addEventListener("pointerdown", (e) => {
+  if (e.button !== 0 || e.target.closest("dl")) return;
+  drag = { x: e.clientX, y: e.clientY, moved: 0, panel: panels.find((p) => p.box.contains(e.target)) };
+  stage.setPointerCapture(e.pointerId);
+});
+stage.addEventListener("pointermove", (e) => {
+  if (!drag) return;
+  const dx = e.clientX - drag.x, dy = e.clientY - drag.y;
+  drag.x = e.clientX; drag.y = e.clientY; drag.moved += Math.abs(dx) + Math.abs(dy);
+  if (drag.moved < 4) return;
+  if (e.shiftKey) { state.pan[0] += dx; state.pan[1] -= dy; redraw(); } else rotate(dx * 0.008, dy * 0.008);
+});
+stage.addEventListener("pointerup", (e) => {
+  if (drag && drag.moved < 4 && drag.panel) {
+    const r = drag.panel.box.getBoundingClientRect();
+    pick(drag.panel, e.clientX - r.left, e.clientY - r.top);
+  }
+  drag = null;
+});
+stage.addEventListener("pointercancel", () => { drag = null; });
+stage.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
+stage.addEventListener("keydown", (e) => {
+  const step = 0.12, act = {
+    ArrowLeft: () => rotate(-step, 0), ArrowRight: () => rotate(step, 0), ArrowUp: () => rotate(0, -step), ArrowDown: () => rotate(0, step),
+    "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15), 0: reset,
+    Enter: () => panels.forEach((p) => pick(p, p.box.clientWidth / 2, p.box.clientHeight / 2)),
+  }[e.key];
+  if (act) { e.preventDefault(); act(); }
+});
+for (const b of document.querySelectorAll("[data-look]")) b.addEventListener("click", () => look(b.dataset.look));
+$("reset").addEventListener("click", reset);
+$("zoom-in").addEventListener("click", () => zoom(1.25));
+$("zoom-out").addEventListener("click", () => zoom(0.8));
+$("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
+for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value));
+for (const r of document.querySelectorAll("input[name=surface]")) r.addEventListener("change", () => { state.surface = r.value; redraw(); });
+for (const [id, k] of [["bar-low", 0], ["bar-high", 1]]) $(id).addEventListener("change", (e) => {
+  const v = Number(e.target.value), l = limits[state.map], next = l.slice();
+  next[k] = v;
+  const map = config.maps.find((m) => m.key === state.map);
+  if (map.signed) { next[0] = -Math.abs(v); next[1] = Math.abs(v); }
+  if (Number.isFinite(v) && next[0] < next[1]) limits[state.map] = next;
+  showMap(state.map);
+});
+$("bar-reset").addEventListener("click", () => {
+  limits[state.map] = config.maps.find((m) => m.key === state.map).limits.slice();
+  showMap(state.map);
+});
+window.addEventListener("resize", redraw);
+window.addEventListener("beforeprint", draw);
+canvas.addEventListener("webglcontextlost", () => fail("the graphics driver dropped the view; reload the page"));
+look("lateral");
+showMap(state.map);
+draw();
+root.dataset.viewer = "ready";
+})();

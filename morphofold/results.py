@@ -1,0 +1,308 @@
+"""An analysis on disk: ``write_analysis`` writes the folder of measures, ``read_analysis`` reads it back.
+
+The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page beside it, so it can
+be opened in other tools and compared without the files it was made from.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.io import (
+    atomic_folder,
+    read_annotation,
+    read_label,
+    read_morph,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
+from morphofold.surface import Cortex
+
+COLUMNS = {
+    "regions": (
+        "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
+        "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index",
+    ),
+    "crests": (
+        "hemi", "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm",
+        "mean_H_per_mm", "region",
+    ),
+    "hinges": ("hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region"),
+    "arms": ("hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge"),
+}  # fmt: skip
+WORDS = {"hemi", "region", "shape"}         # columns that stay text even where the text looks like a number
+MISSING = "n/a"
+NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer maps beside them."
+
+
+def write_analysis(
+    measures: Sequence[Measures],
+    out: str | Path,
+    *,
+    inputs: Iterable[str | Path] = (),
+    parameters: Mapping[str, Any] | None = None,
+    report: bool = True,
+) -> Path:
+    """Write an analysis, whole or not at all.
+
+    Parameters
+    ----------
+    measures : sequence of Measures
+        One hemisphere, or a left and a right one.
+    out : str or path
+        Folder to write. One that an earlier run wrote is replaced; any other that is not empty is refused.
+    inputs : iterable of path
+        Files to record with their SHA-256 beside those the cortices name.
+    parameters : mapping, optional
+        Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
+    report : bool
+        Whether to draw figures/*.png and report.html.
+
+    Returns
+    -------
+    out : Path
+
+    Raises
+    ------
+    ValueError
+        If there is no surface, or two of one hemisphere.
+    FileExistsError
+        If ``out`` holds something morphofold did not write.
+    """
+    import morphofold
+
+    hemis = [m.cortex.hemi for m in measures]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise ValueError(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
+    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
+    records = input_records(files)
+    with atomic_folder(out) as folder:
+        for name in ("surf", "maps"):
+            (folder / name).mkdir()
+        surfaces = [_write_surface(m, folder) for m in measures]
+        summary = {
+            "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
+            "nan": NAN_RULE, "surfaces": surfaces,
+        }  # fmt: skip
+        (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+        for name, columns in COLUMNS.items():
+            write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
+        if report:
+            from morphofold.report import analysis_report
+
+            analysis_report(measures, folder / "report.html", inputs=records)
+    return Path(out)
+
+
+def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
+    """Surfaces, labels and maps of one hemisphere; its entry in summary.json."""
+    cortex, hemi = m.cortex, m.cortex.hemi
+    write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
+    write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
+    if cortex.inflated is not None:
+        write_surface(folder / "surf" / f"{hemi}.inflated", cortex.inflated)
+    for name, values in cortex.maps.items():
+        write_morph(folder / "surf" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
+    if cortex.regions is not None or cortex.cortex is not None:
+        (folder / "label").mkdir(exist_ok=True)
+    if cortex.regions is not None:
+        write_annotation(folder / "label" / f"{hemi}.{_file_word(cortex.regions.name)}.annot", cortex.regions)
+    if cortex.cortex is not None:
+        _write_label(folder / "label" / f"{hemi}.cortex.label", cortex)
+    for name, values in m.maps.items():
+        write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
+        write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
+    return {
+        "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units, "portion": cortex.portion,
+        "info": dict(cortex.info), "transform": None if cortex.transform is None else cortex.transform.tolist(),
+        "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
+        "maps": sorted(_file_word(n) for n in m.maps), "came_with": sorted(_file_word(n) for n in cortex.maps),
+        "inflated": cortex.inflated is not None, "cortex_label": cortex.cortex is not None,
+        "annotation": None if cortex.regions is None else _file_word(cortex.regions.name),
+        "files": list(cortex.files),
+    }  # fmt: skip
+
+
+def _write_label(path: Path, cortex: Cortex) -> None:
+    assert cortex.cortex is not None
+    vertices = np.flatnonzero(cortex.cortex)
+    lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
+    lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, cortex.white.verts[vertices])]
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def _file_word(name: str) -> str:
+    """A map's or annotation's name as part of a file name; anything but letters, digits, ``-``, ``_``, ``.`` is refused."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
+        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
+    return name
+
+
+def read_analysis(folder: str | Path) -> list[Measures]:
+    """Read what ``write_analysis`` wrote.
+
+    Maps come from GIFTI, so NaN is NaN again; coordinates and maps have the precision of float32.
+
+    Raises
+    ------
+    FileNotFoundError
+        If ``folder`` or a file in it is missing.
+    ValueError
+        If a file there cannot be understood; the message names it.
+    """
+    folder = Path(folder)
+    path = folder / "summary.json"
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{folder}: {'holds no summary.json' if folder.is_dir() else 'no such folder'}. "
+            "Name a folder that `morphofold analyze` wrote."
+        )
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        entries = list(summary["surfaces"])
+        tables = {name: _read_table(folder / f"{name}.tsv") for name in COLUMNS}
+        return [_read_surface(entry, tables, folder) for entry in entries]
+    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(
+            f"{path}: not a summary as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
+        ) from error
+
+
+def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
+    hemi = entry["hemi"]
+    if hemi not in ("lh", "rh"):                # it becomes part of file names below
+        raise ValueError(f"{folder / 'summary.json'}: hemi must be 'lh' or 'rh', got {hemi!r}.")
+    surf = folder / "surf"
+    white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
+    mask = read_label(folder / "label" / f"{hemi}.cortex.label", len(white.verts)) if entry["cortex_label"] else None
+    regions = None
+    if entry["annotation"] is not None:
+        regions = read_annotation(folder / "label" / f"{hemi}.{_file_word(entry['annotation'])}.annot")
+    cortex = Cortex(
+        white=white,
+        pial=pial,
+        hemi=hemi,
+        name=str(entry["name"]),
+        maps={n: read_morph(surf / f"{hemi}.{_file_word(n)}") for n in entry["came_with"]},
+        cortex=mask,
+        regions=regions,
+        inflated=read_surface(surf / f"{hemi}.inflated") if entry["inflated"] else None,
+        origin=str(entry["origin"]),
+        units=str(entry["units"]),
+        transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
+        portion=float(entry["portion"]),
+        info=dict(entry["info"]),
+        files=tuple(map(str, entry["files"])),
+    )
+    empty = Measures(cortex, scalars=dict(entry["measures"]), maps={})
+    return replace(
+        empty,
+        maps={n: _sized(folder / "maps" / f"{hemi}.{_file_word(n)}.shape.gii", len(white.verts)) for n in entry["maps"]},
+        **{name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()},
+        parameters=dict(entry["parameters"]),
+        notes=dict(entry["notes"]),
+    )
+
+
+def _sized(path: Path, n: int) -> np.ndarray:
+    values = read_morph(path)
+    if values.shape != (n,):
+        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
+    return values
+
+
+# tables ------------------------------------------------------------------------------------------------------
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Tab-separated, header always, ``n/a`` for what is missing; columns beyond ``columns`` follow in order of appearance."""
+    rows = list(rows)
+    extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        lines = csv.writer(file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+        lines.writerow([*columns, *extra])
+        lines.writerows([_cell(row.get(k)) for k in (*columns, *extra)] for row in rows)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return MISSING
+    if isinstance(value, bool | int | np.integer | np.bool_):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.7g}" if np.isfinite(value) else MISSING
+    return " ".join(str(value).split())         # no tab or line break may leave its cell
+
+
+def _read_table(path: Path) -> list[dict[str, Any]]:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    for number, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
+    return [{k: _value(k, v) for k, v in row.items()} for row in rows]
+
+
+def _value(column: str, text: str) -> Any:
+    if text == MISSING:
+        return None
+    if column not in WORDS:
+        for kind in (int, float):
+            try:
+                return kind(text)
+            except ValueError:
+                pass
+    return text
+
+
+# provenance --------------------------------------------------------------------------------------------------
+
+
+def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
+    """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None for what is not a file here."""
+    records: list[dict[str, Any]] = []
+    for name in map(str, paths):
+        path = Path(name)
+        if path.is_file():
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            records.append({"path": name, "sha256": digest, "bytes": path.stat().st_size})
+        else:
+            records.append({"path": name, "sha256": None, "bytes": None})
+    return records
+
+
+def strict_json(content: Any) -> str:
+    """JSON that every reader accepts: NumPy values as plain ones, NaN and infinity as null, anything else as text."""
+    return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    if isinstance(value, np.generic | np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, Sequence | set | frozenset):
+        return [_plain(v) for v in value]
+    return str(value)
