@@ -121,7 +121,7 @@ class Dynamics:
     def save(self) -> dict[str, NDArray]:
         """The run as arrays, enough to go on bitwise the same."""
         state = self.state
-        arrays = {"x": state.x, "v": state.v}
+        arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in ("step", "growth", "relaxed")}
         for effect in self.effects:
             arrays |= {f"{effect.name}.{key}": value for key, value in effect.save().items()}

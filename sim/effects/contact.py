@@ -279,7 +279,7 @@ class Contact:
         return {"pairs": int((self._depth > 0).sum()), "deepest_in_gaps": deepest, "searches": self.searches}
 
     def save(self) -> dict[str, NDArray]:
-        return {"facing": self._facing, "paired_at": self._paired_at, "searches": np.array(self.searches)}
+        return {"facing": self._facing.copy(), "paired_at": self._paired_at.copy(), "searches": np.array(self.searches)}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         self._facing, self._paired_at = arrays["facing"].copy(), arrays["paired_at"].copy()

@@ -1,0 +1,109 @@
+import numba
+import numpy as np
+import pytest
+
+from morphofold.sim.body import Body
+from morphofold.sim.dynamics import Dynamics, UnstableError
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.perturbation import perturbed_nodes
+from morphofold.sim.mesh import bilayer_sphere
+
+
+def make_run(T=3.0, n=16, portion="octant", law="isotropic", amplitude=None, contact=False, kappa=50.0, steps=1500):
+    bilayer = bilayer_sphere(50, T, 25, portion, n)
+    X = None if amplitude is None else perturbed_nodes(bilayer, amplitude=amplitude, degree=13, seed=0)
+    body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa=kappa, law=law, X=X)
+    return Dynamics(body, [Contact(body)] if contact else [], steps_per_unit=steps)
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize("T", [1.0, 3.0])
+def test_radius_before_onset_follows_equation_11(law, T):
+    """c^3 = B^3 + det(G) (C^3 - B^3): Eq. (11), and its twin from r^2 dr = g^2 R^2 dR for tangential growth."""
+    run = make_run(T, law=law)
+    run.grow_to(1.2)
+    run.relax(600)
+    g, B, C = 1.2, 50 - T, 50.0
+    exact = (B**3 + (g**3 if law == "isotropic" else g**2) * (C**3 - B**3)) ** (1 / 3)
+    radius = np.linalg.norm(run.state.x[: run.body.n_surface], axis=1)
+    assert radius.mean() == pytest.approx(exact, rel=3e-3)
+    assert abs(radius.mean() - exact) < 0.03 * (exact - C)              # three per cent of the displacement itself
+    assert np.ptp(radius) < 2e-3 * exact                                # still a sphere
+
+
+def test_radius_before_onset_approaches_equation_11_as_the_body_becomes_incompressible():
+    error = []
+    for kappa in (20.0, 80.0):
+        run = make_run(3.0, kappa=kappa)
+        run.grow_to(1.15)
+        run.relax(1000)
+        exact = (47.0**3 + 1.15**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
+        error.append(abs(np.linalg.norm(run.state.x[: run.body.n_surface], axis=1).mean() / exact - 1))
+    assert error[1] < 0.6 * error[0]
+
+
+def test_growth_of_one_leaves_the_body_bitwise_at_rest():
+    run = make_run(amplitude=0.02, contact=True, portion="half")
+    run.relax(50)
+    assert np.array_equal(run.state.x, run.body.X)
+    assert not run.state.v.any()
+
+
+def test_the_hole_and_the_planes_hold():
+    run = make_run(amplitude=0.05, portion="quarter")
+    run.grow_to(1.2)
+    x, X = run.state.x, run.body.X
+    hole = np.linalg.norm(X, axis=1) < 25 * (1 + 1e-9)
+    assert np.array_equal(x[hole], X[hole])
+    for axis in (1, 2):
+        assert not x[run.body.on_plane[:, axis], axis].any()
+
+
+def test_past_onset_the_sphere_folds_and_growth_before_it_does_not():
+    run = make_run(3.0, n=20, amplitude=0.02, contact=True, steps=2000)
+    run.grow_to(1.3)
+    n = run.body.n_surface
+    before = np.linalg.norm(run.state.x[:n], axis=1).std()
+    run.grow_to(1.6)
+    after = np.linalg.norm(run.state.x[:n], axis=1).std()
+    assert before < 0.1 * 3.0 < 3.0 < after
+    assert run.state.record["min_J"] > 0.1
+    assert run.state.record["kinetic_over_strain"] < 2e-2
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
+    results = []
+    for threads in (1, 2):
+        numba.set_num_threads(threads)
+        run = make_run(3.0, n=12, amplitude=0.05, contact=True, steps=600, portion="half")
+        run.grow_to(1.7)
+        assert run.state.record["effects"]["contact"]["pairs"] > 0      # contact took part
+        results.append(run.state.x.copy())
+    assert np.array_equal(*results)
+
+
+def test_a_run_taken_up_from_a_checkpoint_ends_bitwise_the_same():
+    whole = make_run(n=12, amplitude=0.05, contact=True, steps=600)
+    saved = []
+    whole.grow_to(1.7, lambda s: saved.append(whole.save()) if s.step == 400 else None)
+    again = make_run(n=12, amplitude=0.05, contact=True, steps=600)
+    again.load(saved[0])
+    again.grow_to(1.7)
+    assert again.state.step == whole.state.step
+    assert np.array_equal(again.state.x, whole.state.x)
+
+
+def test_a_node_that_is_not_finite_stops_the_run_and_is_named():
+    run = make_run(n=8)
+    run.state.x[17, 1] = np.nan
+    with pytest.raises(UnstableError, match=r"not finite at g = .* the first is node"):
+        run.grow_to(1.1)
+
+
+def test_an_element_turned_inside_out_stops_the_run_and_is_named():
+    run = make_run(n=8)
+    corner = run.body.bilayer.mesh.t[:, 5]
+    run.state.x[corner] = run.state.x[corner].mean(axis=0) - 3 * (run.state.x[corner] - run.state.x[corner].mean(axis=0))
+    with pytest.raises(UnstableError, match="have no volume left"):
+        run._measure()

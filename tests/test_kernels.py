@@ -1,0 +1,131 @@
+import numba
+import numpy as np
+import pytest
+from reference_sim import Twin
+
+from morphofold.sim.body import FILTER, SAFETY, Body
+from morphofold.sim import kernels
+from morphofold.sim.mesh import bilayer_sphere
+
+
+def make_body(law="isotropic", portion="octant", mu_cortex=2.0, kappa=50.0, n=6):
+    bilayer = bilayer_sphere(50, 3, 25, portion, n)
+    return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa=kappa, law=law)
+
+
+def shaken(body, rng, amount=0.15):
+    """Positions deformed at random, strongly enough for volume ratios of 0.5 to 2."""
+    return body.X + amount * rng.standard_normal(body.X.shape)
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize("g", [1.0, 1.4, 0.9])
+def test_kernel_forces_equal_scikit_fems_assembly(law, g, rng):
+    body = make_body(law)
+    body.grow(g)
+    twin = Twin(body)
+    for amount in (0.01, 0.15):
+        x = shaken(body, rng, amount)
+        want = twin.forces(x)
+        assert np.abs(body.forces(x) - want).max() <= 1e-10 * np.abs(want).max()
+        body.update_state(x)
+        np.testing.assert_allclose(body.element_state()["energy"], twin.energy(x), rtol=1e-10, atol=1e-12)
+
+
+def test_kernel_agrees_with_scikit_fem_where_bricks_are_crushed_and_frozen(rng):
+    body = make_body()
+    x = shaken(body, rng, 0.6)
+    twin = Twin(body)
+    J = np.linalg.det(twin.elastic(x))
+    assert J.min() < 0.1 < 2 < J.max()                                  # both branches are taken
+    want = twin.forces(x)
+    assert np.abs(body.forces(x) - want).max() <= 1e-10 * np.abs(want).max()
+
+
+def test_forces_are_minus_the_gradient_of_the_energy(rng):
+    body = make_body("tangential")
+    body.grow(1.3)
+    x, d = shaken(body, rng), rng.standard_normal(body.X.shape)
+
+    def energy(s):
+        body.update_state(x + s * d)
+        return body.element_state()["energy"].sum()
+
+    slope = -np.sum(body.forces(x) * d)
+    h = 2.0 ** -np.arange(12, 18)
+    rest = [abs(energy(s) - energy(0.0) - s * slope) for s in h]
+    assert np.polyfit(np.log(h), np.log(rest), 1)[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_rigid_motion_makes_no_force(rng):
+    body = make_body()
+    R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    R *= np.sign(np.linalg.det(R))
+    stiff = np.abs(body.forces(body.X * 1.01)).max()
+    assert np.abs(body.forces(body.X @ R.T + [3.0, -2.0, 7.0])).max() < 1e-10 * stiff
+
+
+def test_free_isotropic_growth_of_everything_is_stress_free():
+    body = make_body()
+    body.n_cortex = 0                                                   # grow() then leaves every element at 1
+    body.grow(1.0)
+    g = 1.25
+    body.point.reshape(len(body.point), 8, 7, -1)[:, :, :6] /= g**2
+    body.point.reshape(len(body.point), 8, 7, -1)[:, :, 6] *= g**3
+    assert np.abs(body.forces(g * body.X)).max() < 1e-9
+
+
+def test_a_body_that_does_not_grow_has_exactly_no_force():
+    for portion in ("octant", "full"):
+        body = make_body(portion=portion)
+        assert np.array_equal(body.forces(body.X), np.zeros_like(body.X))
+        assert np.array_equal(body.filter.forces(body.X), np.zeros((body.n_surface, 3)))
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+def test_forces_are_bitwise_equal_for_one_and_two_threads(rng):
+    body = make_body(portion="half", n=12)
+    body.grow(1.3)
+    x = shaken(body, rng)
+    results = []
+    for threads in (1, 2):
+        numba.set_num_threads(threads)
+        body.update_state(x)
+        results.append((body.forces(x), body.filter.forces(x).copy(), body.mass.copy()))
+    for one, two in zip(*results):
+        assert np.array_equal(one, two)
+
+
+def test_inverse_cube_root_is_exact_over_its_range():
+    J = np.geomspace(0.03, 30, 500)
+    y = np.array([kernels._inverse_cube_root(v) for v in J])
+    np.testing.assert_allclose(y, J ** (-1 / 3), rtol=1e-12)
+
+
+def test_measured_mass_keeps_the_unit_step_stable(rng):
+    """The largest eigenvalue of M^-1 K stays below 4 / SAFETY^0: power iteration on the force's derivative."""
+    body = make_body(n=8)
+    body.grow(1.3)
+    for x in (1.05 * body.X, shaken(body, rng, 0.1)):
+        body.update_state(x)
+        v, value = rng.standard_normal(x.shape), 0.0
+        for _ in range(60):
+            v /= np.sqrt(np.sum(body.mass[:, None] * v**2))
+            h = 1e-5 / np.abs(v).max()
+            Kv = -(body.forces(x + h * v) - body.forces(x - h * v)) / (2 * h)
+            Kv[: body.n_surface] -= (body.filter.forces(x + h * v) - body.filter.forces(x)) / h
+            value = np.sum(v * Kv)
+            v = Kv / body.mass[:, None]
+        assert 4 / SAFETY / 4 < value < 4 / 1.1, "the step is unstable, or the mass wastefully large"
+
+
+def test_surface_filter_is_the_gradient_of_its_energy_and_calm_on_smooth_fields(rng):
+    body = make_body(portion="half", n=16)
+    x, d = shaken(body, rng), rng.standard_normal(body.X.shape)
+    f = body.filter
+    slope = (f.energy(x + 1e-4 * d) - f.energy(x - 1e-4 * d)) / 2e-4
+    assert slope == pytest.approx(-np.sum(f.forces(x) * d[: body.n_surface]), rel=1e-7)
+    factor = 0.05 * np.sin(body.X[:, :1] / 12)
+    smooth, zigzag = body.X * (1 + factor), body.X * (1 + np.abs(factor).mean() * rng.choice([-1, 1], factor.shape))
+    assert f.energy(smooth) < 0.03 * f.energy(zigzag)
+    assert FILTER > 0
