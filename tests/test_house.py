@@ -20,13 +20,12 @@ ROOMS = {
 
 # who may not be imported by whom; a name stands for itself and all below it
 GROUND = ("surface", "io", "shapes")
+UPSTAIRS = ("results", "compare", "report", "cohort")
 FORBIDDEN = {
-    **{room: ("sim", "analysis", "compare", "report", "cohort", "cli") for room in GROUND},
-    "sim": ("analysis", "compare", "report", "cohort", "cli"),
-    "analysis": ("sim", "compare", "report", "cohort", "cli"),
-    "compare": ("cli",),
-    "report": ("cli",),
-    "cohort": ("cli",),
+    **{room: ("sim", "analysis", *UPSTAIRS, "cli") for room in GROUND},
+    "sim": ("analysis", *UPSTAIRS, "cli"),
+    "analysis": ("sim", *UPSTAIRS, "cli"),
+    **{room: ("cli",) for room in UPSTAIRS},
 }
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
 

@@ -1,11 +1,14 @@
-"""Polygon files through trimesh, and VTK's and other volume-mesh formats through meshio and pyvista."""
+"""Polygon files through trimesh, and VTK's through meshio and pyvista."""
 
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -15,11 +18,12 @@ from morphofold.io.files import StrPath, atomic_file, decoding
 from morphofold.surface import Faces, Surface, Verts
 
 TRIMESH = (".ply", ".stl", ".obj", ".off", ".glb")
-MESHIO = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
+MESHIO = (".vtk", ".vtu")
 PYVISTA = (".vtp",)
+ENDINGS = (*TRIMESH, *MESHIO, *PYVISTA)
 
 # counts that a header may promise (PLY; VTK; GLB); each counted thing takes at least a byte of the file
-_COUNTS = re.compile(rb'(?:element +\w+ +|^ *(?:POINTS|POLYGONS|CELLS) +|"count" *: *)(\d+)', re.MULTILINE)
+_COUNTS = re.compile(rb'(?:element +\w+|\n *POINTS|\n *POLYGONS|\n *CELLS|"count" *:) *(\d+)')
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
@@ -65,13 +69,12 @@ def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
 
 
 def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
-    """Vertices and triangles of a VTK (unstructured), VTU, Gmsh or Medit file; lines and points are left out.
+    """Vertices and triangles of a VTK (unstructured) or VTU file; lines and points are left out.
 
     Refused if the file has other faces than triangles, or volume cells and no triangles.
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
-        if kind in ("vtk", "vtu"):
-            _check_vtk(path.read_bytes())
+        _check_vtk(path.read_bytes())
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
@@ -87,7 +90,7 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
     import pyvista
 
     errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
-    with decoding(path, "a surface in VTK format"), pyvista.vtk_verbosity("off"), errors:
+    with decoding(path, "a surface in VTK format"), _silent_log(), pyvista.vtk_verbosity("off"), errors:
         _check_vtk(path.read_bytes())
         mesh = pyvista.read(path)
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
@@ -97,8 +100,19 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
         return np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
 
 
+@contextmanager
+def _silent_log() -> Iterator[None]:
+    """Keep pyvista from logging what is raised anyway."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
 def _check_counts(raw: bytes) -> None:
-    for match in _COUNTS.finditer(raw[: 2**20]):
+    for match in _COUNTS.finditer(raw):
         if int(match[1]) > len(raw):
             raise ValueError(f"its header promises {match[1].decode()} elements, it has {len(raw)} bytes")
 
@@ -150,4 +164,4 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             import meshio
 
             mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-            importlib.import_module(f"meshio.{MESHIO[kind]}").write(os.fspath(temporary), mesh)
+            importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)

@@ -14,7 +14,7 @@ from morphofold.io import freesurfer, gifti, polygons
 from morphofold.io.files import StrPath, beginning, existing_file
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_mesh
 
-_KNOWN = "FreeSurfer, GIFTI (.gii), PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh (.msh) and Medit (.mesh)"
+_KNOWN = "FreeSurfer, GIFTI (.gii), PLY, STL, OBJ, OFF, GLB, VTK, VTP and VTU"
 _GZIP = b"\x1f\x8b"
 _BEGINNINGS = {
     "ply": re.compile(rb"ply\r?\n"),
@@ -23,7 +23,6 @@ _BEGINNINGS = {
     "vtp": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA""", re.DOTALL),
     "vtu": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid""", re.DOTALL),
     "vtk": re.compile(rb"# vtk"),
-    "gmsh": re.compile(rb"\$MeshFormat"),
     "stl": re.compile(rb"\s*solid\b"),
 }
 _FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
@@ -35,8 +34,8 @@ def read_surface(path: StrPath) -> Surface:
     Parameters
     ----------
     path : str or path
-        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP, VTU, Gmsh or Medit. What the file
-        begins with decides; its ending only where that is silent (OBJ, binary STL, Medit).
+        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP or VTU. What the file
+        begins with decides; its ending only where that is silent (OBJ, binary STL).
 
     Returns
     -------
@@ -73,7 +72,7 @@ def _read(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
         return *polygons.read_trimesh(path, kind), None
     if kind == "vtp":
         return *polygons.read_pyvista(path), None
-    if kind in polygons.MESHIO.values():
+    if kind in ("vtk", "vtu"):
         return *polygons.read_meshio(path, kind), None
     if head.startswith(_GZIP):
         raise ValueError(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
@@ -88,9 +87,7 @@ def _kind(path: Path, head: bytes) -> str:
         if pattern.match(head):
             return kind
     ending = path.suffix.lower()
-    if ending in polygons.MESHIO:
-        return polygons.MESHIO[ending]
-    return ending[1:] if ending in (*polygons.TRIMESH, *polygons.PYVISTA) else ""
+    return ending[1:] if ending in polygons.ENDINGS else ""
 
 
 def is_gifti(path: Path, head: bytes) -> bool:
@@ -105,8 +102,8 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     ----------
     path : str or path
         ``lh.white`` and the like, or any name without ending: FreeSurfer, with the footer of
-        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu .msh
-        .mesh``: as named.
+        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu``: as
+        named.
     surface : Surface
 
     Raises
@@ -121,7 +118,7 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     name, ending = Path(path).name, Path(path).suffix.lower()
     if name.lower().endswith((".gii", ".gii.gz")):
         gifti.write_gifti_surface(path, surface)
-    elif ending in (*polygons.TRIMESH, *polygons.PYVISTA, *polygons.MESHIO):
+    elif ending in polygons.ENDINGS:
         polygons.write_polygons(path, surface)
     elif name.startswith(("lh.", "rh.")) or ending in _FREESURFER:
         freesurfer.write_geometry(path, surface)
