@@ -1,4 +1,4 @@
-"""Measures of several cortices side by side: one table, one plot, one page (Figs. 8 and 9 of Razavi et al. 2015).
+"""Measures of several cortices side by side: one table, one plot, one page (Fig. 8 of Razavi et al. 2015).
 
 Nothing here knows whether a ``Measures`` came from a simulation; ``cortex.origin`` and ``cortex.info`` are
 shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoretical line.
@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
-
-RATIO = "gyral_to_cortical_ratio"
+from morphofold.report.quantities import RATIO, find
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Fit:
-    """Least-squares line of gyral on cortical thickness over ``n`` points, with the 95 % interval of its slope.
+    """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
     The interval takes the points as independent, which neighbouring regions are not quite.
     """
@@ -52,7 +51,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Cloud:
-    """The thickness points of one surface: ``kind`` is ``"region"``, ``"crest"`` or ``"whole"``; ``bins`` show spread."""
+    """The thickness points of one surface; ``kind`` is ``"region"``, ``"crest"`` or ``"whole"``."""
 
     kind: str
     points: tuple[Point, ...]
@@ -116,9 +115,7 @@ class Comparison:
         return Path(out) / "report.html"
 
 
-def compare(
-    surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None
-) -> Comparison:
+def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None) -> Comparison:
     """Put the measures of several cortices side by side.
 
     Parameters
@@ -126,8 +123,8 @@ def compare(
     surfaces : mapping of name to Measures, or to a sequence of them
         Two hemispheres under one name become ``"name lh"`` and ``"name rh"``.
     mu_ratio : float, optional
-        Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there is,
-        and 1 if there is none.
+        Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there
+        is, and 1 if there is none.
 
     Returns
     -------
@@ -139,9 +136,7 @@ def compare(
         If there is nothing to compare, two surfaces end up with one name, or ``mu_ratio`` is not positive.
     """
     named = _named(surfaces)
-    notes = [
-        f"{name}: {what} ({why})" for name, m in named.items() for what, why in sorted(m.notes.items())
-    ]
+    notes = [f"{name}: {what} ({why})" for name, m in named.items() for what, why in sorted(m.notes.items())]
     clouds = tuple(thickness_cloud(m) for m in named.values())
     for name, cloud in zip(named, clouds):
         if not cloud.points:
@@ -189,9 +184,9 @@ def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float
 def wrinkling_wavelength(mu_ratio: float) -> Theory:
     """Wavelength of linear wrinkling per film thickness, ``2 pi (mu_f / 3 mu_s)^(1/3)``.
 
-    Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004), with
-    mu_f and mu_s the shear moduli of film and substrate: 4.36 for equal stiffness. It is the linear theory of a
-    thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
+    Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004);
+    mu_f and mu_s are the shear moduli of film and substrate. 4.36 for equal stiffness; but this is the linear
+    theory of a thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
     """
     return Theory(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
@@ -199,11 +194,15 @@ def wrinkling_wavelength(mu_ratio: float) -> Theory:
 def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:
     extra = sorted({key for m in named.values() for key in m.scalars} - set(SCALARS))
     rows = [
-        {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}} for key in (*SCALARS, *extra)
+        {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}}
+        for key in (*SCALARS, *extra)
     ]
     ratio: dict[str, Any] = {"measure": RATIO}
     for name, m in named.items():
-        gyral, cortical = m.scalars.get("median_gyral_thickness_mm"), m.scalars.get("mean_cortical_thickness_mm")
+        gyral, cortical = (
+            m.scalars.get("median_gyral_thickness_mm"),
+            m.scalars.get("mean_cortical_thickness_mm"),
+        )
         ratio[name] = _plain(gyral / cortical) if gyral and cortical else None
     return [*rows, ratio]
 
@@ -221,13 +220,17 @@ def thickness_cloud(measures: Measures) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
     One point per region where there are regions with both thicknesses; else one per crest; else one for the
-    whole surface (median gyral, mean cortical thickness). Without regions, bins of vertices with equal counts by
-    cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or
+    whole surface (median gyral, mean cortical thickness). Without regions, bins of vertices with equal counts
+    by cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or
     crests, never to bins: their vertices are not independent.
     """
     for kind, rows, label in (("region", measures.regions, "region"), ("crest", measures.crests, "crest")):
         points = tuple(
-            Point(float(row["cortical_thickness_mm"]), float(row["gyral_thickness_mm"]), str(row.get(label, kind)))
+            Point(
+                float(row["cortical_thickness_mm"]),
+                float(row["gyral_thickness_mm"]),
+                str(row.get(label, kind)),
+            )
             for row in rows
             if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
         )
@@ -237,7 +240,8 @@ def thickness_cloud(measures: Measures) -> Cloud:
     cortical = measures.scalars.get("mean_cortical_thickness_mm")
     if not (_known(gyral) and _known(cortical)):
         return Cloud("whole", ())
-    assert gyral is not None and cortical is not None
+    assert gyral is not None
+    assert cortical is not None
     return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
 
 
@@ -247,8 +251,6 @@ def _known(value: Any) -> bool:
 
 def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
-    from morphofold.report.quantities import find
-
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
@@ -266,7 +268,7 @@ def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point,
 
 
 def fit_line(points: Sequence[Point]) -> Fit | None:
-    """Ordinary least squares of gyral on cortical thickness; None for fewer than three points or no spread in x."""
+    """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x."""
     from scipy import stats
 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
@@ -275,4 +277,12 @@ def fit_line(points: Sequence[Point]) -> Fit | None:
     line = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
     slope = float(line.slope)
-    return Fit(slope, slope - half, slope + half, float(line.intercept), float(line.rvalue), float(line.pvalue), len(points))
+    return Fit(
+        slope,
+        slope - half,
+        slope + half,
+        float(line.intercept),
+        float(line.rvalue),
+        float(line.pvalue),
+        len(points),
+    )

@@ -1,7 +1,7 @@
 """An analysis on disk: ``write_analysis`` writes the folder of measures, ``read_analysis`` reads it back.
 
-The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page beside it, so it can
-be opened in other tools and compared without the files it was made from.
+The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page beside it, so
+it can be opened in other tools and compared without the files it was made from.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import csv
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ COLUMNS = {
     "hinges": ("hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region"),
     "arms": ("hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge"),
 }  # fmt: skip
-WORDS = {"hemi", "region", "shape"}         # columns that stay text even where the text looks like a number
+WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 MISSING = "n/a"
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer maps beside them."
 
@@ -128,10 +127,10 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
         write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
         write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
     return {
-        "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units, "portion": cortex.portion,
-        "info": dict(cortex.info), "transform": None if cortex.transform is None else cortex.transform.tolist(),
+        "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
+        "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
         "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
-        "maps": sorted(_file_word(n) for n in m.maps), "came_with": sorted(_file_word(n) for n in cortex.maps),
+        "maps": sorted(m.maps), "came_with": sorted(cortex.maps),
         "inflated": cortex.inflated is not None, "cortex_label": cortex.cortex is not None,
         "annotation": None if cortex.regions is None else _file_word(cortex.regions.name),
         "files": list(cortex.files),
@@ -147,7 +146,7 @@ def _write_label(path: Path, cortex: Cortex) -> None:
 
 
 def _file_word(name: str) -> str:
-    """A map's or annotation's name as part of a file name; anything but letters, digits, ``-``, ``_``, ``.`` is refused."""
+    """A map's or annotation's name, refused if it cannot be part of a file name."""
     if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
         raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
     return name
@@ -185,7 +184,7 @@ def read_analysis(folder: str | Path) -> list[Measures]:
 
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
     hemi = entry["hemi"]
-    if hemi not in ("lh", "rh"):                # it becomes part of file names below
+    if hemi not in ("lh", "rh"):  # it becomes part of file names below
         raise ValueError(f"{folder / 'summary.json'}: hemi must be 'lh' or 'rh', got {hemi!r}.")
     surf = folder / "surf"
     white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
@@ -209,11 +208,17 @@ def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, 
         info=dict(entry["info"]),
         files=tuple(map(str, entry["files"])),
     )
-    empty = Measures(cortex, scalars=dict(entry["measures"]), maps={})
-    return replace(
-        empty,
-        maps={n: _sized(folder / "maps" / f"{hemi}.{_file_word(n)}.shape.gii", len(white.verts)) for n in entry["maps"]},
-        **{name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()},
+    own = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+    return Measures(
+        cortex,
+        scalars=dict(entry["measures"]),
+        maps={
+            n: _sized(folder / "maps" / f"{hemi}.{_file_word(n)}.shape.gii", len(white.verts)) for n in entry["maps"]
+        },
+        regions=own["regions"],
+        crests=own["crests"],
+        hinges=own["hinges"],
+        arms=own["arms"],
         parameters=dict(entry["parameters"]),
         notes=dict(entry["notes"]),
     )
@@ -226,11 +231,11 @@ def _sized(path: Path, n: int) -> np.ndarray:
     return values
 
 
-# tables ------------------------------------------------------------------------------------------------------
+# tables -----------------------------------------------------------------------------------------------------
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Tab-separated, header always, ``n/a`` for what is missing; columns beyond ``columns`` follow in order of appearance."""
+    """Tab-separated, header always, ``n/a`` for what is missing; further columns follow as they appear."""
     rows = list(rows)
     extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -246,7 +251,7 @@ def _cell(value: Any) -> str:
         return str(int(value))
     if isinstance(value, float | np.floating):
         return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return " ".join(str(value).split())         # no tab or line break may leave its cell
+    return " ".join(str(value).split())  # no tab or line break may leave its cell
 
 
 def _read_table(path: Path) -> list[dict[str, Any]]:
@@ -272,7 +277,7 @@ def _value(column: str, text: str) -> Any:
     return text
 
 
-# provenance --------------------------------------------------------------------------------------------------
+# provenance -------------------------------------------------------------------------------------------------
 
 
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
@@ -290,7 +295,7 @@ def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
 
 
 def strict_json(content: Any) -> str:
-    """JSON that every reader accepts: NumPy values as plain ones, NaN and infinity as null, anything else as text."""
+    """JSON that every reader accepts: NumPy values made plain, NaN and infinity null, anything else text."""
     return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 

@@ -1,6 +1,6 @@
 """What a person looks at: figures (PNG) and self-contained HTML pages with an interactive view.
 
-``analysis_report`` and ``comparison_report`` write pages; ``write_figures`` writes the static pictures.
+``analysis_report`` and ``comparison_report`` write pages; ``figure`` draws one static picture.
 Nothing here computes a measure.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 _PUBLIC = {
     "analysis_report": "morphofold.report.page",
     "comparison_report": "morphofold.report.page",
-    "write_figures": "morphofold.report.figures",
+    "figure": "morphofold.report.figures",
     "renderer": "morphofold.report.figures",
 }
 __all__ = sorted(_PUBLIC)

@@ -17,8 +17,8 @@ RGB = NDArray[np.uint8]
 # Blue, vermilion, green, purple, amber, sky, black: the order of Okabe and Ito's palette that stays apart
 # for protanopes and deuteranopes when only the first two or three are used.
 CATEGORICAL = ("#0072b2", "#d55e00", "#009e73", "#9a4f8b", "#b07d00", "#3f9bd1", "#333333")
-NOT_MEASURED = (196, 196, 192)      # vertices without a value
-BARE = (214, 207, 198)              # the surface without any overlay
+NOT_MEASURED = (196, 196, 192)  # vertices without a value
+BARE = (214, 207, 198)  # the surface without any overlay
 
 
 def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def diverging(n: int = 256) -> RGB:
 
 
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
-    """Colour of each value, (..., 3) uint8; NaN gets ``NOT_MEASURED``, values beyond the limits the end colours."""
+    """Colour of each value, (..., 3) uint8; beyond the limits the end colours, for NaN ``NOT_MEASURED``."""
     table = diverging() if signed else sequential()
     low, high = limits
     with np.errstate(invalid="ignore"):

@@ -11,10 +11,10 @@ import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from morphofold.analysis._mesh import vertex_normals
 from morphofold.report import colours, raster
 from morphofold.report.plots import ticks
-from morphofold.report.png import lettering, png_bytes
+from morphofold.report.png import lettering
 from morphofold.report.quantities import Quantity
 from morphofold.surface import Surface
 
-Picture = NDArray[np.uint8]     # (height, width, 3)
+Picture = NDArray[np.uint8]  # (height, width, 3)
 
 VIEWS = ("lateral", "medial", "top", "bottom")
 _PROBE = """
@@ -43,7 +43,7 @@ _ADVICE = (
 
 @cache
 def renderer() -> str:
-    """``"pyvista"`` or ``"raster"``, found once per process; says in one warning what would help in the second case.
+    """``"pyvista"`` or ``"raster"``, found once per process; a warning says what would help in the second case.
 
     ``MORPHOFOLD_RENDERER`` set to one of the two names decides without a trial.
     """
@@ -92,53 +92,66 @@ class Row:
 
 
 def draw(
-    row: Row, view: str, what: Quantity, limits: tuple[float, float], size: tuple[int, int], half_height: float,
+    row: Row,
+    views: Sequence[str],
+    what: Quantity,
+    limits: tuple[float, float],
+    size: tuple[int, int],
+    half_height: float,
     backend: str | None = None,
-) -> Picture:  # fmt: skip
-    """One view of one surface, (height, width, 3); ``half_height`` is half the picture's height in mm."""
-    axes = camera(view, row.hemi)
-    verts = row.surface.verts
-    points = (verts - (verts.min(axis=0) + verts.max(axis=0)) / 2) @ axes.T
-    normals = vertex_normals(points, row.surface.faces)
+) -> list[Picture]:
+    """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm."""
+    verts, faces = row.surface.verts, row.surface.faces
+    points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    normals = vertex_normals(points, faces)
     rgb = colours.apply(row.values, limits, what.signed)
+    cameras = [camera(view, row.hemi) for view in views]
     if (backend or renderer()) == "pyvista":
-        return _pyvista(points, normals, row.surface.faces, rgb, size, half_height)
-    return raster.render(points, normals, row.surface.faces, rgb, size, half_height)
+        return _pyvista(points, normals, faces, rgb, cameras, size, half_height)
+    return [raster.render(points @ c.T, normals @ c.T, faces, rgb, size, half_height) for c in cameras]
 
 
-def _pyvista(points, normals, faces, rgb, size, half_height) -> Picture:
+def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
     import pyvista as pv
 
     mesh = pv.PolyData.from_regular_faces(points, faces)
     mesh.point_data["colour"] = rgb
     mesh.point_data["Normals"] = normals
     mesh.point_data.active_normals_name = "Normals"
-    plotter = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
+    plotter: Any = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
+    look: dict[str, Any] = {
+        "ambient": 0.26,
+        "diffuse": 0.8,
+        "specular": 0.06,
+        "specular_power": 24,
+        "interpolation": "Phong",
+    }
+    pictures = []
     try:
-        plotter.set_background("white")
-        plotter.add_mesh(
-            mesh, scalars="colour", rgb=True, smooth_shading=True, interpolation="Phong",
-            ambient=0.26, diffuse=0.8, specular=0.06, specular_power=24,
-        )  # fmt: skip
+        plotter.add_mesh(mesh, scalars="colour", rgb=True, smooth_shading=True, render=False, **look)
         for position, intensity in (((-0.35, 0.55, 0.75), 0.55), ((0.0, 0.0, 1.0), 0.45)):
-            far = 1e3 * half_height * np.asarray(position)
-            plotter.add_light(pv.Light(position=tuple(far), focal_point=(0, 0, 0), intensity=intensity))
+            plotter.add_light(pv.Light(position=position, intensity=intensity, light_type="camera light"))
+        plotter.set_background("white")
         plotter.camera.parallel_projection = True
-        plotter.camera.position, plotter.camera.focal_point, plotter.camera.up = (0, 0, 1e3), (0, 0, 0), (0, 1, 0)
         plotter.camera.parallel_scale = half_height
-        plotter.reset_camera_clipping_range()
-        image = np.asarray(plotter.screenshot(return_img=True))[:, :, :3].astype(np.float64)
+        for right_up_out in cameras:
+            plotter.camera.position = 1e3 * right_up_out[2]
+            plotter.camera.focal_point = (0.0, 0.0, 0.0)
+            plotter.camera.up = right_up_out[1]
+            plotter.renderer.ResetCameraClippingRange()
+            image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
+            image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
+            pictures.append(np.round(image).astype(np.uint8))
     finally:
         plotter.close()
-    image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
-    return np.round(image).astype(np.uint8)
+    return pictures
 
 
 def figure(
     rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
     width: int = 1520, backend: str | None = None,
 ) -> Picture:  # fmt: skip
-    """Rows of surfaces seen from ``views``, all at one scale, with view names, a ruler in mm and a colour bar."""
+    """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler and colour bar."""
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
     gap, edge, head, foot, label = 24, 20, 72, 112, 30
     per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
@@ -152,11 +165,11 @@ def figure(
     for row, line in zip(rows, lines):
         write(canvas, row.name, (edge, top), 17)
         top += label
-        for left, column, view in zip(lefts, columns, views):
-            size = (int(column), int(line))
-            canvas[top : top + line, left : left + column] = draw(
-                row, view, what, limits, size, line / (2 * per_mm), backend
-            )
+        wide = int(columns.max())
+        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend)
+        for left, column, picture in zip(lefts, columns, pictures):
+            cut = (wide - column) // 2
+            canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
         top += line
     _ruler(canvas, per_mm, (edge, top + 34))
     _bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
@@ -180,49 +193,32 @@ def _bar(
     x, y = at
     ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
     canvas[y : y + size[1], x : x + size[0]] = ramp
-    marks = sorted({*limits, *(t for t in ticks(*limits, about=4) if min(abs(t - limits[0]), abs(t - limits[1]))
-                               > 0.12 * (limits[1] - limits[0]))})  # fmt: skip
-    for mark in marks:
+    clear = 0.12 * (limits[1] - limits[0])  # of the numbers at both ends
+    inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
+    for mark in (limits[0], *inner, limits[1]):
         column = x + round((mark - limits[0]) / (limits[1] - limits[0]) * (size[0] - 1))
         canvas[y + size[1] : y + size[1] + 5, column] = 60
         write(canvas, f"{mark:.3g}", (column, y + size[1] + 6), 14, anchor="middle", grey=60)
     write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
 
 
-_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})     # glyphs VTK's font lacks
+_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # glyphs VTK's font lacks
 
 
 def write(
     canvas: Picture, text: str, at: tuple[float, float], size: int, bold: bool = False, anchor: str = "start",
     grey: int = 20,
 ) -> None:  # fmt: skip
-    """Put one line of text on a picture, its top left (or top middle) at ``at``; what lies outside is cut off."""
+    """Put a line of text on a picture, its top left (or top middle) at ``at``; the rest is cut off."""
     ink = lettering(text.translate(_ASCII), size, bold)
     x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
-    y = round(at[1] + 1.4 * size) - ink.shape[0]            # bottoms of all letterings lie alike
+    y = round(at[1] + 1.4 * size) - ink.shape[0]  # bottoms of all letterings lie alike
     left, top = max(-x, 0), max(-y, 0)
     under = canvas[y + top : y + ink.shape[0], x + left : x + ink.shape[1]]
     ink = ink[top : top + under.shape[0], left : left + under.shape[1], None]
     under[:] = np.round(under * (1 - ink) + grey * ink).astype(np.uint8)
 
 
-def write_figures(
-    folder: Path,
-    rows: Mapping[str, Sequence[Row]],
-    quantities: Mapping[str, tuple[Quantity, tuple[float, float]]],
-    backend: str | None = None,
-) -> dict[str, Path]:
-    """Write ``folder/KEY.png`` for every quantity that at least one row has; the paths by key."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = {}
-    for key, surfaces in rows.items():
-        if surfaces:
-            what, limits = quantities[key]
-            paths[key] = folder / f"{safe_name(key)}.png"
-            paths[key].write_bytes(png_bytes(figure(surfaces, what, limits, backend=backend)))
-    return paths
-
-
 def safe_name(key: str) -> str:
-    """A file name made of letters, digits, ``-``, ``_`` and ``.`` from a map's name, which a file may have brought."""
+    """A map's name, which a file may have brought, as a file name of letters, digits, ``-`` and ``_``."""
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"

@@ -32,7 +32,7 @@ class Packed:
 
 @dataclass(frozen=True, eq=False)
 class Display:
-    """A cortex thinned for drawing: ``ids`` (n,) are its vertices in the full surface, ``faces`` index ``ids``."""
+    """A cortex thinned for drawing: ``ids`` (n,) are vertices of the full surface, ``faces`` index ``ids``."""
 
     ids: NDArray[np.int64]
     faces: Faces
@@ -40,7 +40,7 @@ class Display:
 
 
 def pack(cortex: Cortex, maps: Mapping[str, PerVertex], max_vertices: int = DISPLAY_VERTICES) -> Packed:
-    """Pack the pial, white and (if any) inflated surface of a cortex and the given maps (N,) for the viewer."""
+    """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer."""
     shown = thin(cortex, max_vertices)
     writer = _Writer()
     surfaces = {"pial": cortex.pial, "white": cortex.white, "inflated": cortex.inflated}
@@ -91,14 +91,14 @@ class _Writer:
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:
-    """Differences to the element ``stride`` before, zigzag, one plane per byte; uint16 or uint32, wraps around."""
+    """Differences to the element ``stride`` before, zigzag, a plane per byte; uint16 or uint32, wraps."""
     if array.dtype not in (np.uint16, np.uint32):
         raise TypeError(f"encode takes uint16 or uint32, got {array.dtype}.")
     array = np.ascontiguousarray(array)
     step = array.copy()
     step[stride:] -= array[:-stride]
     bits = 8 * array.itemsize
-    sign = step >> (bits - 1)                       # 1 where the difference is negative
+    sign = step >> (bits - 1)  # 1 where the difference is negative
     zigzag = (step << 1) ^ (np.zeros_like(step) - sign)
     little = zigzag.astype(zigzag.dtype.newbyteorder("<"))
     return little.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
@@ -106,7 +106,7 @@ def encode(array: np.ndarray, stride: int = 1) -> bytes:
 
 def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
     """The inverse of ``encode``, as the viewer does it."""
-    dtype = {2: np.dtype("<u2"), 4: np.dtype("<u4")}[itemsize]
+    dtype: np.dtype[Any] = np.dtype(f"<u{itemsize}")
     planes = np.frombuffer(data, dtype=np.uint8).reshape(itemsize, n)
     zigzag = np.ascontiguousarray(planes.T).view(dtype).ravel()
     step = (zigzag >> 1) ^ (np.zeros_like(zigzag) - (zigzag & 1))
@@ -133,7 +133,7 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES) -> Display:
     place = np.empty(len(ids), dtype=np.int64)
     place[order] = np.arange(len(ids))
     faces = place[faces]
-    first = faces.argmin(axis=1)                     # turn each triangle so that its lowest corner leads
+    first = faces.argmin(axis=1)  # turn each triangle so that its lowest corner leads
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
     return Display(ids[order], faces, thinned=len(ids) < len(used))
@@ -144,7 +144,7 @@ def _decimated(cortex: Cortex, keep: float) -> tuple[NDArray[np.int64], Faces]:
     from scipy.spatial import cKDTree
 
     middle = (cortex.pial.verts + cortex.white.verts) / 2
-    small = pv.PolyData.from_regular_faces(middle, cortex.faces).decimate(1.0 - keep)
+    small = pv.PolyData.from_regular_faces(middle, cortex.faces.astype(int)).decimate(1.0 - keep)
     _, near = cKDTree(middle).query(np.asarray(small.points), k=12)
     chosen = distinct(near)
     ids, place = np.unique(chosen, return_inverse=True)

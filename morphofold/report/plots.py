@@ -20,7 +20,7 @@ DASHES = ("", "7 3", "2 3", "9 3 2 3")
 
 @cache
 def environment() -> Environment:
-    """The templates of the report, with escaping on for every one of them."""
+    """The templates of the report, escaping on in all of them."""
     env = Environment(
         loader=PackageLoader("morphofold.report", "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
@@ -33,7 +33,7 @@ def environment() -> Environment:
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
-    """Round numbers between low and high, about ``about`` of them, steps of 1, 2 or 5 times a power of ten."""
+    """About ``about`` round numbers from low to high, steps of 1, 2 or 5 times a power of ten."""
     raw = (high - low) / max(about, 1)
     if not raw > 0:
         return [low]
@@ -45,7 +45,7 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
 
 
 def number(x: float | int | None, digits: int = 3) -> str:
-    """A number as a reader wants it: ``digits`` figures, narrow spaces between thousands, a real minus, en dash for None."""
+    """A number for a reader: ``digits`` figures, spaced thousands, a real minus, a dash for None."""
     if x is None or (isinstance(x, float) and not np.isfinite(x)):
         return "–"
     if isinstance(x, bool | str):
@@ -67,7 +67,7 @@ class Axes:
     y: tuple[float, float]
     width: float = 430.0
     height: float = 250.0
-    margin: tuple[float, float, float, float] = (12.0, 14.0, 44.0, 54.0)   # top right bottom left
+    margin: tuple[float, float, float, float] = (12.0, 14.0, 44.0, 54.0)  # top right bottom left
     items: list[dict[str, Any]] = field(default_factory=list)
 
     def px(self, x: Any) -> Any:
@@ -149,16 +149,15 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[dict[str, Any]]) -> Markup | None:
+def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float, str]]) -> Markup | None:
     """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
 
     Parameters
     ----------
     clouds : sequence of dict
-        ``name``, ``colour``, ``marker``, ``points`` (list of dict with ``cortical``, ``gyral``, ``label``), ``bins`` (same, with
-        ``low`` and ``high`` quartiles), ``fit`` (dict with ``slope``, ``intercept``) or None. All in mm.
-    lines : sequence of dict
-        ``slope`` [mm/mm] and ``label``.
+        ``name``, ``colour``, ``marker``; ``points`` and ``bins`` with attributes ``cortical`` and ``gyral`` [mm],
+        ``label`` and, for bins, quartiles ``low`` and ``high``; ``fit`` with ``slope`` and ``intercept``, or None.
+    lines : sequence of (slope [mm/mm], label)
 
     Returns
     -------
@@ -167,23 +166,30 @@ def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[dict[str, A
     marks = [p for c in clouds for p in (*c["points"], *c["bins"])]
     if not marks:
         return None
-    right = 1.12 * max(p["cortical"] for p in marks)
-    top = 1.12 * max(max(p["gyral"], p.get("high") or 0) for p in marks)
+    right = 1.12 * max(p.cortical for p in marks)
+    top = 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
     axes = Axes((0.0, right), (0.0, top), width=880, height=430, margin=(14, 18, 46, 58))
-    for line in lines:
-        end = min(right, top / line["slope"])
-        axes.items.append({"kind": "theory", "d": axes.path([0, end], [0, end * line["slope"]]), "title": line["label"]})
+    for slope, label in lines:
+        end = min(right, top / slope)
+        axes.items.append({"kind": "theory", "d": axes.path([0, end], [0, end * slope]), "title": label})
     for i, cloud in enumerate(clouds):
-        marker, colour = cloud["marker"], cloud["colour"]
-        at = lambda p: {"x": float(axes.px(p["cortical"])), "y": float(axes.py(p["gyral"])), "colour": colour}
-        for p in cloud["bins"]:
-            axes.items.append({**at(p), "kind": "bar", "y0": float(axes.py(p["low"])), "y1": float(axes.py(p["high"])),
-                               "title": f"{cloud['name']}, {p['label']}"})  # fmt: skip
-        if cloud["fit"] and len(cloud["points"]) > 1:
-            x = np.array([min(p["cortical"] for p in cloud["points"]), max(p["cortical"] for p in cloud["points"])])
-            y = cloud["fit"]["intercept"] + cloud["fit"]["slope"] * x
-            axes.items.append({"kind": "fit", "d": axes.path(x, y), "colour": colour, "dash": DASHES[i % len(DASHES)]})
-        for p in cloud["points"]:
-            title = f"{cloud['name']}, {p['label']}: {number(p['gyral'])} mm at {number(p['cortical'])} mm"
-            axes.items.append({**at(p), "kind": "point", "marker": marker, "big": len(cloud["points"]) == 1, "title": title})
+        _draw_cloud(axes, cloud, DASHES[i % len(DASHES)])
     return axes.render("Cortical thickness [mm]", "Gyral thickness [mm]", "Gyral thickness against cortical thickness")
+
+
+def _draw_cloud(axes: Axes, cloud: dict[str, Any], dash: str) -> None:
+    name, colour, points = cloud["name"], cloud["colour"], cloud["points"]
+
+    def add(p: Any, kind: str, title: str, **more: Any) -> None:
+        place = {"x": float(axes.px(p.cortical)), "y": float(axes.py(p.gyral))}
+        axes.items.append({"kind": kind, "colour": colour, "title": title, **place, **more})
+
+    for p in cloud["bins"]:
+        add(p, "bar", f"{name}, {p.label}", y0=float(axes.py(p.low)), y1=float(axes.py(p.high)))
+    if cloud["fit"] is not None:
+        x = np.array([min(p.cortical for p in points), max(p.cortical for p in points)])
+        d = axes.path(x, cloud["fit"].intercept + cloud["fit"].slope * x)
+        axes.items.append({"kind": "fit", "d": d, "colour": colour, "dash": dash})
+    for p in points:
+        title = f"{name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm"
+        add(p, "point", title, marker=cloud["marker"], big=len(points) == 1)

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 
 def png_bytes(image: NDArray[np.uint8]) -> bytes:
-    """A (height, width, 3) uint8 picture as the bytes of a PNG file; each row is stored as differences upwards."""
+    """A (height, width, 3) uint8 picture as the bytes of a PNG file."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ValueError(f"a picture must be (height, width, 3) uint8, got {image.shape} {image.dtype}.")
     height, width, _ = image.shape
-    rows = np.full((height, 1 + 3 * width), 2, dtype=np.uint8)          # filter type 2: "up"
+    rows = np.full((height, 1 + 3 * width), 2, dtype=np.uint8)  # filter type 2: "up"
     flat = image.reshape(height, 3 * width)
     rows[0, 1:] = flat[0]
-    rows[1:, 1:] = flat[1:] - flat[:-1]                                 # uint8 wraps, as PNG wants
+    rows[1:, 1:] = flat[1:] - flat[:-1]  # uint8 wraps, as PNG wants
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -28,7 +28,7 @@ def png_bytes(image: NDArray[np.uint8]) -> bytes:
 
 
 def lettering(text: str, size: int, bold: bool = False) -> NDArray[np.float64]:
-    """How much ink lies on each pixel, (height, width) in 0..1, of one line of text; VTK's own font, no display.
+    """How much ink lies on each pixel, (height, width) in 0..1, of a line of text; VTK's font, no display.
 
     The picture is as high for every text of one size, with the baseline on the same row.
     """

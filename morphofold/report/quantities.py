@@ -26,9 +26,9 @@ class Quantity:
 
 QUANTITIES = (
     Quantity("H", "Mean curvature H", "1/mm", True, (-0.5, 0.5), ("mean_curvature", "H_per_mm")),
-    Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1.0, 5.0), ("cortical_thickness_mm", "thickness")),
-    Quantity("gyral_thickness", "Gyral thickness", "mm", False, (4.0, 20.0), ("gyral_thickness_mm", "gyral_width")),
-    Quantity("sulcal_depth", "Sulcal depth", "mm", False, (0.0, 20.0), ("sulcal_depth_mm", "depth", "depth_mm")),
+    Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1, 5), ("cortical_thickness_mm",)),
+    Quantity("gyral_thickness", "Gyral thickness", "mm", False, (4, 20), ("gyral_thickness_mm",)),
+    Quantity("sulcal_depth", "Sulcal depth", "mm", False, (0, 20), ("sulcal_depth_mm", "depth", "depth_mm")),
     Quantity("local_gyrification_index", "Local gyrification index", "", False, (1.0, 5.0), ("lgi",)),
     Quantity("K", "Gaussian curvature K", "1/mm²", True, (-0.1, 0.1), ("gaussian_curvature", "K_per_mm2")),
     Quantity("k1", "Largest curvature k₁", "1/mm", True, (-0.6, 0.6)),
@@ -38,6 +38,8 @@ QUANTITIES = (
     Quantity("area", "Vertex area", "mm²", False, None, ("area_mm2", "area_pial_mm2")),
 )  # fmt: skip
 MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
+
+RATIO = "gyral_to_cortical_ratio"  # median gyral over mean cortical thickness, made by compare
 
 SCALAR_WORDS = {
     "n_vertices": ("Vertices", ""),
@@ -58,11 +60,10 @@ SCALAR_WORDS = {
     "crest_length_mm": ("Length of crests", "mm"),
     "gyral_to_cortical_slope": ("Slope, gyral on cortical thickness", "mm/mm"),
     "gyral_to_cortical_r": ("Correlation, gyral with cortical thickness", ""),
-    "gyral_to_cortical_ratio": ("Gyral / cortical thickness", ""),
+    RATIO: ("Gyral / cortical thickness", ""),
 }
 HEADLINES = (
-    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", "gyral_to_cortical_ratio",
-    "mean_sulcal_depth_mm",
+    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
 )  # fmt: skip
 
 _UNITS = (("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))

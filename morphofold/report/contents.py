@@ -1,0 +1,172 @@
+"""What the tables and sentences of a page say: a ``Comparison`` turned into plain rows for the template."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.report.plots import number
+from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
+
+if TYPE_CHECKING:
+    from morphofold.compare import Comparison
+
+PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
+REGION_COLUMNS = (
+    "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
+)  # fmt: skip
+Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One surface of a page: what it is called there, and its colour and marker in charts."""
+
+    name: str
+    measures: Measures
+    colour: str
+    marker: str = "circle"
+
+    @property
+    def kind(self) -> str:
+        """One line about the surface, for below its name."""
+        cortex = self.measures.cortex
+        facts = [cortex.origin if cortex.origin != "files" else "", cortex.name, cortex.hemi]
+        if "g" in cortex.info:
+            facts.append(f"growth {_word(cortex.info['g'])}")
+        return " · ".join(f for f in facts if f)
+
+
+def headlines(entries: Sequence[Entry], comparison: Comparison) -> Rows:
+    """The few scalars of the first screen, those that at least one surface has."""
+    return scalars(entries, comparison, HEADLINES)
+
+
+def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str] = ()) -> Rows:
+    """One row per scalar, values in the order of the entries; scalars that no surface has are left to ``notes``."""
+    table = {row["measure"]: row for row in comparison.table}
+    rows = []
+    for key in keys or table:
+        values = [table[key][e.name] for e in entries]
+        if any(v is not None for v in values):
+            label, unit = scalar_words(key)
+            rows.append({"key": key, "label": label, "unit": unit, "values": values})
+    return rows
+
+
+def verdict(comparison: Comparison) -> list[str]:
+    """The result in a sentence: gyral over cortical thickness, and what linear theory puts beside it."""
+    ratio = next(row for row in comparison.table if row["measure"] == RATIO)
+    known = [f"{number(ratio[name])} in {name}" for name in comparison.names if ratio[name] is not None]
+    if not known:
+        return []
+    theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
+    return [
+        f"Width of a gyrus over thickness of the cortex: {'; '.join(known)}. "
+        f"Linear wrinkling theory puts the wavelength, gyrus and sulcus together, at {theory}."
+    ]
+
+
+def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
+    """What the points of each surface are, and the line through them."""
+    words = {"region": "regions", "crest": "crests"}
+    return [
+        {"entry": e, "fit": c.fit, "points": f"{len(c.points)} {words[c.kind]}" if c.kind in words else "whole surface"}
+        for e, c in zip(entries, comparison.clouds)
+        if c.points
+    ]
+
+
+def notes(entries: Sequence[Entry]) -> Rows:
+    """What could not be had and why, each reason once with the surfaces it concerns."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for e in entries:
+        for key, why in e.measures.notes.items():
+            found.setdefault((scalar_words(key)[0], why), []).append(e.name)
+    silent = [
+        k for k in SCALARS if all(e.measures.scalars.get(k) is None and k not in e.measures.notes for e in entries)
+    ]
+    if silent:
+        words = "; ".join(scalar_words(k)[0] for k in silent)
+        found["Without a reason recorded", words] = [e.name for e in entries]
+    return [
+        {"label": label, "why": why, "who": ", ".join(who) if len(who) < len(entries) else ""}
+        for (label, why), who in sorted(found.items())
+    ]
+
+
+def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a reader should know about the surfaces as drawn; ``shown`` is what ``pack`` says of each."""
+    said = []
+    for e, meta in zip(entries, shown):
+        cortex = e.measures.cortex
+        if meta["thinned"]:
+            drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
+            said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; every number is from all of them.")
+        if cortex.portion != 1:
+            share = f"{cortex.portion:.3g} of the closed surface of {e.name}"
+            said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
+        if cortex.cortex is not None and not cortex.cortex.all():
+            out = number(int((~cortex.cortex).sum()))
+            said.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
+    return said
+
+
+def regions(entries: Sequence[Entry]) -> Rows:
+    """A table of regions for every surface that has them."""
+    columns = [scalar_words(k) for k in REGION_COLUMNS]
+    return [
+        {
+            "entry": e,
+            "columns": columns,
+            "rows": [
+                {"region": r.get("region"), "values": [r.get(k) for k in REGION_COLUMNS]} for r in e.measures.regions
+            ],
+        }
+        for e in entries
+        if e.measures.regions
+    ]
+
+
+def parameters(entries: Sequence[Entry]) -> Rows:
+    """Scales and options used, one row per name."""
+    return _side_by_side([e.measures.parameters for e in entries])
+
+
+def facts(entries: Sequence[Entry]) -> Rows:
+    """What came with the surfaces."""
+    cortices = [e.measures.cortex for e in entries]
+    return _side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
+
+
+def _side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
+    keys = dict.fromkeys(k for column in columns for k in column)
+    return [{"key": k, "values": [_word(column.get(k)) for column in columns]} for k in keys]
+
+
+def _word(value: Any) -> str:
+    if value is None or isinstance(value, str):
+        return value or "–"
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return f"{value:.4g}".replace("-", "−")
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {_word(v)}" for k, v in value.items())
+    return ", ".join(map(_word, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def versions() -> list[tuple[str, str]]:
+    """Name and version of the packages that had a part in the numbers."""
+
+    def version(name: str) -> str:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            return "not installed as a package"
+
+    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]
