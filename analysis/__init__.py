@@ -1,4 +1,59 @@
-"""The measuring room: one set of measures for simulated and real cortices."""
+"""The measuring room: one set of measures for simulated and real cortices.
+
+Public names load on first use. No file here may bear the name of one of them: Python would put the module in the
+function's place as soon as anything imported it (hence ``_curvature.py``).
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 if __name__ != "morphofold.analysis":
-    raise ImportError("this folder is imported as morphofold.analysis, never as analysis: use `import morphofold.analysis`")
+    raise ImportError(
+        "this folder is imported as morphofold.analysis, never as analysis: use `import morphofold.analysis`"
+    )
+
+if TYPE_CHECKING:
+    from morphofold.analysis._curvature import Curvature, FoldingIndices, curvature, folding_indices
+    from morphofold.analysis._mesh import euler_characteristic, vertex_areas, vertex_normals
+    from morphofold.analysis.depth import sulcal_depth
+    from morphofold.analysis.gyrification import gyrification_index
+    from morphofold.analysis.measures import Measures, measure
+    from morphofold.analysis.regions import region_table
+    from morphofold.analysis.thickness import GyralThickness, cortical_thickness, gyral_thickness
+
+_PUBLIC = {
+    "Curvature": "_curvature",
+    "FoldingIndices": "_curvature",
+    "GyralThickness": "thickness",
+    "Measures": "measures",
+    "cortical_thickness": "thickness",
+    "curvature": "_curvature",
+    "euler_characteristic": "_mesh",
+    "folding_indices": "_curvature",
+    "gyral_thickness": "thickness",
+    "gyrification_index": "gyrification",
+    "measure": "measures",
+    "region_table": "regions",
+    "sulcal_depth": "depth",
+    "vertex_areas": "_mesh",
+    "vertex_normals": "_mesh",
+}
+__all__ = [
+    "Curvature", "FoldingIndices", "GyralThickness", "Measures", "cortical_thickness", "curvature",
+    "euler_characteristic", "folding_indices", "gyral_thickness", "gyrification_index", "measure", "region_table",
+    "sulcal_depth", "vertex_areas", "vertex_normals",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'morphofold.analysis' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"morphofold.analysis.{_PUBLIC[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

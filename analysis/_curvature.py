@@ -125,7 +125,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction
     if lost.any():
         normals[lost] = unit(ring[lost] @ normals)
-    return Curvature(*_fit(verts, normals, ring.indptr, ring.indices, float(scale)), float(scale))
+    k1, k2, d1, d2, fitted = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
+    return Curvature(k1, k2, d1, d2, fitted, float(scale))
 
 
 @dataclass(frozen=True)
@@ -317,7 +318,7 @@ def _solve(A, b, order):
 def _principal(i, a, radius, frame, k1, k2, d1, d2, out):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
     p, q = a[1], a[2]
-    E, F, G = 1.0 + p * p, p * q, 1.0 + q * q
+    E, F = 1.0 + p * p, p * q
     D2 = 1.0 + p * p + q * q                    # E G - F^2
     D = math.sqrt(D2)
     L, M, N = -2.0 * a[3] / D, -a[4] / D, -2.0 * a[5] / D       # minus: a hill is convex

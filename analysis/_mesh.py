@@ -42,8 +42,8 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
 
     They sum to the area of the surface. 0 at a vertex that no face uses.
     """
-    third = face_areas(verts, faces) / 3
-    return np.bincount(faces.ravel(), np.repeat(third, 3), len(verts))
+    third = np.repeat(face_areas(verts, faces) / 3, 3)
+    return np.bincount(faces.ravel(), third, len(verts)).astype(np.float64)
 
 
 def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from morphofold.surface import Cortex, PerVertex
 
@@ -35,3 +37,168 @@ class Measures:
     arms: list[dict[str, Any]] = field(default_factory=list, repr=False)
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+
+CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
+COARSE = 2.5            # mean edges that the curvature scale has at least
+FREESURFER_CAP = 5.0    # [mm], FreeSurfer's bound on thickness, for its own subjects only
+LATER = "Crest lines and hinges are not measured by this version."
+
+
+def measure(
+    cortex: Cortex,
+    *,
+    curvature_scale: float | None = None,
+    gyral: Mapping[str, Any] | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Measures:
+    """Everything the measuring room says of one cortex, by the same code whatever its origin.
+
+    Parameters
+    ----------
+    cortex : Cortex
+        White and pial surface [mm]; its mask, regions and maps are used where it has them.
+    curvature_scale : float, optional
+        Radius of the neighbourhoods of curvature [mm]. None: 3, but at least 2.5 mean edges of either surface. Pass
+        one number to compare surfaces of different resolution.
+    gyral : mapping, optional
+        Options for :func:`morphofold.analysis.gyral_thickness`.
+    progress : callable, optional
+        Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.
+
+    Returns
+    -------
+    Measures
+        Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
+        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness.
+        Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
+        name does not, and why it is None where it is.
+
+    Notes
+    -----
+    Cortex is what the cortex label says, without vertices where white and pial coincide (FreeSurfer closes the medial
+    wall so, and without a label that is the only sign of it). Areas, Euler characteristic, gyrification and folding
+    indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex.
+    """
+    from morphofold.analysis import _mesh, depth, gyrification, regions, thickness
+    from morphofold.analysis._curvature import curvature, folding_indices
+
+    tell = progress or (lambda what, share: None)
+    white, pial, faces = cortex.white, cortex.pial, cortex.faces
+    notes = dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm"), LATER)
+
+    tell("areas", 0.0)
+    area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
+    coarse = COARSE * max(_mesh.mean_edge_length(s.verts, faces) for s in (white, pial))
+    scale = max(CURVATURE_SCALE, coarse) if curvature_scale is None else float(curvature_scale)
+
+    tell("cortical thickness", 0.05)
+    cap = FREESURFER_CAP if cortex.origin == "FreeSurfer" else None
+    cortical = thickness.cortical_thickness(white, pial, mode="surface", cap=cap)
+    mask = np.any(white.verts != pial.verts, axis=1)
+    if cortex.cortex is not None:
+        mask &= cortex.cortex
+    notes["mean_cortical_thickness_mm"] = (
+        "Plain mean over the vertices of the cortex of half the sum of both closest distances between white and "
+        + (f"pial, each at most {cap:g} mm as in FreeSurfer." if cap else "pial, without an upper bound.")
+        + (" The file's own thickness is the map thickness_file." if "thickness" in cortex.maps else "")
+    )
+
+    tell("curvature", 0.3)
+    bent = curvature(pial.verts, faces, scale)
+    folding = folding_indices(curvature(white.verts, faces, scale), area_white)
+    notes["folding_index"] = notes["intrinsic_curvature_index"] = (
+        f"Of the whole white surface, curvature within {scale:.2f} mm; FreeSurfer's definition, but its curvature is "
+        f"of one or two rings, so values differ. The integral of K over 4 pi is {folding.total:.2f}; Gauss-Bonnet asks "
+        f"for {_mesh.euler_characteristic(faces) / 2:g}; the rest is noise and folds finer than the scale."
+    )
+
+    tell("sulcal depth", 0.5)
+    sulcal = depth.sulcal_depth(pial.verts, faces)
+    notes["mean_sulcal_depth_mm"] = "Mean over the pial area of the cortex of the distance to the convex hull."
+    notes["gyrification_index"] = "Area of the whole pial surface over the area of its convex hull."
+
+    tell("gyral thickness", 0.6)
+    across = thickness.gyral_thickness(cortex, **(gyral or {}))
+    notes["median_gyral_thickness_mm"] = across.reason or (
+        f"Wall to wall at mid-height on the pial surface; folds by a smoothing length of {across.scale:.1f} mm; "
+        f"{across.coverage:.0%} of the mid-height contour could be measured, quartiles {across.lower:.1f} and "
+        f"{across.upper:.1f} mm."
+    )
+    notes["wavelength_mm"] = across.reason or (
+        "Twice the pial area of the cortex over the length of its mid-height contour: the way along the surface from "
+        "fundus to fundus."
+    )
+
+    def of_cortex(values: PerVertex) -> PerVertex:
+        return np.where(mask, values, np.nan)
+
+    maps = {name: of_cortex(getattr(bent, name)) for name in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
+    maps["sulcal_depth"] = of_cortex(sulcal)
+    maps["cortical_thickness"] = of_cortex(cortical)
+    maps["gyral_thickness"] = of_cortex(across.per_vertex)
+    maps["area"] = area_white
+    if "thickness" in cortex.maps:
+        maps["thickness_file"] = of_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
+
+    tell("regions", 0.95)
+    rows = regions.region_table(cortex, maps, across)
+    slope, r, why = _gyral_on_cortical(rows)
+    if rows:
+        notes["regions"] = (
+            "NumVert, area and thickness as mris_anatomical_stats counts them. n_hinges, crest_length_mm and "
+            "gyrification_index of a region are not measured by this version."
+        )
+    notes["gyral_to_cortical_slope"] = notes["gyral_to_cortical_r"] = why
+    scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
+    scalars.update(
+        n_vertices=cortex.n_vertices,
+        euler_characteristic=_mesh.euler_characteristic(faces),
+        area_pial_mm2=float(area_pial.sum()),
+        area_white_mm2=float(area_white.sum()),
+        gyrification_index=gyrification.gyrification_index(pial.verts, faces),
+        folding_index=folding.folding_index,
+        intrinsic_curvature_index=folding.intrinsic_curvature_index,
+        mean_cortical_thickness_mm=_mean(maps["cortical_thickness"]),
+        mean_sulcal_depth_mm=_mean(maps["sulcal_depth"], area_pial),
+        median_gyral_thickness_mm=_number(across.median),
+        wavelength_mm=_number(across.wavelength),
+        gyral_to_cortical_slope=slope,
+        gyral_to_cortical_r=r,
+    )
+    parameters = {
+        "curvature_scale_mm": scale,
+        "curvature_map_surface": "pial",
+        "folding_index_surface": "white",
+        "cortical_thickness_mode": "surface",
+        "cortical_thickness_cap_mm": cap,
+        "cortex_mask": "label, and white off pial" if cortex.cortex is not None else "white off pial",
+        "cortex_vertices": int(np.count_nonzero(mask)),
+        "gyral_scale_mm": _number(across.scale),
+        "gyral_coverage": _number(across.coverage),
+    }
+    tell("done", 1.0)
+    return Measures(cortex, scalars, maps, rows, parameters=parameters, notes=notes)
+
+
+def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
+    """Mean over the finite values; None if there are none."""
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    return float(np.average(values[known], weights=None if weights is None else weights[known]))
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _gyral_on_cortical(rows: list[dict[str, Any]]) -> tuple[float | None, float | None, str]:
+    """Slope and correlation of the regions' median gyral on their mean cortical thickness, and a note."""
+    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in rows]
+    x, y = np.array([p for p in pairs if None not in p], dtype=np.float64).reshape(-1, 2).T
+    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return None, None, f"A line needs three regions with both thicknesses that differ; there are {len(x)}."
+    dx, dy = x - x.mean(), y - y.mean()
+    slope, r = dx @ dy / (dx @ dx), dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))
+    return float(slope), float(r), f"Least squares over {len(x)} regions: median gyral on mean cortical thickness."

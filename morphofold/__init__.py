@@ -20,8 +20,8 @@ _PUBLIC = {
     "read_surface": "morphofold.io",
     "measure": "morphofold.analysis.measures",
     "Measures": "morphofold.analysis.measures",
-    "compare": "morphofold.compare",
-    "simulate": "morphofold.sim.run",
+    "compare": "morphofold.comparison",
+    "simulate": "morphofold.simulation",
 }
 __all__ = ["__version__", *_PUBLIC]
 

@@ -119,8 +119,8 @@ def bumpy_sphere(
 ) -> Shape:
     """Sphere with hills, ``r = radius (1 + amplitude Y)``, Y the real orthonormal harmonic of degree 6, order 3.
 
-    Y lies between -0.65 and 0.65. At amplitude 0.2 the surface has hills, valleys and saddles with curvatures several times
-    1/radius. Irregular if ``rng`` (a generator or a seed) is given.
+    Y lies between -0.65 and 0.65. At amplitude 0.2 the surface has hills, valleys and saddles with curvatures
+    several times 1/radius. Irregular if ``rng`` (a generator or a seed) is given.
     """
     verts, faces = _sphere(level, rng)
     harmonic, _, _ = _harmonic_6_3(verts)

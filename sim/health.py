@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 
 from morphofold.surface import Surface
 

@@ -5,9 +5,10 @@ the element, and a weak local volumetric term: with A = F G^-1, J = det A, and w
 
     W = sum_q w_q [ mu/2 (J^-2/3 tr(A^T A) - 3) + mu (J - 1)^2 ] + kappa/2 V (v/V - 1)^2,   V = sum w, v = sum w J.
 
-Everything is written in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and C = dxi/dX G^-1 G^-T (dxi/dX)^T
-one has tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers of C and w, and growth of any
-kind is a change of these seven. The derivative with respect to D is w mu J^-2/3 D C + s cof D.
+Everything is written in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and
+C = dxi/dX G^-1 G^-T (dxi/dX)^T one has tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers of
+C and w, and growth of any kind is a change of these seven. The derivative with respect to D is
+w mu J^-2/3 D C + s cof D.
 
 Elements lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane running fastest, so that
 each loop over lanes becomes vector instructions (unsigned indices and constant row offsets: otherwise LLVM can't
@@ -145,7 +146,7 @@ def _volume_ratio(d, c):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _corners(q, r):
-    """Minus the gradient for coordinate r of the eight corners, from dW/dD of the eight points; transpose of _edges."""
+    """Minus the gradient for coordinate r of the eight corners, from dW/dD of the eight points: _edges transposed."""
     a, b, c = r, 3 + r, 6 + r
     s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
     t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
@@ -258,7 +259,8 @@ def grow(point, point0, radial, stretch, tangential):
             det = g * g if tangential else g * g * g
             for q in range(8):
                 row = q * POINT * WIDTH + l
-                n0, n1, n2 = radial[b, 3 * q * WIDTH + l], radial[b, (3 * q + 1) * WIDTH + l], radial[b, (3 * q + 2) * WIDTH + l]
+                n = 3 * q * WIDTH + l
+                n0, n1, n2 = radial[b, n], radial[b, n + WIDTH], radial[b, n + 2 * WIDTH]
                 nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
                 for k in range(6):
                     point[b, row + k * WIDTH] = s * point0[b, row + k * WIDTH] + t * nn[k]

@@ -17,6 +17,7 @@ from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.sim.scene import Scene, load_scene
 from morphofold.surface import Cortex
+from morphofold.threads import set_threads
 
 Progress = Callable[[float, str], None]
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
@@ -100,7 +101,7 @@ def simulate(
     folder = Path(scene.name if out is None else out)
     if _claim(folder, scene, resume):
         return Simulation(folder, scene)
-    _set_threads(threads)
+    set_threads(threads)
     _Run(scene, folder, progress, describe).go()
     return Simulation(folder, scene)
 
@@ -118,19 +119,10 @@ def _claim(folder: Path, scene: Scene, resume: bool) -> bool:
             temporary.write_text(scene.to_toml())
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; go on with it (--resume), or choose another folder with -o.")
+        raise FileExistsError(f"{folder}: holds a simulation; go on with it by --resume, or choose another with -o.")
     if load_scene(written) != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder with -o.")
     return (folder / "health.json").exists()
-
-
-def _set_threads(threads: int | None) -> None:
-    import numba
-
-    most = numba.config.NUMBA_NUM_THREADS
-    if threads is not None and not 1 <= threads <= most:
-        raise ValueError(f"threads must be 1 to {most} on this machine, got {threads}.")
-    numba.set_num_threads(most if threads is None else threads)
 
 
 class _Run:
@@ -179,6 +171,7 @@ class _Run:
             stages.append(self._write_stage(g))
         self._note()
         self._write_log()
+        effects = self.scene.effects
         warnings = [sentence for stage in stages for sentence in broken_bounds(stage)]
         body = self.body
         self._write_json(
@@ -195,8 +188,8 @@ class _Run:
                 "steps": self.dynamics.state.step,
                 "seconds": round(time.perf_counter() - self.started, 2),
                 "seconds_by_phase": {k: round(v, 3) for k, v in self.dynamics.seconds.items()},
-                "effects": list(self.scene.effects.named),
-                "effects_left_out": [n for n in type(self.scene.effects).model_fields if n not in self.scene.effects.named],
+                "effects": list(effects.named),
+                "effects_left_out": [n for n in type(effects).model_fields if n not in effects.named],
             },
         )
         (self.out / "checkpoint.npz").unlink(missing_ok=True)

@@ -34,7 +34,7 @@ class Geometry(_Table):
     def _layers_fit(self) -> Geometry:
         if self.cortex_thickness >= self.radius:
             raise ValueError(
-                f"cortex_thickness {self.cortex_thickness:g} leaves no core inside radius {self.radius:g}; make it smaller"
+                f"cortex_thickness {self.cortex_thickness:g} leaves no core in radius {self.radius:g}; make it smaller"
             )
         core = self.radius - self.cortex_thickness
         if self.hole_radius >= core:
@@ -227,8 +227,8 @@ def _put(tables: dict[str, Any], setting: str) -> None:
 def _explain(problem: Mapping[str, Any], text: str, where: str) -> str:
     """One problem as: where, which key, what is wrong, what to do."""
     loc = [str(part) for part in problem["loc"]]
-    words = problem["msg"].replace(",", " ").replace(".", " ").split()
-    line = next((n for word in words if (n := _line_of(text, [*loc, word], exact=True))), None) or _line_of(text, loc)
+    words = [word.strip(".,:;()").split(".") for word in problem["msg"].split()]
+    line = next((n for word in words if (n := _line_of(text, loc + word, exact=True))), None) or _line_of(text, loc)
     at = f"{where}, line {line}" if line else where
     key = ".".join(loc) or "scene"
     if problem["type"] == "extra_forbidden":

@@ -26,7 +26,8 @@ def test_facing_nodes_are_those_of_brute_force():
     found = np.empty(n, dtype=np.int64)
     find_facing(x, body.X[:n], normals, n, 4.0, 20.0, found)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
-    d[(normals @ normals.T > -0.2) | (np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1) < 20) | (d >= 4.0)] = np.inf
+    reference = np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1)
+    d[(normals @ normals.T > -0.2) | (reference < 20) | (d >= 4.0)] = np.inf
     want = np.where(np.isfinite(d.min(axis=1)), d.argmin(axis=1), -1)
     assert (want >= 0).sum() > 50
     chosen, best = found >= 0, want >= 0
@@ -61,7 +62,7 @@ def two_sheets(distance):
 
 
 def test_sheets_within_the_gap_are_pushed_apart_and_others_left_alone():
-    contact, x, extra = two_sheets(distance=0.4)
+    _, x, extra = two_sheets(distance=0.4)
     near = np.abs(x[: len(extra), 2]) > 0.17                             # the flat middle of each sheet
     assert (np.sign(extra[near, 2]) == np.sign(x[: len(extra), 2])[near]).mean() > 0.9
     _, _, extra = two_sheets(distance=12.0)
@@ -69,7 +70,7 @@ def test_sheets_within_the_gap_are_pushed_apart_and_others_left_alone():
 
 
 def test_contact_keeps_momentum_and_angular_momentum():
-    contact, x, extra = two_sheets(distance=0.4)
+    _, x, extra = two_sheets(distance=0.4)
     size = np.abs(extra).sum()
     assert size > 0
     assert np.abs(extra.sum(axis=0)).max() < 1e-12 * size

@@ -82,7 +82,7 @@ def test_a_body_that_does_not_grow_has_exactly_no_force():
         assert np.array_equal(body.filter.forces(body.X), np.zeros((body.n_surface, 3)))
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 def test_forces_are_bitwise_equal_for_one_and_two_threads(rng):
     body = make_body(portion="half", n=12)
     body.grow(1.3)

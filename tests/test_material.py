@@ -60,4 +60,5 @@ def test_a_crushed_element_still_gives_finite_forces():
 
 def test_cofactor_is_det_times_inverse_transpose(rng):
     A = near_identity(rng, 6)
-    np.testing.assert_allclose(cofactor(A), np.linalg.det(A)[:, None, None] * np.linalg.inv(A).swapaxes(1, 2), atol=1e-12)
+    want = np.linalg.det(A)[:, None, None] * np.linalg.inv(A).swapaxes(1, 2)
+    np.testing.assert_allclose(cofactor(A), want, atol=1e-12)

@@ -132,7 +132,10 @@ def find_facing(x, X, normals, n_nodes, radius, apart, facing):
                         d = d0 * d0 + d1 * d1 + d2 * d2
                         if d >= best or j == i:
                             continue
-                        if normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2] > OPPOSED:
+                        cosine = 0.0
+                        for r in range(3):
+                            cosine += normals[i, r] * normals[j, r]
+                        if cosine > OPPOSED:
                             continue
                         e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
                         if e0 * e0 + e1 * e1 + e2 * e2 < apart * apart:

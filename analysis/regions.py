@@ -1,0 +1,81 @@
+"""Region table: from a labelled cortex and its maps to one row per region."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis._mesh import vertex_areas
+from morphofold.surface import Cortex, PerVertex
+
+if TYPE_CHECKING:
+    from morphofold.analysis.thickness import GyralThickness
+
+NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
+COLUMNS = (
+    "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
+    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index",
+)  # fmt: skip
+
+
+def region_table(
+    cortex: Cortex, maps: Mapping[str, PerVertex], gyral: GyralThickness | None = None
+) -> list[dict[str, Any]]:
+    """One row per region of the cortex that has vertices, in the order of its annotation.
+
+    Parameters
+    ----------
+    cortex : Cortex
+        With ``regions``; without them the table is empty.
+    maps : mapping of str to (N,) float64
+        ``area`` [mm^2], by default measured on the white surface; ``cortical_thickness`` and ``gyral_thickness``
+        [mm], NaN where undefined. What is missing leaves its column None.
+    gyral : GyralThickness, optional
+        Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
+
+    Returns
+    -------
+    list of dict
+        With the keys of ``COLUMNS``. ``n_vertices`` counts every vertex of the label and ``area_mm2`` sums their
+        white areas; ``cortical_thickness_mm`` and ``_sd_mm`` are the plain mean and standard deviation (over n,
+        not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
+        makes them; ``gyral_thickness_mm`` is the median. None where there is nothing to average. Vertices without
+        a region, and labels such as ``unknown`` and ``corpuscallosum``, make no row.
+
+    Raises
+    ------
+    ValueError
+        If a map has another length than the surfaces.
+    """
+    for name, values in maps.items():
+        if np.shape(values) != (cortex.n_vertices,):
+            raise ValueError(f"{cortex.name}: map {name} has shape {np.shape(values)}, not ({cortex.n_vertices},).")
+    if cortex.regions is None:
+        return []
+    area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
+    rows = []
+    for index, region in enumerate(cortex.regions.names):
+        at = np.flatnonzero(cortex.regions.labels == index)
+        if len(at) == 0 or region.lower() in NOT_CORTEX:
+            continue
+        thickness = _known(maps.get("cortical_thickness"), at)
+        widths = _known(maps.get("gyral_thickness"), at)
+        across = float(np.median(widths)) if len(widths) else np.nan
+        if gyral is not None:
+            across = gyral.median_where(cortex.regions.labels == index, cortex.faces)
+        row: dict[str, Any] = dict.fromkeys(COLUMNS)
+        row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
+        if len(thickness):
+            row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
+        if np.isfinite(across):
+            row.update(gyral_thickness_mm=across)
+        rows.append(row)
+    return rows
+
+
+def _known(values: PerVertex | None, at: np.ndarray) -> PerVertex:
+    """The finite values at some vertices."""
+    some = np.empty(0) if values is None else np.asarray(values, dtype=np.float64)[at]
+    return some[np.isfinite(some)]

@@ -1,0 +1,68 @@
+"""The ``morphofold`` command: one module per subcommand, heavy imports inside ``run``."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from morphofold import __version__
+
+#: subcommand -> what the overview says of it
+COMMANDS = {
+    "demo": "grow a cortex, measure it and a real one, write the comparison",
+    "simulate": "grow a scene into folds",
+    "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
+    "compare": "put analyses side by side",
+    "scenes": "list the built-in scenes",
+    "bench": "measure speed on this machine",
+}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line, without importing anything heavy."""
+    from rich_argparse import RichHelpFormatter
+
+    top = argparse.ArgumentParser(
+        prog="morphofold",
+        description="Grow folded cortices, read real ones, and measure both with the same ruler.",
+        formatter_class=RichHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"morphofold {__version__}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, words in COMMANDS.items():
+        module = importlib.import_module(f"morphofold.cli.{name}")
+        sub = commands.add_parser(name, help=words, description=module.__doc__, formatter_class=RichHelpFormatter)
+        module.add_args(sub)
+        sub.add_argument("-q", "--quiet", action="store_true", help="no progress")
+        sub.add_argument("--debug", action="store_true", help="show the traceback of an error")
+        sub.set_defaults(run=module.run)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted."""
+    args = parser().parse_args(argv)
+    try:
+        return args.run(args)
+    except KeyboardInterrupt:
+        print(f"morphofold {args.command}: interrupted.{getattr(args, 'on_interrupt', '')}", file=sys.stderr)
+        return 130
+    except (ValueError, TypeError, OSError, ImportError) as error:
+        if args.debug:
+            raise
+        return _fail(args.command, error, 2)
+    except Exception as error:
+        if args.debug:
+            raise
+        if type(error).__name__ == "UnstableError":                    # not imported for the sake of --help
+            return _fail(args.command, error, 1)
+        return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+
+
+def _fail(command: str, error: object, code: int) -> int:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    for line in lines:
+        print(f"morphofold {command}: {line}", file=sys.stderr)
+    return code

@@ -1,0 +1,67 @@
+"""Measure one cortex: curvature, thickness, gyral thickness, gyrification and regions, with a page to look at."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", metavar="INPUT", nargs="?", help="FreeSurfer subject, simulation or analysis folder")
+    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that INPUT has")
+    parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
+    parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
+    parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
+    parser.add_argument("--curvature-scale", type=float, metavar="MM", help="radius of curvature neighbourhoods")
+    parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
+    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis)")
+    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    parser.add_argument("--json", action="store_true", help="print summary.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.analysis.measures import measure
+    from morphofold.cli.progress import progress
+    from morphofold.io import read_cortex
+    from morphofold.results import write_analysis
+    from morphofold.threads import set_threads
+
+    set_threads(args.threads)
+    if (args.input is None) == (args.white is None and args.pial is None):
+        raise ValueError("name either INPUT, or --white and --pial.")
+    if args.input is None and (args.white is None or args.pial is None):
+        raise ValueError("--white and --pial go together; the other one is missing.")
+    if args.input is None:
+        hemi = None if args.hemi == "both" else args.hemi
+        cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
+    else:
+        hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
+        cortices = [read_cortex(args.input, hemi=hemi, name=args.name) for hemi in hemis]
+    out = Path(args.out or f"{cortices[0].name.replace('/', '-')}-analysis")
+    with progress(cortices[0].name, args.quiet) as tell:
+        measures = []
+        for i, cortex in enumerate(cortices):
+            share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
+            measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
+        tell(0.8, "writing")
+        write_analysis(measures, out, report=not args.no_report)
+        tell(1.0, "done")
+    if args.json:
+        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        return 0
+    for m in measures:
+        s = m.scalars
+        gyral = s["median_gyral_thickness_mm"]
+        print(
+            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {s['gyrification_index']:.2f}, cortical "
+            f"thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
+            f"{'n/a' if gyral is None else f'{gyral:.1f} mm'}"
+        )
+    print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
+    return 0
+
+
+def hemispheres(folder: Path) -> tuple[str, ...]:
+    """Hemispheres whose pial surface lies in ``folder`` or its surf/; ("lh",) where none does, for the reader to say."""
+    found = {p.name[:2] for place in (folder, folder / "surf") if place.is_dir() for p in place.glob("?h.pial*")}
+    return tuple(h for h in ("lh", "rh") if h in found) or ("lh",)

@@ -1,0 +1,44 @@
+"""Put analyses side by side: one page with the same colours, bins and axes for all."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("analyses", metavar="NAME=DIR", nargs="+", help="a folder that analyze wrote, and its name")
+    parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder to write")
+    parser.add_argument("--json", action="store_true", help="print comparison.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.progress import progress
+    from morphofold.comparison import compare
+    from morphofold.results import read_analysis
+
+    named: dict[str, str] = {}
+    for item in args.analyses:
+        name, equals, folder = item.partition("=")
+        if not equals or not name or not folder:
+            raise ValueError(f"{item!r} must read NAME=DIR, for example model=fig5-analysis.")
+        if name in named:
+            raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
+        named[name] = folder
+    with progress("compare", args.quiet) as tell:
+        measures = {}
+        for i, (name, folder) in enumerate(named.items()):
+            tell(0.3 * i / len(named), f"reading {name}")
+            measures[name] = read_analysis(folder)
+        tell(0.3, "drawing")
+        comparison = compare(measures)
+        page = comparison.report(args.out)
+        tell(1.0, "done")
+    if args.json:
+        print(page.with_name("comparison.json").read_text(encoding="utf-8"), end="")
+        return 0
+    for row in comparison.table:
+        if row["measure"] in ("gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"):
+            values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
+            print(f"{row['measure']}: {values}")
+    print(f"-> {page}")
+    return 0

@@ -1,0 +1,52 @@
+"""The main job from end to end: grow a folded cortex, measure it and two real hemispheres, write the comparison."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")
+    parser.add_argument("--scene", default="demo", help="scene to grow (default: demo)")
+    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.analysis.measures import measure
+    from morphofold.cli.progress import progress
+    from morphofold.comparison import compare
+    from morphofold.io import read_cortex, sample_path
+    from morphofold.results import write_analysis
+    from morphofold.sim.scene import load_scene
+    from morphofold.simulation import simulate
+
+    out, started = Path(args.out), time.monotonic()
+    scene = load_scene(args.scene)
+    args.on_interrupt = " Run it again to go on from the last checkpoint."
+    with progress("grow   ", args.quiet) as tell:
+        simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=tell)
+    cortices = {
+        "model": simulation.cortex(),
+        "individual": read_cortex(sample_path("S1"), hemi="lh", name="S1"),
+        "average": read_cortex(sample_path("fsaverage5"), hemi="lh", name="fsaverage5"),
+    }
+    measures = {}
+    with progress("measure", args.quiet) as tell:
+        for i, (name, cortex) in enumerate(cortices.items()):
+            measures[name] = measure(
+                cortex, progress=lambda what, part, i=i, name=name: tell((i + part) / 3, f"{name}: {what}")
+            )
+        tell(1.0, "done")
+    with progress("write  ", args.quiet) as tell:
+        for i, (name, m) in enumerate(measures.items()):
+            tell(i / 4, name)
+            write_analysis([m], out / name, report=False)
+        tell(0.75, "comparison")
+        page = compare(measures).report(out / "comparison")
+        tell(1.0, "done")
+    for name, m in measures.items():
+        print(f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}")
+    print(f"{time.monotonic() - started:.0f} s -> {page}")
+    return 0

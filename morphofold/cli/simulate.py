@@ -1,0 +1,42 @@
+"""Grow a scene into folds and write its stages as FreeSurfer-shaped subjects."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
+    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: the scene's name)")
+    parser.add_argument(
+        "--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[],
+        help="change one value of the scene, e.g. growth.final=1.8; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in DIR")
+    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    parser.add_argument("--json", action="store_true", help="print health.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.progress import progress
+    from morphofold.sim.scene import load_scene
+    from morphofold.simulation import simulate
+
+    scene = load_scene(args.scene, args.settings)
+    args.on_interrupt = " Go on from the last checkpoint with --resume."
+    with progress(scene.name, args.quiet) as tell:
+        simulation = simulate(scene, args.out, resume=args.resume, threads=args.threads, progress=tell)
+    health = simulation.health
+    if args.json:
+        print(json.dumps(health, indent=1))
+        return 0
+    last = health["stages"][-1]
+    print(
+        f"{simulation.path}: {len(health['stages'])} stages to g = {last['growth']:.2f}, {health['elements']:,} bricks, "
+        f"{health['steps']:,} steps in {health['seconds']:.0f} s; min J {last['min_J']:.2f}, "
+        f"overlap {last['overlap']:.2%}, {'healthy' if health['healthy'] else 'NOT healthy'}"
+    )
+    for warning in health["warnings"]:
+        print(f"warning: {warning}")
+    return 0

@@ -1,0 +1,65 @@
+"""``simulate``: grow a scene, and write each stage with the maps of a FreeSurfer subject, measured by the same code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.surface import Cortex
+
+if TYPE_CHECKING:
+    from morphofold.sim.run import Progress, Simulation
+    from morphofold.sim.scene import Scene
+
+
+def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
+    """``thickness``, ``curv``, ``sulc`` and ``area`` of a cortex as FreeSurfer subjects carry them, (N,) each.
+
+    thickness [mm]: symmetric closest distance between white and pial; curv [1/mm]: mean curvature of white, positive
+    in sulci; sulc [mm]: depth below a surface smoothed at a fifth of the mean radius, positive in sulci, mean zero
+    over the area; area [mm^2]: a third of the white triangles around each vertex.
+    """
+    from morphofold import analysis
+    from morphofold.analysis._mesh import vertex_areas
+    from morphofold.analysis.smooth import relief
+    from morphofold.io import flip_curvature_sign
+
+    white, faces = cortex.white.verts, cortex.faces
+    area = vertex_areas(white, faces)
+    scale = 0.2 * float(np.sqrt(area.sum() / (4 * np.pi)))
+    height = relief(white, faces, scale).height
+    return {
+        "thickness": analysis.cortical_thickness(cortex.white, cortex.pial, cap=None),
+        "curv": flip_curvature_sign(analysis.curvature(white, faces).H),
+        "sulc": flip_curvature_sign(height - np.average(height, weights=area)),
+        "area": area,
+    }
+
+
+def simulate(
+    source: str | Path | Scene,
+    out: str | Path | None = None,
+    *,
+    settings: Iterable[str] = (),
+    resume: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Simulation:
+    """Grow a scene and write its simulation folder; see :func:`morphofold.sim.run.simulate`.
+
+    Each stage is a FreeSurfer-shaped subject: ``surf/lh.white``, ``lh.pial`` and the maps of
+    :func:`freesurfer_maps`.
+    """
+    from morphofold.sim import run
+
+    def describe(cortex: Cortex) -> Mapping[str, NDArray[np.float64]]:
+        return freesurfer_maps(cortex)
+
+    return run.simulate(
+        source, out, settings=settings, resume=resume, threads=threads, describe=describe,
+        progress=progress or (lambda share, text: None),
+    )  # fmt: skip

@@ -1,0 +1,140 @@
+import json
+import subprocess
+import sys
+
+import meshio
+import numpy as np
+import pytest
+
+import morphofold as mf
+from morphofold.sim.run import simulate
+from morphofold.sim.scene import load_scene
+
+SMALL = [
+    "geometry.portion=octant", "accuracy.cells_per_quarter=12", "growth.final=1.6", "growth.rate=4",
+    "output.stages=[1.2]", "effects.perturbation.amplitude=0.05",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("sim") / "small"
+    mf.simulate("demo", out, settings=SMALL)
+    return out
+
+
+def test_a_simulation_folder_holds_what_was_promised(folder):
+    assert load_scene(folder / "scene.toml") == load_scene("demo", SMALL)
+    stages = sorted(p.name for p in (folder / "stages").iterdir())
+    assert stages == ["g1.20", "g1.60"]
+    for stage in stages:
+        files = {p.name for p in (folder / "stages" / stage / "surf").iterdir()}
+        assert files == {"lh.white", "lh.pial", "lh.thickness", "lh.curv", "lh.sulc", "lh.area"}
+    health = json.loads((folder / "health.json").read_text())
+    assert health["effects"] == ["contact", "perturbation"]
+    assert set(health["seconds_by_phase"]) >= {"elements", "contact"}
+    assert not (folder / "checkpoint.npz").exists()
+    assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]   # no temporary files are left
+
+
+def test_the_log_counts_steps_and_growth_upwards_and_is_strict_json(folder):
+    lines = [json.loads(line, parse_constant=pytest.fail) for line in (folder / "log.jsonl").read_text().splitlines()]
+    assert len(lines) > 20
+    assert np.all(np.diff([line["step"] for line in lines]) >= 0)
+    assert np.all(np.diff([line["growth"] for line in lines]) >= 0)
+    assert lines[-1]["growth"] == 1.6
+    assert {"strain_energy", "kinetic_energy", "min_J", "seconds", "effects"} <= set(lines[0])
+
+
+def test_stages_read_back_as_cortices_of_a_whole_sphere(folder):
+    first, last = (mf.read_cortex(folder / "stages" / g) for g in ("g1.20", "g1.60"))
+    assert mf.read_cortex(folder).info["g"] == 1.6
+    assert first.origin == "simulation"
+    assert first.portion == 0.125
+    assert first.info["reference_thickness"] == 3.0
+    # before onset the cortex is a shell between the radii of Eq. (11) and the hardly moved white surface
+    exact = (47.0**3 + 1.2**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
+    assert np.linalg.norm(first.pial.verts, axis=1).mean() == pytest.approx(exact, rel=5e-3)
+    thickness = np.linalg.norm(first.pial.verts, axis=1).mean() - np.linalg.norm(first.white.verts, axis=1).mean()
+    assert first.maps["thickness"].mean() == pytest.approx(thickness, rel=0.02)
+    assert first.maps["area"].sum() == pytest.approx(4 * np.pi * 47.0**2, rel=0.02)
+    assert first.maps["curv"].mean() == pytest.approx(-1 / 47.0, rel=0.1)   # FreeSurfer's sign: convex is negative
+    assert np.linalg.norm(last.pial.verts, axis=1).std() > 3 * np.linalg.norm(first.pial.verts, axis=1).std()
+
+
+def test_the_volume_opens_with_its_layers_and_ratios(folder):
+    mesh = meshio.read(folder / "stages" / "g1.20" / "volume.vtu")
+    corners = mesh.points[mesh.cells_dict["hexahedron"]]
+    x, y, z = (corners[:, k] - corners[:, 0] for k in (1, 3, 4))
+    assert np.einsum("ij,ij->i", np.cross(x, y), z).min() > 0              # VTK's corner order
+    layers = mesh.cell_data["cortex"][0]
+    assert 0 < layers.mean() < 1
+    np.testing.assert_allclose(mesh.points, mesh.point_data["reference"] + mesh.point_data["displacement"], atol=1e-12)
+    np.testing.assert_allclose(mesh.cell_data["volume_ratio"][0], 1.0, atol=0.2)
+
+
+def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
+    out = tmp_path / "small"
+
+    class Stop(Exception):
+        pass
+
+    def stop_late(share, text):
+        if share > 0.75:
+            raise Stop
+
+    often = [*SMALL, "output.checkpoint_minutes=1e-6"]
+    with pytest.raises(Stop):
+        simulate("demo", out, settings=often, progress=stop_late)
+    assert (out / "checkpoint.npz").exists()
+    assert (out / "stages" / "g1.20").exists()
+    simulate("demo", out, settings=often, resume=True)
+    for name in ("lh.pial", "lh.white"):
+        ends = [(o / "stages" / "g1.60" / "surf" / name).read_bytes() for o in (folder, out)]
+        assert _geometry(ends[0]) == _geometry(ends[1])
+    steps = [[json.loads(x)["step"] for x in (o / "log.jsonl").read_text().splitlines()] for o in (folder, out)]
+    assert steps[0] == steps[1]
+
+
+def _geometry(raw):
+    """A FreeSurfer surface without its comment lines, which hold the time."""
+    return raw[raw.index(b"\n\n") :]
+
+
+def test_a_finished_run_is_not_repeated(folder):
+    before = (folder / "health.json").stat().st_mtime_ns
+    assert mf.simulate("demo", folder, settings=SMALL, resume=True).stages == (1.2, 1.6)
+    assert (folder / "health.json").stat().st_mtime_ns == before
+
+
+def test_folders_of_others_are_left_alone(folder, tmp_path):
+    with pytest.raises(FileExistsError, match="--resume"):
+        simulate("demo", folder, settings=SMALL)
+    with pytest.raises(FileExistsError, match="another scene"):
+        simulate("fig5", folder, resume=True)
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(FileExistsError, match="holds no simulation"):
+        simulate("demo", tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
+    code = (
+        "import sys; from morphofold.sim.run import simulate\n"
+        "simulate('plain.toml', 'plain', settings=['growth.final=1.05'])\n"
+        "print([m for m in sys.modules if m.startswith('morphofold.sim.effects.')])"
+    )
+    (tmp_path / "plain.toml").write_text(
+        'name = "plain"\n[geometry]\ncortex_thickness = 3\nportion = "octant"\n[accuracy]\ncells_per_quarter = 8\n'
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    health = json.loads((tmp_path / "plain" / "health.json").read_text())
+    assert health["effects_left_out"] == ["contact", "perturbation"]
+    assert "contact" not in health["seconds_by_phase"]
+
+
+def test_too_many_threads_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="threads must be 1 to"):
+        simulate("demo", tmp_path / "x", threads=10_000)
+    assert not list((tmp_path / "x").glob("stages*"))
