@@ -139,6 +139,20 @@ def test_faces_that_are_no_triangles_are_refused_in_vtk(tmp_path):
     one_line(error)
 
 
+def test_a_damaged_vtp_is_refused_in_one_line_and_vtk_keeps_quiet(tmp_path, rough, capfd, caplog):
+    import pyvista
+
+    write_surface(tmp_path / "whole.vtp", rough)
+    pyvista.read(tmp_path / "whole.vtp").save(tmp_path / "a.vtp", binary=False)
+    text = (tmp_path / "a.vtp").read_text()
+    (tmp_path / "a.vtp").write_text(text.replace('NumberOfPoints="162"', 'NumberOfPoints="170"'))
+    with pytest.raises(ValueError, match=r"a\.vtp: is truncated, damaged, or not a surface in VTK format") as error:
+        read_surface(tmp_path / "a.vtp")
+    one_line(error)
+    assert capfd.readouterr() == ("", "")
+    assert not caplog.records
+
+
 def test_a_volume_mesh_without_triangles_is_refused(tmp_path):
     import meshio
 
@@ -379,7 +393,7 @@ def test_the_surf_folder_itself_stands_for_its_subject():
     assert read_cortex(sample_path("fsaverage5/surf")).regions is not None
 
 
-def simulation(folder, growths=(1.2, 1.8, 10.0)):
+def simulation(folder, growths=(1.2, 1.8, 9.5, 10.0)):
     verts, faces = icosphere(1, radius=50.0)
     for g in growths:
         stage = folder / "stages" / f"g{g:.2f}"

@@ -170,7 +170,7 @@ def read_annotation(path: StrPath) -> Regions:
     """Region labels of a FreeSurfer annotation (``?h.aparc.annot``).
 
     A vertex whose value is not in the file's colour table has label -1. Names are kept as they stand,
-    ``"unknown"`` and ``"corpuscallosum"`` among them; slots of the table that no entry fills are left out.
+    ``"unknown"`` and ``"corpuscallosum"`` among them, in the table's order.
 
     Notes
     -----
@@ -186,9 +186,7 @@ def read_annotation(path: StrPath) -> Regions:
         vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
         if not np.array_equal(np.sort(vertex), np.arange(n)):
             raise ValueError(f"its vertices are not 0..{n - 1}, each once")
-        index, names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
-    order = np.argsort(index)
-    names, colours = [names[i] for i in order], colours[order]
+        names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
     ids = colours.astype(np.int64) @ (1, 256, 65536)
     known, first = np.unique(ids, return_index=True)
     at = np.searchsorted(known, value).clip(max=len(known) - 1)
@@ -197,8 +195,8 @@ def read_annotation(path: StrPath) -> Regions:
     return Regions(labels, tuple(names), colours.astype(np.uint8), name=_annotation_name(path))
 
 
-def _colour_table(file: io.BytesIO) -> tuple[NDArray[np.int64], list[str], NDArray[np.int64]]:
-    """Slot, name and RGB of each entry; both layouts of the table."""
+def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
+    """Name and RGB of each entry, in the order of the file; both layouts of the table."""
 
     def integer() -> int:
         return int(struct.unpack(">i", file.read(4))[0])
@@ -221,15 +219,16 @@ def _colour_table(file: io.BytesIO) -> tuple[NDArray[np.int64], list[str], NDArr
     text()  # where the table came from
     if with_slots:
         count = integer()
-    index, names, colours = [], [], []
-    for i in range(count):
-        index.append(integer() if with_slots else i)
+    names, colours = [], []
+    for _ in range(count):
+        if with_slots:
+            integer()  # the slot; name and colour belong together wherever it is
         names.append(text())
         colours.append([integer() for _ in range(4)][:3])
     rgb = np.array(colours, dtype=np.int64).reshape(-1, 3)
     if not names or (rgb < 0).any() or (rgb > 255).any():
         raise ValueError("its colour table is empty or has colours outside 0..255")
-    return np.array(index), names, rgb
+    return names, rgb
 
 
 def _annotation_name(path: Path) -> str:

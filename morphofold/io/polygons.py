@@ -61,7 +61,7 @@ def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
 
 def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     """Make one vertex of those at exactly the same place, in order of first appearance."""
-    _, first, inverse = np.unique(verts + 0.0, axis=0, return_index=True, return_inverse=True)  # -0.0 is 0.0
+    _, first, inverse = np.unique(verts, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
