@@ -1,0 +1,78 @@
+"""Readable twins of the measuring room's kernels: the same mathematics in plain NumPy, one vertex at a time."""
+
+import numpy as np
+
+
+def vertex_areas(verts, faces):
+    """One third of every incident triangle, by Heron's formula."""
+    area = np.zeros(len(verts))
+    for face in faces:
+        a, b, c = (np.linalg.norm(verts[face[k]] - verts[face[k - 1]]) for k in range(3))
+        s = (a + b + c) / 2
+        for vertex in face:
+            area[vertex] += np.sqrt(s * (s - a) * (s - b) * (s - c)) / 3
+    return area
+
+
+def principal_curvatures(verts, normals, neighbours, i, scale, facing=0.2):
+    """k1, k2 and the direction of k1 at vertex i, as ``morphofold.analysis.curvature`` defines them.
+
+    ``neighbours`` is a list of lists. The neighbourhood does not grow, the fit is always cubic.
+    """
+    near, new = {i}, [i]
+    while new:
+        new = [
+            w
+            for v in new
+            for w in neighbours[v]
+            if w not in near and np.linalg.norm(verts[w] - verts[i]) < scale and normals[w] @ normals[i] > facing
+        ]
+        near.update(new)
+    near = sorted(near)
+
+    n = normals[i]
+    t1 = np.cross(n, np.eye(3)[np.argmin(abs(n))])
+    t1 /= np.linalg.norm(t1)
+    t2 = np.cross(n, t1)
+    away = verts[near] - verts[i]
+    distance = np.linalg.norm(away, axis=1)
+    flat, height = away @ np.stack([t1, t2], axis=1), away @ n
+    length = np.linalg.norm(flat, axis=1)
+    u, v = (flat * np.where(length > 0, distance / np.where(length > 0, length, 1), 0)[:, None]).T
+
+    weight = np.sqrt(normals[near] @ n * (1 - distance**2 / scale**2))
+    columns = [u**p * v**q for p in range(4) for q in range(4 - p)]
+    powers = [(p, q) for p in range(4) for q in range(4 - p)]
+    fit = np.linalg.lstsq(weight[:, None] * np.stack(columns, axis=1), weight * height, rcond=None)[0]
+    a = dict(zip(powers, fit, strict=True))
+
+    du, dv = t1 + a[1, 0] * n, t2 + a[0, 1] * n
+    outward = np.cross(du, dv) / np.linalg.norm(np.cross(du, dv))
+    first = np.array([[du @ du, du @ dv], [du @ dv, dv @ dv]])
+    second = -np.array([[2 * a[2, 0], a[1, 1]], [a[1, 1], 2 * a[0, 2]]]) * (n @ outward)
+    value, vector = np.linalg.eig(np.linalg.solve(first, second))
+    order = np.argsort(value)[::-1]
+    d1 = vector[0, order[0]] * du + vector[1, order[0]] * dv
+    return value[order[0]], value[order[1]], d1 / np.linalg.norm(d1)
+
+
+def distance_to_convex_hull(verts, points):
+    """Distance from each point inside the hull of ``verts`` to its boundary, by the nearest point of every facet."""
+    from scipy.optimize import minimize
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(verts)
+    answer = []
+    for p in points:
+        best = np.inf
+        for a, b, c in verts[hull.simplices]:
+            def squared(st, a=a, b=b, c=c, p=p):
+                return np.sum((a + st[0] * (b - a) + st[1] * (c - a) - p) ** 2)
+
+            found = minimize(
+                squared, (1 / 3, 1 / 3), method="SLSQP", bounds=((0, 1), (0, 1)), tol=1e-14,
+                constraints={"type": "ineq", "fun": lambda st: 1 - st[0] - st[1]},
+            )  # fmt: skip
+            best = min(best, np.sqrt(found.fun))
+        answer.append(best)
+    return np.array(answer)

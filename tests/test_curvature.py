@@ -1,0 +1,249 @@
+"""Curvature against exact surfaces, its reference, its laws, and meshes that are not nice."""
+
+import numba
+import numpy as np
+import pytest
+from reference import principal_curvatures
+
+from morphofold import shapes
+from morphofold.analysis import curvature, folding_indices, vertex_areas, vertex_normals
+from morphofold.analysis._mesh import adjacency, mean_edge_length
+from morphofold.io import read_surface, sample_path
+from morphofold.io.surfaces import read_morph
+
+
+def error(shape, scale, name):
+    """Relative rms error of one field."""
+    got, want = getattr(curvature(shape.verts, shape.faces, scale), name), getattr(shape, name)
+    return np.sqrt(np.mean((got - want) ** 2) / np.mean(want**2))
+
+
+@pytest.mark.parametrize("seed", [None, 1], ids=["regular", "irregular"])
+def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
+    scale, off = [], []
+    for level in (4, 5, 6):
+        shape = shapes.bumpy_sphere(level, rng=seed)
+        scale.append(2.2 * mean_edge_length(shape.verts, shape.faces))
+        off.append([error(shape, scale[-1], name) for name in ("H", "K", "k1", "k2")])
+    order = np.polyfit(np.log(scale), np.log(off), 1)[0]
+    assert np.allclose(order, 2, atol=0.15), order
+    assert np.all(np.less(off[-1], (0.0045, 0.0085, 0.0030, 0.0085))), off[-1]          # 40,962 vertices
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda rng: shapes.torus(240, 96, rng=rng), lambda rng: shapes.ellipsoid(6, rng=rng)],
+    ids=["torus", "ellipsoid"],
+)
+def test_curvature_of_an_irregular_torus_and_ellipsoid_is_within_a_fifth_of_a_percent(make, rng):
+    shape = make(rng)
+    scale = 2.2 * mean_edge_length(shape.verts, shape.faces)
+    assert max(error(shape, scale, name) for name in ("H", "K", "k1", "k2")) < 0.002
+
+
+def test_one_percent_of_noise_leaves_mean_curvature_within_four_percent(rng):
+    noisy = shapes.with_noise(shapes.bumpy_sphere(6, rng=rng), 0.01, rng=rng)
+    assert error(noisy, 4.0, "H") < 0.04
+    assert error(noisy, 4.0, "K") < 0.07
+
+
+def test_any_sphere_is_exact_however_coarse_the_scale(rng):
+    shape = shapes.sphere(4, 50.0, rng=rng)
+    c = curvature(shape.verts, shape.faces, 30.0)
+    assert np.allclose(c.k1, 1 / 50, rtol=1e-9)
+    assert np.allclose(c.k2, 1 / 50, rtol=1e-9)
+
+
+def test_principal_directions_of_a_bumpy_sphere_are_within_a_tenth_of_a_degree(rng):
+    shape = shapes.bumpy_sphere(6, rng=rng)
+    c = curvature(shape.verts, shape.faces, 2.2)
+    clear = shape.k1 - shape.k2 > 0.2 * np.sqrt(np.mean(shape.k1**2))
+    angle = np.degrees(np.arccos(np.clip(np.abs(np.sum(c.d1 * shape.d1, axis=1)), 0, 1)))[clear]
+    assert np.median(angle) < 0.1
+    triad = np.stack([c.d1, c.d2, c.normals], axis=1)
+    assert np.allclose(triad @ triad.transpose(0, 2, 1), np.eye(3), atol=1e-12)
+    assert np.allclose(np.linalg.det(triad), 1)
+
+
+def test_kernel_matches_reference(rng):
+    shape = shapes.with_noise(shapes.bumpy_sphere(4, rng=rng), 0.05, rng=rng)
+    scale = 3.5 * mean_edge_length(shape.verts, shape.faces)
+    c = curvature(shape.verts, shape.faces, scale)
+    normals = vertex_normals(shape.verts, shape.faces, "max")
+    ring = adjacency(len(shape.verts), shape.faces)
+    neighbours = np.split(ring.indices, ring.indptr[1:-1])
+    for i in rng.choice(len(shape.verts), 60, replace=False):
+        k1, k2, d1 = principal_curvatures(shape.verts, normals, neighbours, i, scale)
+        assert (c.k1[i], c.k2[i]) == pytest.approx((k1, k2), rel=1e-6, abs=1e-9)
+        assert abs(d1 @ c.d1[i]) == pytest.approx(1, abs=1e-6)
+
+
+def test_the_whole_curvature_of_a_closed_surface_is_half_its_euler_characteristic(rng):
+    for shape, half in ((shapes.bumpy_sphere(6, rng=rng), 1), (shapes.torus(rng=rng), 0)):
+        indices = folding_indices(curvature(shape.verts, shape.faces, 4.0), vertex_areas(shape.verts, shape.faces))
+        assert indices.total == pytest.approx(half, abs=0.01)
+        assert indices.intrinsic_curvature_index > 0.99
+        assert indices.negative_curvature_index < -0.5
+
+
+def test_folding_indices_of_sphere_and_torus_are_the_exact_integrals():
+    ball = shapes.sphere(5)
+    none = folding_indices(curvature(ball.verts, ball.faces), vertex_areas(ball.verts, ball.faces))
+    assert none.folding_index == pytest.approx(0, abs=1e-9)
+    assert none.intrinsic_curvature_index == pytest.approx(1, abs=1e-3)
+    # |k1| = 1/r is the larger one all over when R > 2r, so the integrand is (1 - |r cos v / (R + r cos v)|) / r^2.
+    R, r = 40.0, 16.0
+    ring = shapes.torus(240, 96, R, r)
+    v = 2 * np.pi * (np.arange(20000) + 0.5) / 20000
+    density = (1 - abs(r * np.cos(v) / (R + r * np.cos(v)))) / r**2 * (R + r * np.cos(v)) * r
+    exact = density.mean() * (2 * np.pi) ** 2 / (4 * np.pi)
+    got = folding_indices(curvature(ring.verts, ring.faces, 2.5), vertex_areas(ring.verts, ring.faces))
+    assert got.folding_index == pytest.approx(exact, rel=5e-3)
+
+
+def test_ten_times_the_size_is_a_tenth_of_the_curvature(rng):
+    shape = shapes.bumpy_sphere(4, rng=rng)
+    one, ten = curvature(shape.verts, shape.faces, 12.0), curvature(10 * shape.verts, shape.faces, 120.0)
+    assert np.allclose(one.k1, 10 * ten.k1)
+    assert np.allclose(one.k2, 10 * ten.k2)
+
+
+def test_faces_turned_inside_out_change_the_sign(rng):
+    shape = shapes.bumpy_sphere(4, rng=rng)
+    out, turned = curvature(shape.verts, shape.faces), curvature(shape.verts, shape.faces[:, ::-1])
+    assert np.allclose(out.k1, -turned.k2)
+    assert np.allclose(out.K, turned.K)
+
+
+def test_rotation_and_order_of_vertices_do_not_matter(rng):
+    shape = shapes.bumpy_sphere(4, rng=rng)
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    order = rng.permutation(len(shape.verts))
+    back = np.argsort(order)
+    moved = curvature((shape.verts @ turn.T + 100)[order], back[shape.faces], 12.0)
+    here = curvature(shape.verts, shape.faces, 12.0)
+    assert np.allclose(moved.k1[back], here.k1, atol=1e-9)
+    assert np.allclose(moved.k2[back], here.k2, atol=1e-9)
+
+
+def test_shape_index_and_curvedness_name_the_known_forms():
+    tube = shapes.cylinder()
+    c = curvature(tube.verts, tube.faces, 3.0)
+    assert np.median(c.shape_index) == pytest.approx(0.5, abs=0.01)                  # ridge
+    assert np.median(c.curvedness) == pytest.approx(0.1 / np.sqrt(2), rel=0.01)
+    ball = shapes.sphere(3)
+    assert np.allclose(curvature(ball.verts, ball.faces).shape_index, 1)
+    assert np.allclose(curvature(ball.verts, ball.faces[:, ::-1]).shape_index, -1)
+    grid = shapes.torus()
+    saddle = np.argmin(np.linalg.norm(grid.verts[:, :2], axis=1))
+    assert curvature(grid.verts, grid.faces).shape_index[saddle] == pytest.approx(
+        2 / np.pi * np.arctan((1 / 16 - 1 / 24) / (1 / 16 + 1 / 24)), abs=0.01
+    )
+
+
+def grid(x, z):
+    """A rectangle of points (x, 0, z) in two triangles a cell, facing -y."""
+    points = np.stack(np.meshgrid(x, [0.0], z, indexing="ij"), axis=-1).reshape(-1, 3)
+    a = (np.arange(len(x) - 1)[:, None] * len(z) + np.arange(len(z) - 1)).ravel()
+    b = a + len(z)
+    return points, np.concatenate([np.stack([a, b, b + 1], axis=1), np.stack([a, b + 1, a + 1], axis=1)])
+
+
+def test_a_plane_is_flat_up_to_its_border_and_has_no_shape_index():
+    c = curvature(*grid(np.arange(12.0), np.arange(12.0)))
+    assert np.array_equal(c.k1, np.zeros(144))
+    assert np.isnan(c.shape_index).all()
+    assert np.allclose(c.normals, [0, -1, 0])
+
+
+def test_the_border_of_a_cylinder_is_as_good_as_its_middle():
+    tube = shapes.cylinder()
+    c = curvature(tube.verts, tube.faces, 3.0)
+    assert np.abs(c.k1 - tube.k1).max() < 0.001
+    assert np.abs(c.k2).max() < 0.001
+
+
+def test_two_sheets_in_contact_do_not_see_each_other():
+    """Two spheres that touch: without the walk along the surface their near poles would lie in one neighbourhood."""
+    verts, faces = shapes.icosphere(4, 10.0)
+    both = np.concatenate([verts, verts + [0, 0, 20.001]])
+    c = curvature(both, np.concatenate([faces, faces + len(verts)]), 4.0)
+    assert np.allclose(c.k1, 0.1, rtol=1e-6)
+
+
+def test_the_walls_of_a_closed_sulcus_do_not_mix():
+    """A plate of thickness 0.2 bent round its edge: its two sides are nearer than the scale, and flat."""
+    side, faces = grid(np.linspace(-10, 10, 41), np.linspace(0, 10, 21))
+    rim = np.arange(41) * 21                                        # z = 0, where the two sides are joined
+    verts = np.concatenate([side + [0, -0.1, 0], side + [0, 0.1, 0]])
+    n, a, b = len(side), rim[:-1], rim[1:]
+    faces = np.concatenate([faces, faces[:, ::-1] + n, np.stack([a, a + n, b], 1), np.stack([b, a + n, b + n], 1)])
+    c = curvature(verts, faces, 2.0)
+    far = verts[:, 2] > 0.9
+    assert np.abs(c.k1[far]).max() < 0.02
+    assert np.abs(c.k2[far]).max() < 0.02
+
+
+def test_hard_meshes_give_nan_where_nothing_can_be_said_and_numbers_elsewhere():
+    verts, faces = shapes.icosphere(3, 10.0)
+    n = len(verts)
+    # an unused vertex, a duplicate of vertex 0 in a needle, a triangle without area, a lone triangle
+    extra = np.array([[50, 0, 0], verts[0], (verts[1] + verts[2]) / 2, [60, 0, 0], [61, 0, 0], [60, 1, 0]])
+    more = np.array([[0, n + 1, faces[0, 1]], [1, n + 2, 2], [n + 3, n + 4, n + 5]])
+    c = curvature(np.concatenate([verts, extra]), np.concatenate([faces, more]))
+    assert np.isnan(c.k1[[n, n + 3, n + 4, n + 5]]).all()
+    assert np.isnan(c.d1[n]).all()
+    assert np.isfinite(c.k1[:n]).all()
+    assert np.median(c.k1[:n]) == pytest.approx(0.1, rel=1e-6)
+
+
+def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
+    shape = shapes.sphere(2, 10.0)
+    c = curvature(shape.verts, shape.faces, 0.01)                   # shorter than any edge by far
+    assert np.isnan(c.k1).all()                                     # 5.4 times that holds no neighbour either
+    c = curvature(shape.verts, shape.faces, 2.0)                    # one edge is about 3
+    assert np.allclose(c.k1, 0.1, rtol=1e-6)
+    tiny = curvature(*shapes.icosphere(0, 10.0))
+    assert np.allclose(tiny.k1, 0.1, rtol=1e-6)
+
+
+def test_the_default_scale_is_three_mean_edges_and_is_said():
+    shape = shapes.sphere(3)
+    assert curvature(shape.verts, shape.faces).scale == 3 * mean_edge_length(shape.verts, shape.faces)
+    assert curvature(shape.verts, shape.faces, 7).scale == 7.0
+
+
+@pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf])
+def test_a_scale_that_is_no_length_is_refused(scale):
+    with pytest.raises(ValueError, match="scale must be a positive length"):
+        curvature(*shapes.icosphere(1), scale)
+
+
+def test_a_bad_mesh_and_areas_of_another_surface_are_refused():
+    verts, faces = shapes.icosphere(1)
+    with pytest.raises(ValueError, match=r"name a vertex outside 0\.\.41"):
+        curvature(verts, faces + 1)
+    with pytest.raises(ValueError, match=r"areas has shape \(3,\), the curvature is of 42 vertices"):
+        folding_indices(curvature(verts, faces), np.ones(3))
+
+
+def test_one_thread_and_all_give_bitwise_the_same():
+    shape, every = shapes.bumpy_sphere(5, rng=3), numba.get_num_threads()
+    if every == 1:
+        pytest.skip("this machine gives one thread only")
+    many = curvature(shape.verts, shape.faces, 6.0)
+    try:
+        numba.set_num_threads(1)
+        one = curvature(shape.verts, shape.faces, 6.0)
+    finally:
+        numba.set_num_threads(every)
+    for name in ("k1", "k2", "d1", "d2", "normals"):
+        assert np.array_equal(getattr(one, name), getattr(many, name))
+
+
+def test_mean_curvature_of_fsaverage5_is_the_opposite_of_its_curv_file():
+    folder = sample_path("fsaverage5") / "surf"
+    white = read_surface(folder / "lh.white")
+    H = curvature(white.verts, white.faces, 7.0).H
+    assert np.corrcoef(H, read_morph(folder / "lh.curv"))[0, 1] < -0.88

@@ -1,0 +1,47 @@
+"""Distance to the convex hull."""
+
+import numpy as np
+import pytest
+from reference import distance_to_convex_hull
+from test_gyrification import box_with_a_hole
+
+from morphofold import shapes
+from morphofold.analysis import sulcal_depth
+from morphofold.io import read_surface, sample_path
+from morphofold.io.surfaces import read_morph
+
+
+def test_depth_is_zero_on_a_convex_surface(rng):
+    shape = shapes.ellipsoid(4, rng=rng)
+    assert np.abs(sulcal_depth(shape.verts, shape.faces)).max() < 1e-9
+
+
+def test_depth_in_a_hole_is_the_way_to_the_nearest_side_of_the_hull():
+    for depth, floor in ((0.1, 0.1), (0.2, 0.2), (0.9, 0.1)):         # the last is nearer to the bottom
+        got = sulcal_depth(*box_with_a_hole(depth))
+        assert np.allclose(got[:12], 0, atol=1e-12)
+        assert np.allclose(got[12:], floor)
+
+
+def test_depth_is_the_distance_to_the_nearest_point_of_the_hull(rng):
+    shape = shapes.bumpy_sphere(2, amplitude=0.6)
+    some = rng.choice(len(shape.verts), 5, replace=False)
+    want = distance_to_convex_hull(shape.verts, shape.verts[some])
+    assert want.max() > 1
+    assert np.allclose(sulcal_depth(shape.verts, shape.faces)[some], want, atol=1e-4)
+
+
+def test_depth_scales_with_length_and_is_nan_at_an_unused_vertex():
+    verts, faces = box_with_a_hole(0.3)
+    more = np.concatenate([3 * verts, [[500, 0, 0]]])
+    got = sulcal_depth(more, faces)
+    assert np.isnan(got[-1])
+    assert np.allclose(got[:-1], 3 * sulcal_depth(verts, faces), atol=1e-12)
+
+
+def test_depth_of_fsaverage5_goes_with_its_sulc_file():
+    folder = sample_path("fsaverage5") / "surf"
+    pial = read_surface(folder / "lh.pial")
+    depth = sulcal_depth(pial.verts, pial.faces)
+    assert np.corrcoef(depth, read_morph(folder / "lh.sulc"))[0, 1] > 0.8
+    assert (depth.mean(), depth.max()) == pytest.approx((9.1, 34.4), abs=0.1)

@@ -1,0 +1,90 @@
+"""Region tables and vertex areas against files and a table that FreeSurfer wrote."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from morphofold import shapes
+from morphofold.analysis import region_table, vertex_areas
+from morphofold.analysis.regions import COLUMNS
+from morphofold.io import read_cortex, sample_path
+from morphofold.surface import Cortex, Regions, Surface
+
+
+@pytest.fixture(scope="module")
+def excerpt():
+    with np.load(sample_path("subject1_excerpt") / "excerpt.npz", allow_pickle=False) as file:
+        return dict(file)
+
+
+def labelled(labels, names, hemi="lh"):
+    """A cortex of as many vertices as labels; its surface does not matter."""
+    n = len(labels)
+    verts, faces = np.zeros((n, 3)), np.array([[0, 1, 2]])
+    verts[:3] = np.eye(3)
+    surface = Surface(verts, faces)
+    regions = Regions(np.asarray(labels, dtype=np.int64), tuple(names), np.zeros((len(names), 3), dtype=np.uint8))
+    return Cortex(surface, surface, hemi, regions=regions)
+
+
+def test_region_table_equals_the_one_freesurfer_wrote(excerpt):
+    with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
+        published = list(csv.DictReader(file, delimiter="\t"))
+    cortex = labelled(excerpt["labels"], [str(n) for n in excerpt["region_names"]])
+    table = region_table(cortex, {k: excerpt[v].astype(float) for k, v in
+                                  (("area", "area"), ("cortical_thickness", "thickness"))})  # fmt: skip
+    assert [row["region"] for row in table] == [row["StructName"] for row in published]
+    for row, want in zip(table, published, strict=True):
+        assert row["n_vertices"] == int(want["NumVert"])
+        assert row["area_mm2"] == pytest.approx(float(want["SurfArea"]), abs=0.5)
+        assert row["cortical_thickness_mm"] == pytest.approx(float(want["ThickAvg"]), abs=0.0005)
+        assert row["cortical_thickness_sd_mm"] == pytest.approx(float(want["ThickStd"]), abs=0.0005)
+
+
+def test_vertex_areas_of_an_individual_equal_freesurfers_area_file(excerpt):
+    area = vertex_areas(excerpt["patch_verts"].astype(float), excerpt["patch_faces"].astype(np.int64))
+    whole = excerpt["patch_complete"]
+    assert np.count_nonzero(whole) == 4623
+    assert np.abs(area - excerpt["patch_area"])[whole].max() < 1.5e-6
+
+
+def test_region_table_of_fsaverage5_matches_plain_counting():
+    cortex = read_cortex(sample_path("fsaverage5"), "rh")
+    thickness = cortex.maps["thickness"]
+    table = region_table(cortex, {"cortical_thickness": thickness})
+    area = vertex_areas(cortex.white.verts, cortex.faces)
+    names, labels = cortex.regions.names, cortex.regions.labels
+    assert len(table) == 34
+    assert not {"unknown", "corpuscallosum"} & {row["region"] for row in table}
+    for row in table:
+        here = labels == names.index(row["region"])
+        assert tuple(row) == COLUMNS
+        assert row["hemi"] == "rh"
+        assert row["n_vertices"] == here.sum()
+        assert row["area_mm2"] == pytest.approx(area[here].sum())
+        assert row["cortical_thickness_mm"] == pytest.approx(thickness[here].mean())
+        assert row["gyral_thickness_mm"] is None
+
+
+def test_means_leave_out_nan_and_labels_without_a_region_make_no_row():
+    cortex = labelled([0, 0, 0, 1, 1, -1, 2], ["a", "b", "unknown", "empty"])
+    maps = {
+        "area": np.arange(7.0),
+        "cortical_thickness": np.array([1, 3, np.nan, np.nan, np.nan, 9, 9.0]),
+        "gyral_thickness": np.array([5, 6, 100, np.nan, 7, 9, 9.0]),
+    }
+    a, b = region_table(cortex, maps)
+    assert (a["n_vertices"], a["area_mm2"], a["cortical_thickness_mm"], a["cortical_thickness_sd_mm"]) == (3, 3, 2, 1)
+    assert a["gyral_thickness_mm"] == 6
+    assert (b["n_vertices"], b["cortical_thickness_mm"], b["gyral_thickness_mm"]) == (2, None, 7)
+
+
+def test_a_cortex_without_regions_has_an_empty_table():
+    ball = shapes.sphere(2).surface
+    assert region_table(Cortex(ball, ball), {}) == []
+
+
+def test_a_map_of_another_surface_is_refused():
+    with pytest.raises(ValueError, match=r"map area has shape \(2,\), not \(3,\)"):
+        region_table(labelled([0, 0, 0], ["a"]), {"area": np.ones(2)})
