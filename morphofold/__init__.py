@@ -18,9 +18,10 @@ _PUBLIC = {
     "Surface": "morphofold.surface",
     "read_cortex": "morphofold.io",
     "read_surface": "morphofold.io",
+    "sample_path": "morphofold.io",
     "measure": "morphofold.analysis.measures",
     "Measures": "morphofold.analysis.measures",
-    "compare": "morphofold.comparison",
+    "compare": "morphofold.compare",
     "simulate": "morphofold.simulation",
 }
 __all__ = ["__version__", *_PUBLIC]

@@ -268,12 +268,15 @@ class _Run:
         }
         cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=body.bilayer.portion, info=info)
         maps = self.describe(cortex)
+        missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
+        if missing:
+            info["vertices_without_value_written_as_0"] = missing
         with atomic_folder(folder) as temporary:
             (temporary / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(temporary / "surf" / surface.name, surface)
             for name, values in maps.items():
-                write_morph(temporary / "surf" / f"lh.{name}", values)
+                write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
             if scene.output.volume:
                 self._write_volume(temporary / "volume.vtu")
             self._write_json(temporary / "stage.json", info)

@@ -35,7 +35,7 @@ def _bar(label: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def _lines(label: str) -> Callable[[float, str], None]:
-    started, told = time.monotonic(), [-1]
+    started, told = time.monotonic(), [0]
 
     def tell(share: float, text: str = "") -> None:
         tenth = int(10 * share)

@@ -1,0 +1,180 @@
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from morphofold.cli import COMMANDS, main
+from morphofold.io import sample_path, write_surface
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def pair(folder, levels=(3, 3)):
+    """White and pial spheres, 2 mm apart, as FreeSurfer files."""
+    for name, level, radius in zip(("lh.white", "lh.pial"), levels, (20.0, 22.0)):
+        write_surface(folder / name, Surface(*icosphere(level, radius=radius)))
+    return ["analyze", "--white", str(folder / "lh.white"), "--pial", str(folder / "lh.pial"), "-q", "-o", "out"]
+
+
+def refused(capsys, argv, *words):
+    """The command ends with 2, says all the words in few lines, and shows no traceback."""
+    assert main(argv) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert len(told.err.strip().splitlines()) == 1
+    for word in words:
+        assert word in told.err
+    assert "Traceback" not in told.err
+
+
+def test_analyze_measures_a_pair_of_files(here, capsys):
+    assert main([*pair(here), "--no-report", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    measures = summary["surfaces"][0]["measures"]
+    assert measures["euler_characteristic"] == 2
+    assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
+    assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
+    assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
+
+
+def test_analyze_refuses_a_missing_file(here, capsys):
+    argv = pair(here)
+    (here / "lh.pial").unlink()
+    refused(capsys, argv, "lh.pial")
+    refused(capsys, ["analyze", "nobody", "-o", "out"], "nobody")
+    assert not (here / "out").exists()
+
+
+def test_analyze_refuses_a_truncated_file(here, capsys):
+    argv = pair(here)
+    whole = (here / "lh.white").read_bytes()
+    for length in (2, 40, len(whole) // 2, len(whole) - 5):
+        (here / "lh.white").write_bytes(whole[:length])
+        refused(capsys, argv, "lh.white")
+    assert not (here / "out").exists()
+
+
+def test_analyze_refuses_text_instead_of_a_surface(here, capsys):
+    argv = pair(here)
+    (here / "lh.white").write_text("this is not a surface\n" * 50)
+    refused(capsys, argv, "lh.white")
+    assert not (here / "out").exists()
+
+
+def test_analyze_refuses_surfaces_that_do_not_belong_together(here, capsys):
+    refused(capsys, pair(here, levels=(3, 2)), "642 vertices", "162")
+    assert not (here / "out").exists()
+
+
+def test_analyze_wants_one_input(here, capsys):
+    refused(capsys, ["analyze", "-o", "out"], "INPUT")
+    refused(capsys, ["analyze", "--white", "lh.white"], "--pial")
+
+
+def test_analyze_leaves_a_folder_of_someone_else_alone(here, capsys):
+    (here / "out").mkdir()
+    (here / "out" / "thesis.txt").write_text("mine")
+    refused(capsys, [*pair(here), "--no-report"], "out")
+    assert [p.name for p in (here / "out").iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("growth.gama=2", ("unknown key growth.gama",)),
+        ("geometry.hole_radius=49", ("hole_radius 49", "smaller than 47")),
+        ("growth.final=nan", ("growth.final",)),
+    ],
+)
+def test_simulate_refuses_a_bad_scene(here, capsys, setting, words):
+    refused(capsys, ["simulate", "demo", "--set", setting, "-o", "out"], *words)
+    assert list(here.iterdir()) == []
+
+
+def test_simulate_refuses_missing_and_foreign_scene_files(here, capsys):
+    refused(capsys, ["simulate", "fig55", "-o", "out"], "Did you mean fig5?")
+    shutil.copy(sample_path("fsaverage5") / "surf" / "lh.white", here / "scene.toml")
+    refused(capsys, ["simulate", "scene.toml", "-o", "out"], "scene.toml", "not a TOML file")
+    (here / "half.toml").write_text('name = "half"\n[geometry\n')
+    refused(capsys, ["simulate", "half.toml", "-o", "out"], "half.toml", "line 2")
+    assert not (here / "out").exists()
+
+
+def test_compare_refuses_what_is_no_analysis(here, capsys):
+    (here / "empty").mkdir()
+    refused(capsys, ["compare", "a=empty", "-o", "out"], "empty")
+    refused(capsys, ["compare", "a=nowhere", "-o", "out"], "nowhere")
+    refused(capsys, ["compare", "justaname", "-o", "out"], "NAME=DIR")
+    refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "twice")
+    assert not (here / "out").exists()
+
+
+def test_compare_refuses_a_damaged_analysis(here, capsys):
+    assert main([*pair(here), "--no-report"]) == 0
+    capsys.readouterr()
+    text = (here / "out" / "summary.json").read_text()
+    (here / "out" / "summary.json").write_text(text[: len(text) // 2])
+    refused(capsys, ["compare", "a=out", "-o", "c"], "summary.json")
+    assert not (here / "c").exists()
+
+
+def test_compare_puts_two_analyses_side_by_side(here, capsys):
+    assert main([*pair(here), "--no-report"]) == 0
+    assert main(["compare", "one=out", "two=out", "-q", "--json", "-o", "both"]) == 0
+    told = capsys.readouterr().out
+    content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
+    assert content["names"] == ["one", "two"]
+    assert (here / "both" / "report.html").stat().st_size > 10_000
+
+
+def test_scenes_lists_every_scene_with_its_effects(capsys):
+    assert main(["scenes", "--json"]) == 0
+    scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}
+    assert scenes["fig5"]["effects"] == ["contact", "perturbation"]
+
+
+def test_bench_speed_prints_positive_speeds(capsys):
+    assert main(["bench", "speed", "--seconds", "0.01", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert all(r["median"] > 0 and np.isfinite(r["best"]) for r in rows)
+
+
+def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
+    for name in COMMANDS:
+        with pytest.raises(SystemExit) as end:
+            main([name, "--help"])
+        assert end.value.code == 0
+    with pytest.raises(SystemExit) as end:
+        main(["unfold"])
+    assert end.value.code == 2
+
+
+def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
+    # a real SIGINT to a real process
+    small = ["geometry.portion=octant", "growth.final=1.4", "growth.rate=0.5", "output.stages=[]", "accuracy.cells_per_quarter=16"]
+    scene = ["demo", *(word for s in small for word in ("--set", s)), "--set", "output.checkpoint_minutes=0.001"]
+    argv = [sys.executable, "-m", "morphofold", "simulate", *scene, "-o", "run"]
+    code = (
+        "import signal, subprocess, sys, time, pathlib\n"
+        f"p = subprocess.Popen({argv!r}, stderr=subprocess.PIPE, text=True)\n"
+        "while not pathlib.Path('run/checkpoint.npz').exists() and p.poll() is None: time.sleep(0.02)\n"
+        "p.send_signal(signal.SIGINT)\n"
+        "print(p.communicate()[1]); sys.exit(p.returncode)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 130, done.stdout
+    assert "--resume" in done.stdout
+    assert "Traceback" not in done.stdout
+    assert (here / "run" / "checkpoint.npz").exists()
+    assert not list((here / "run").glob(".*"))
+    assert main(["simulate", *scene, "-o", "run", "--resume", "-q"]) == 0
