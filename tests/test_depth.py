@@ -18,9 +18,12 @@ def test_depth_is_zero_on_a_convex_surface(rng):
 
 def test_depth_in_a_hole_is_the_way_to_the_nearest_side_of_the_hull():
     for depth, floor in ((0.1, 0.1), (0.2, 0.2), (0.9, 0.1)):         # the last is nearer to the bottom
-        got = sulcal_depth(*box_with_a_hole(depth))
-        assert np.allclose(got[:12], 0, atol=1e-12)
-        assert np.allclose(got[12:], floor)
+        verts, faces = box_with_a_hole(depth)
+        for axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):                # the hole opens to each of the six sides
+            for sign in (1, -1):
+                got = sulcal_depth(sign * verts[:, axes], faces[:, ::sign])
+                assert np.allclose(got[:12], 0, atol=1e-12)
+                assert np.allclose(got[12:], floor)
 
 
 def test_depth_is_the_distance_to_the_nearest_point_of_the_hull(rng):
