@@ -22,8 +22,8 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
     Returns
     -------
     float
-        1 for a convex surface, larger when folded; 1.65 for the pial surface of fsaverage5, an average, and 2.2 to
-        2.6 for one person's.
+        1 for a convex surface, larger when folded: 1.65 for the left pial surface of fsaverage5, an average, and
+        2.66 for that of the sample S1, one person.
 
     Raises
     ------
@@ -33,8 +33,8 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
     Notes
     -----
     The three-dimensional index with the convex hull as outer surface. It is not the ratio of contours in coronal
-    slices (Zilles 1988), nor the one with a closing of radius 15 mm as outer surface (Schaer 2008), which follows the
-    brain into its large hollows and is smaller in the denominator. An open surface is compared with the hull of a
+    slices (Zilles 1988), nor the one whose outer surface is a closing of radius 15 mm (Schaer 2008) and follows the
+    brain into its large hollows. An open surface is compared with the hull of a
     closed one, so cut-off parts lower it.
     """
     check_mesh(verts, faces)
