@@ -136,7 +136,12 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
         If there is nothing to compare, two surfaces end up with one name, or ``mu_ratio`` is not positive.
     """
     named = _named(surfaces)
-    notes = [f"{name}: {what} ({why})" for name, m in named.items() for what, why in sorted(m.notes.items())]
+    notes = [
+        f"{name}: {what} ({why})"
+        for name, m in named.items()
+        for what, why in sorted(m.notes.items())
+        if m.scalars.get(what) is None
+    ]
     clouds = tuple(thickness_cloud(m) for m in named.values())
     for name, cloud in zip(named, clouds):
         if not cloud.points:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -49,7 +49,7 @@ def headlines(entries: Sequence[Entry], comparison: Comparison) -> Rows:
 
 
 def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str] = ()) -> Rows:
-    """One row per scalar, values in the order of the entries; scalars that no surface has are left to ``notes``."""
+    """One row per scalar, values in the order of the entries; scalars that no surface has are left to ``left_out``."""
     table = {row["measure"]: row for row in comparison.table}
     rows = []
     for key in keys or table:
@@ -83,21 +83,42 @@ def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
     ]
 
 
-def notes(entries: Sequence[Entry]) -> Rows:
+def left_out(entries: Sequence[Entry]) -> Rows:
     """What could not be had and why, each reason once with the surfaces it concerns."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for e in entries:
-        for key, why in e.measures.notes.items():
-            found.setdefault((scalar_words(key)[0], why), []).append(e.name)
-    silent = [
-        k for k in SCALARS if all(e.measures.scalars.get(k) is None and k not in e.measures.notes for e in entries)
-    ]
+    rows = _notes(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
+    silent = [k for k in SCALARS if all(_silent(e.measures, k) for e in entries)]
     if silent:
         words = "; ".join(scalar_words(k)[0] for k in silent)
-        found["Without a reason recorded", words] = [e.name for e in entries]
+        rows.append({"label": words, "why": "No reason was recorded.", "who": ""})
+    return rows
+
+
+def definitions(entries: Sequence[Entry]) -> Rows:
+    """What the measures' notes say of the numbers that were had."""
+    return _notes(entries, lambda m, key: key not in SCALARS or m.scalars.get(key) is not None)
+
+
+def _silent(m: Measures, key: str) -> bool:
+    return m.scalars.get(key) is None and key not in m.notes
+
+
+def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> Rows:
+    """Notes that are wanted, in the order of their scalars; one row for scalars and surfaces that share a text."""
+    scalars: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
+    for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
+        for e in entries:
+            if key in e.measures.notes and wanted(e.measures, key):
+                why = e.measures.notes[key]
+                scalars[why] = list(dict.fromkeys([*scalars.get(why, []), scalar_words(key)[0]]))
+                names[why] = list(dict.fromkeys([*names.get(why, []), e.name]))
     return [
-        {"label": label, "why": why, "who": ", ".join(who) if len(who) < len(entries) else ""}
-        for (label, why), who in sorted(found.items())
+        {
+            "label": "; ".join(scalars[why]),
+            "why": why,
+            "who": ", ".join(names[why]) if len(names[why]) < len(entries) else "",
+        }
+        for why in scalars
     ]
 
 
@@ -108,7 +129,7 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
         cortex = e.measures.cortex
         if meta["thinned"]:
             drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
-            said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; every number is from all of them.")
+            said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
         if cortex.portion != 1:
             share = f"{cortex.portion:.3g} of the closed surface of {e.name}"
             said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")

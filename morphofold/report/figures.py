@@ -139,6 +139,7 @@ def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Pi
             plotter.camera.focal_point = (0.0, 0.0, 0.0)
             plotter.camera.up = right_up_out[1]
             plotter.renderer.ResetCameraClippingRange()
+            plotter.render()  # a second screenshot alone would repeat the first
             image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
             image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
             pictures.append(np.round(image).astype(np.uint8))

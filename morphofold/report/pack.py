@@ -1,7 +1,7 @@
 """Surfaces and maps as small text for the viewer: quantised, delta-coded, deflated, base64.
 
-Positions take 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain), maps 16 bits of
-their range with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
+Positions take 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain), maps at most 16 bits
+of their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
 zigzag-coded, low bytes before high bytes; ``templates/viewer.js`` undoes it.
 """
 
@@ -39,9 +39,19 @@ class Display:
     thinned: bool
 
 
-def pack(cortex: Cortex, maps: Mapping[str, PerVertex], max_vertices: int = DISPLAY_VERTICES) -> Packed:
-    """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer."""
-    shown = thin(cortex, max_vertices)
+def pack(
+    cortex: Cortex,
+    maps: Mapping[str, PerVertex],
+    steps: Mapping[str, float] | None = None,
+    shown: Display | None = None,
+) -> Packed:
+    """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
+
+    ``steps`` names the coarsest step that will do for a map, which makes it smaller; without, 16 bits of its
+    range. ``shown`` is what ``thin`` made of the cortex; None: thinned here.
+    """
+    steps = steps or {}
+    shown = shown or thin(cortex)
     writer = _Writer()
     surfaces = {"pial": cortex.pial, "white": cortex.white, "inflated": cortex.inflated}
     boxes = {}
@@ -50,7 +60,7 @@ def pack(cortex: Cortex, maps: Mapping[str, PerVertex], max_vertices: int = DISP
             boxes[name] = writer.positions(name, surface.verts[shown.ids])
     writer.add("faces", shown.faces.astype(np.uint32).ravel(), stride=3)
     writer.add("ids", shown.ids.astype(np.uint32))
-    ranges = {key: writer.values(f"map:{key}", values[shown.ids]) for key, values in maps.items()}
+    ranges = {key: writer.values(f"map:{key}", values[shown.ids], steps.get(key, 0.0)) for key, values in maps.items()}
     if cortex.regions is not None:
         writer.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
     meta = {
@@ -81,13 +91,14 @@ class _Writer:
         self.add(name, np.round((verts - low) / edge * 65535).astype(np.uint16).ravel(), stride=3)
         return {"low": [round(float(x), 5) for x in low], "edge": round(edge, 5)}
 
-    def values(self, name: str, values: np.ndarray) -> dict[str, float]:
+    def values(self, name: str, values: np.ndarray, step: float) -> dict[str, float]:
         known = np.isfinite(values)
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
         codes = np.full(len(values), NAN16, dtype=np.uint16)
-        codes[known] = np.round((values[known] - low) / ((high - low) or 1.0) * (NAN16 - 1)).astype(np.uint16)
+        step = max(step, (high - low) / (NAN16 - 1)) or 1.0
+        codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
         self.add(name, codes)
-        return {"low": low, "high": high}
+        return {"low": low, "high": low + step * (NAN16 - 1)}  # of the codes, not of the values
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:

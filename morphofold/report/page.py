@@ -22,9 +22,10 @@ from morphofold.analysis.measures import Measures
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Picture, Row, figure, renderer, safe_name
-from morphofold.report.pack import pack
+from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import MAIN, Quantity, common_limits, find, quantity
+from morphofold.surface import Surface
 
 if TYPE_CHECKING:
     from morphofold.compare import Comparison
@@ -65,18 +66,20 @@ def _write(
         for i, (name, m) in enumerate(zip(comparison.names, comparison.measures))
     ]
     shown = _shown(entries)
-    pictures = _pictures(path.parent / "figures", entries, shown)
-    viewer, blocks = _viewer(entries, shown)
+    thinned = [thin(e.measures.cortex) for e in entries]
+    pictures = _pictures(path.parent / "figures", entries, thinned, shown)
+    viewer, blocks = _viewer(entries, thinned, shown)
     script = resources.files("morphofold.report").joinpath("templates/viewer.js").read_text(encoding="utf-8")
     page = plots.environment().get_template("report.html").render(
         kind=kind, title=title, lede=lede, entries=entries, number=plots.number, theory=comparison.theory,
         headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
         scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
-        notes=contents.notes(entries), remarks=contents.remarks(entries, viewer["surfaces"]),
+        left_out=contents.left_out(entries), definitions=contents.definitions(entries),
+        remarks=contents.remarks(entries, viewer["surfaces"]),
         regions=contents.regions(entries) if with_regions else [], parameters=contents.parameters(entries),
         facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
         charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
-        maps=[what for what, _ in shown.values()], viewer=viewer, blocks=blocks,
+        maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
@@ -112,12 +115,13 @@ def _shown(entries: Sequence[Entry]) -> Shown:
     return shown
 
 
-def _viewer(entries: Sequence[Entry], shown: Shown) -> tuple[dict[str, Any], list[Markup]]:
+def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], list[Markup]]:
     """What viewer.js reads as JSON, and one block of packed data per surface."""
     surfaces, blocks = [], []
-    for e in entries:
+    steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than colours show
+    for e, display in zip(entries, thinned):
         maps = {key: a for key in shown for _, a in _having([e], key)}
-        packed = pack(e.measures.cortex, maps)
+        packed = pack(e.measures.cortex, maps, steps, display)
         surfaces.append({**packed.meta, "name": e.name, "hemi": e.measures.cortex.hemi})
         blocks.append(Markup(packed.data))  # base64: nothing in it to escape
     maps_shown = [
@@ -134,13 +138,15 @@ def _viewer(entries: Sequence[Entry], shown: Shown) -> tuple[dict[str, Any], lis
     return config, blocks
 
 
-def _pictures(folder: Path, entries: Sequence[Entry], shown: Shown) -> list[dict[str, Any]]:
+def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> list[dict[str, Any]]:
     """Write ``folder/KEY.png`` for the main maps; the same at half size for the page."""
     folder.mkdir(parents=True, exist_ok=True)
+    pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
+    ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
     for key in (k for k in MAIN if k in shown):
         what, limits = shown[key]
-        rows = [Row(e.name, e.measures.cortex.pial, a, e.measures.cortex.hemi) for e, a in _having(entries, key)]
+        rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
         image, name = figure(rows, what, limits), f"{safe_name(key)}.png"
         (folder / name).write_bytes(png_bytes(image))
         small = base64.b64encode(png_bytes(_halved(image))).decode()
@@ -159,9 +165,9 @@ def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
     areas = {e.name: vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces) for e in entries}
     charts = []
     for key in (k for k in MAIN if k in shown):
-        what, limits = shown[key]
+        what, _ = shown[key]
         series = [(e.name, a, areas[e.name], e.colour) for e, a in _having(entries, key)]
-        charts.append(plots.histograms(series, limits, what.label, what.unit))
+        charts.append(plots.histograms(series, what.label, what.unit))
     return [chart for chart in charts if chart is not None]
 
 

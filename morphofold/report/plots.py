@@ -93,30 +93,28 @@ class Axes:
 
 
 def histograms(
-    series: Sequence[tuple[str, np.ndarray, np.ndarray, str]],
-    limits: tuple[float, float],
-    label: str,
-    unit: str,
-    bins: int = 48,
+    series: Sequence[tuple[str, np.ndarray, np.ndarray, str]], label: str, unit: str, bins: int = 48
 ) -> Markup | None:
     """Area-weighted distributions over each other, in the same bins.
 
     Parameters
     ----------
     series : sequence of (name, values (N,), weights (N,), colour)
-        NaN values are left out; each distribution is normalised over all its measured area, so what lies
-        outside the limits is missing from the curve and is stated as a share in the tooltip.
-    limits : (low, high)
-        The bins fill this range, widened by a tenth on either side.
+        NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
+    bins : int
+        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface.
 
     Returns
     -------
     svg : Markup, or None if no surface has a value.
     """
-    low, high = limits
-    wide = (high - low) / 10
+    ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, _, _ in series if np.isfinite(v).any()]
+    if not ends:
+        return None
+    low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
+    wide = 0.02 * (high - low) or 0.5
     edges = np.linspace(low - wide, high + wide, bins + 1)
     curves = []
     for name, values, weights, colour in series:

@@ -25,7 +25,7 @@ class Quantity:
 
 
 QUANTITIES = (
-    Quantity("H", "Mean curvature H", "1/mm", True, (-0.5, 0.5), ("mean_curvature", "H_per_mm")),
+    Quantity("H", "Mean curvature H", "1/mm", True, (-0.3, 0.3), ("mean_curvature", "H_per_mm")),
     Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1, 5), ("cortical_thickness_mm",)),
     Quantity("gyral_thickness", "Gyral thickness", "mm", False, (4, 20), ("gyral_thickness_mm",)),
     Quantity("sulcal_depth", "Sulcal depth", "mm", False, (0, 20), ("sulcal_depth_mm", "depth", "depth_mm")),
@@ -80,7 +80,7 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
             return known
     label, unit = _words(name)
     ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
-    signed = bool(ends) and min(e[0] for e in ends) < 0 < max(e[1] for e in ends)
+    signed = bool(ends) and bool(min(e[0] for e in ends) < 0 < max(e[1] for e in ends))
     return Quantity(name, label, unit, signed)
 
 

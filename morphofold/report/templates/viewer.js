@@ -300,6 +300,10 @@ function reset() {
 }
 function showMap(key) {
   state.map = key;
+  const radios = [...document.querySelectorAll("input[name=map]")], more = document.querySelector("select[name=map]");
+  for (const r of radios) r.checked = r.value === key;
+  more.value = radios.some((r) => r.checked) ? "" : key || "none";
+  more.classList.toggle("chosen", more.value !== "");
   const map = config.maps.find((m) => m.key === key);
   $("bar").hidden = !map;
   if (map) {
@@ -346,7 +350,7 @@ $("reset").addEventListener("click", reset);
 $("zoom-in").addEventListener("click", () => zoom(1.25));
 $("zoom-out").addEventListener("click", () => zoom(0.8));
 $("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
-for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value));
+for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value === "none" ? "" : r.value));
 for (const r of document.querySelectorAll("input[name=surface]")) r.addEventListener("change", () => { state.surface = r.value; redraw(); });
 for (const [id, k] of [["bar-low", 0], ["bar-high", 1]]) $(id).addEventListener("change", (e) => {
   const v = Number(e.target.value), l = limits[state.map], next = l.slice();
