@@ -78,8 +78,13 @@ def _cube_surface(n: int, planes: tuple[int, ...]) -> tuple[NDArray[np.int64], N
     keep = np.ones(len(all_quads), dtype=bool)
     for axis in planes:
         keep &= all_points[all_quads][:, :, axis].min(axis=1) >= 0
-    used, inverse = np.unique(all_points[all_quads[keep].ravel()], axis=0, return_inverse=True)
-    return used, inverse.reshape(-1, 4)
+    used, first, inverse = np.unique(
+        all_points[all_quads[keep].ravel()], axis=0, return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)                   # number nodes as the quads come to them: neighbours lie close in memory
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return used[order], rank[inverse].reshape(-1, 4)
 
 
 def layer_radii(outer: float, interface: float, hole: float, cortex_layers: int, edge: float) -> NDArray[np.float64]:
