@@ -63,6 +63,41 @@ def rasterise(xyz, faces, width, height):
     return face, b0, b1
 
 
+KEY = tuple(np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75]))  # towards the key light
+GLEAM = tuple(np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94]))  # halfway from it to the viewer
+
+
+@njit(cache=True)
+def paint(face, b0, b1, faces, normals, colours):
+    """Colours 0..1 (height, width, 3) of what ``rasterise`` saw, lit as in the viewer; white where it saw nothing.
+
+    A key light from the upper left, a fill from the viewer, a little gleam. Open surfaces show their inside.
+    """
+    height, width = face.shape
+    image = np.ones((height, width, 3))
+    for y in range(height):
+        for x in range(width):
+            f = face[y, x]
+            if f < 0:
+                continue
+            i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+            u, v = b0[y, x], b1[y, x]
+            w = 1.0 - u - v
+            nx = u * normals[i, 0] + v * normals[j, 0] + w * normals[k, 0]
+            ny = u * normals[i, 1] + v * normals[j, 1] + w * normals[k, 1]
+            nz = u * normals[i, 2] + v * normals[j, 2] + w * normals[k, 2]
+            size = math.sqrt(nx * nx + ny * ny + nz * nz)
+            scale = math.copysign(1.0 / max(size, 1e-12), nz)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+            key = max(nx * KEY[0] + ny * KEY[1] + nz * KEY[2], 0.0)
+            gleam = max(nx * GLEAM[0] + ny * GLEAM[1] + nz * GLEAM[2], 0.0) ** 24
+            light = 0.26 + 0.44 * key + 0.36 * nz
+            for c in range(3):
+                base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0
+                image[y, x, c] = min(base * light + 0.06 * gleam, 1.0)
+    return image
+
+
 def render(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
@@ -89,26 +124,8 @@ def render(
     width, height = size[0] * oversample, size[1] * oversample
     per_mm = height / (2 * half_height)
     xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
-    face, b0, b1 = rasterise(xyz, np.ascontiguousarray(faces), width, height)
-    image = np.ones((height, width, 3))
-    seen = face >= 0
-    corners = faces[face[seen]]
-    weight = np.stack([b0[seen], b1[seen], 1 - b0[seen] - b1[seen]], axis=1)[:, :, None]
-    normal = (normals[corners] * weight).sum(axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    normal *= np.where(normal[:, 2:] < 0, -1.0, 1.0)  # open surfaces show their inside
-    image[seen] = shade((colours[corners] / 255.0 * weight).sum(axis=1), normal)
+    faces = np.ascontiguousarray(faces)
+    face, b0, b1 = rasterise(xyz, faces, width, height)
+    image = paint(face, b0, b1, faces, np.ascontiguousarray(normals), colours)
     image = image.reshape(size[1], oversample, size[0], oversample, 3).mean(axis=(1, 3))
-    return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
-
-
-def shade(base: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The light of every picture and of the viewer: a key from the upper left, a fill from the viewer."""
-    key = np.clip(normal @ _unit(-0.35, 0.55, 0.75), 0, None)[:, None]
-    head = np.clip(normal[:, 2:], 0, None)
-    shine = np.clip(normal @ _unit(-0.18, 0.28, 0.94), 0, None)[:, None] ** 24
-    return base * (0.26 + 0.44 * key + 0.36 * head) + 0.06 * shine
-
-
-def _unit(*v: float) -> np.ndarray:
-    return np.array(v) / np.linalg.norm(v)
+    return np.round(255 * image).astype(np.uint8)

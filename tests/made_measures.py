@@ -1,0 +1,75 @@
+"""Measures made by hand of generated shapes, for tests of results, comparison and report."""
+
+import numpy as np
+
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.shapes import bumpy_sphere
+from morphofold.surface import Cortex, Regions, Surface
+
+REGIONS = ("front", "middle", "back")
+
+
+def made_cortex(hemi="lh", *, level=3, name="bump", regions=True, mask=True, origin="files", **more):
+    """A bumpy sphere 4 mm within another: 642 vertices at level 3."""
+    shape = bumpy_sphere(level, radius=40.0)
+    inner = shape.verts * (1 - 4 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
+    white, pial = (Surface(v, shape.faces, f"{hemi}.{n}") for v, n in ((inner, "white"), (shape.verts, "pial")))
+    labels = np.digitize(shape.verts[:, 1], [-12.0, 12.0])
+    labels[0] = -1
+    colours = np.array([[200, 10, 10], [10, 200, 10], [10, 10, 200]], dtype=np.uint8)
+    return Cortex(
+        white,
+        pial,
+        hemi=hemi,
+        name=name,
+        origin=origin,
+        maps={"thickness": np.full(len(inner), 4.0)},
+        cortex=shape.verts[:, 2] > -35 if mask else None,
+        regions=Regions(labels, REGIONS, colours) if regions else None,
+        inflated=Surface(shape.verts * 1.2, shape.faces, f"{hemi}.inflated"),
+        **more,
+    )
+
+
+def made_measures(hemi="lh", **options):
+    """Measures whose numbers are chosen, not measured: gyral thickness is exactly 1 + 3 times cortical thickness."""
+    cortex = made_cortex(hemi, **options)
+    z = cortex.pial.verts[:, 2]
+    thickness = 3 + z / 40
+    maps = {
+        "H": np.sin(z / 5) / 5,
+        "cortical_thickness": thickness,
+        "gyral_thickness": np.where(z > 0, 1 + 3 * thickness, np.nan),
+        "sulcal_depth": np.abs(z) / 4,
+    }
+    if cortex.cortex is not None:
+        maps = {k: np.where(cortex.cortex, v, np.nan) for k, v in maps.items()}
+    rows = []
+    if cortex.regions is not None:
+        for i, (region, t) in enumerate(zip(REGIONS, (2.0, 2.5, 3.5))):
+            n = int(np.count_nonzero(cortex.regions.labels == i))
+            rows.append({
+                "hemi": hemi, "region": region, "n_vertices": n, "area_mm2": 10.0 * n, "cortical_thickness_mm": t,
+                "cortical_thickness_sd_mm": 0.25, "gyral_thickness_mm": 1 + 3 * t, "n_hinges": None,
+                "crest_length_mm": None, "gyrification_index": float("nan"),
+            })  # fmt: skip
+    scalars = dict.fromkeys(SCALARS)
+    scalars.update(
+        n_vertices=cortex.n_vertices,
+        euler_characteristic=2,
+        gyrification_index=1.25,
+        mean_cortical_thickness_mm=2.5,
+        median_gyral_thickness_mm=10.0,
+    )
+    hinges = [
+        {"hemi": hemi, "hinge": 0, "x": 1.5, "y": -2.0, "z": 30.0, "degree": 3, "shape": "Y", "min_angle_deg": 110.0,
+         "max_angle_deg": 130.0, "region": "front"},
+    ]  # fmt: skip
+    arms = [
+        {"hemi": hemi, "hinge": 0, "arm": k, "angle_deg": 120.0 * k, "length_mm": 8.0, "curvature_per_mm": 0.01,
+         "to_hinge": None} for k in range(3)
+    ]  # fmt: skip
+    return Measures(
+        cortex, scalars, maps, rows, hinges=hinges, arms=arms, parameters={"curvature_scale_mm": 3.0},
+        notes={"n_hinges": "Hinges are not measured by this version."},
+    )  # fmt: skip

@@ -1,0 +1,106 @@
+"""The table, the thickness points and the theoretical line of a comparison."""
+
+import json
+
+import numpy as np
+import pytest
+from made_measures import made_measures
+
+from morphofold.compare import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
+
+
+def test_two_hemispheres_under_one_name_get_their_side():
+    pair = [made_measures("lh"), made_measures("rh")]
+    assert compare({"model": made_measures(), "MRI": pair}).names == ("model", "MRI lh", "MRI rh")
+    assert compare({"MRI": pair[:1]}).names == ("MRI",)
+
+
+def test_the_same_surface_compares_equal_whatever_its_origin():
+    a, b = made_measures(origin="simulation"), made_measures(origin="FreeSurfer")
+    result = compare({"a": a, "b": b})
+    assert all(row["a"] == row["b"] for row in result.table)
+    assert result.clouds[0] == result.clouds[1]
+
+
+def test_gyral_over_cortical_thickness_is_in_the_table_and_none_without_either():
+    result = compare({"a": made_measures()})
+    assert {r["measure"]: r["a"] for r in result.table}["gyral_to_cortical_ratio"] == 10.0 / 2.5
+    bare = made_measures()
+    bare.scalars["median_gyral_thickness_mm"] = None
+    assert {r["measure"]: r["a"] for r in compare({"a": bare}).table}["gyral_to_cortical_ratio"] is None
+
+
+def test_points_are_regions_and_their_line_is_found():
+    cloud = thickness_cloud(made_measures())
+    assert cloud.kind == "region"
+    assert [p.label for p in cloud.points] == ["front", "middle", "back"]
+    assert cloud.fit is not None
+    assert cloud.fit.slope == pytest.approx(3.0, abs=1e-12)
+    assert cloud.fit.intercept == pytest.approx(1.0, abs=1e-12)
+    assert cloud.fit.r == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_surface_without_regions_has_one_point_and_bins_on_the_line():
+    m = made_measures(regions=False, level=4)
+    cloud = thickness_cloud(m)
+    assert cloud.kind == "whole"
+    assert [(p.cortical, p.gyral) for p in cloud.points] == [(2.5, 10.0)]
+    assert cloud.fit is None
+    assert len(cloud.bins) == 8
+    for b in cloud.bins:
+        assert b.gyral == pytest.approx(1 + 3 * b.cortical, abs=1e-9)
+        assert b.low <= b.gyral <= b.high
+
+
+def test_crests_stand_in_for_regions():
+    m = made_measures(regions=False)
+    m.crests.extend(
+        {"hemi": "lh", "crest": i, "cortical_thickness_mm": t, "gyral_thickness_mm": g}
+        for i, (t, g) in enumerate([(2.0, 5.0), (3.0, 7.5), (4.0, 10.0), (4.5, None)])
+    )
+    cloud = thickness_cloud(m)
+    assert (cloud.kind, len(cloud.points)) == ("crest", 3)
+    assert cloud.fit.slope == pytest.approx(2.5)
+
+
+def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
+    """95 % of intervals from noisy lines contain the slope they came from: 1900 of 2000, standard error 10."""
+    x, inside = np.linspace(2, 3, 12), 0
+    for _ in range(2000):
+        y = 3 * x + rng.normal(0, 0.5, len(x))
+        fit = fit_line([Point(a, b, "") for a, b in zip(x, y)])
+        inside += fit.slope_low <= 3 <= fit.slope_high
+    assert abs(inside - 1900) < 40
+
+
+def test_no_line_through_two_points_or_through_one_thickness():
+    assert fit_line([Point(1, 2, ""), Point(2, 3, "")]) is None
+    assert fit_line([Point(1, 2, ""), Point(1, 3, ""), Point(1, 4, "")]) is None
+
+
+def test_the_theoretical_line_has_its_known_values():
+    assert wrinkling_wavelength(3.0).slope == pytest.approx(2 * np.pi)
+    assert wrinkling_wavelength(1.0).slope == pytest.approx(4.3566, abs=1e-4)
+    assert wrinkling_wavelength(24.0).slope == pytest.approx(4 * np.pi)  # 8 times stiffer, twice as long
+
+
+def test_stiffness_comes_from_the_surfaces_unless_given():
+    soft, stiff = made_measures(info={"mu_ratio": 1.0}), made_measures(info={"mu_ratio": 3.0})
+    assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
+    assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
+    assert [t.mu_ratio for t in compare({"a": made_measures()}).theory] == [1.0]
+    with pytest.raises(ValueError, match="must be a positive number, got 0"):
+        compare({"a": soft}, mu_ratio=0.0)
+
+
+def test_two_surfaces_of_one_name_are_refused():
+    with pytest.raises(ValueError, match="'MRI lh' names two surfaces"):
+        compare({"MRI": [made_measures(), made_measures()]})
+    with pytest.raises(ValueError, match="nothing to compare"):
+        compare({})
+
+
+def test_a_comparison_is_plain_json_and_says_what_is_missing():
+    result = compare({"a": made_measures()})
+    assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["names"] == ["a"]
+    assert any("Hinges are not measured" in note for note in result.notes)

@@ -1,0 +1,156 @@
+"""An analysis written and read back, and what is refused."""
+
+import csv
+import hashlib
+import json
+
+import nibabel as nib
+import nibabel.freesurfer as fs
+import numpy as np
+import pytest
+from made_measures import made_measures
+
+from morphofold.results import COLUMNS, read_analysis, strict_json, write_analysis
+
+
+def refuse_constant(token):
+    raise AssertionError(f"{token} is not JSON")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Both hemispheres, written without report."""
+    pair = [made_measures("lh", info={"g": 1.8}, portion=0.125), made_measures("rh")]
+    return pair, write_analysis(pair, tmp_path_factory.mktemp("results") / "out", report=False)
+
+
+def test_what_was_written_is_read_back(written):
+    pair, out = written
+    for want, got in zip(pair, read_analysis(out)):
+        a, b = want.cortex, got.cortex
+        assert (a.hemi, a.name, a.origin, a.portion, a.info, a.units) == (
+            b.hemi, b.name, b.origin, b.portion, b.info, b.units)  # fmt: skip
+        np.testing.assert_array_equal(a.faces, b.faces)
+        for name in ("white", "pial", "inflated"):
+            np.testing.assert_allclose(getattr(b, name).verts, getattr(a, name).verts, atol=4e-6)  # float32 at 50
+        np.testing.assert_array_equal(a.cortex, b.cortex)
+        np.testing.assert_array_equal(a.regions.labels, b.regions.labels)
+        assert a.regions.names == b.regions.names
+        assert set(want.maps) == set(got.maps)
+        for key in want.maps:
+            np.testing.assert_allclose(got.maps[key], want.maps[key], rtol=1e-6)
+        assert got.scalars == want.scalars
+        assert got.notes == want.notes
+        assert got.parameters == want.parameters
+        assert got.hinges == want.hinges
+        assert got.arms == want.arms
+        assert [r["region"] for r in got.regions] == [r["region"] for r in want.regions]
+        assert got.regions[1]["cortical_thickness_mm"] == want.regions[1]["cortical_thickness_mm"]
+
+
+def test_json_is_strict_and_missing_values_are_null(written):
+    _, out = written
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"), parse_constant=refuse_constant)
+    assert summary["surfaces"][0]["measures"]["n_hinges"] is None
+    assert summary["surfaces"][0]["notes"]["n_hinges"]
+    assert "NaN" in summary["nan"]
+    odd = {"a": np.float64("nan"), "b": [np.inf, np.int32(3), np.bool_(True)], 5: np.arange(2), "c": {1.5: object}}
+    assert json.loads(strict_json(odd), parse_constant=refuse_constant)["b"] == [None, 3, True]
+
+
+def test_every_table_has_its_columns_even_when_empty(written):
+    _, out = written
+    for name, columns in COLUMNS.items():
+        with (out / f"{name}.tsv").open(newline="") as file:
+            assert tuple(next(csv.reader(file, delimiter="\t"))) == columns
+    assert (out / "crests.tsv").read_text().count("\n") == 1
+    assert "\tn/a\tn/a\tn/a\n" in (out / "regions.tsv").read_text()  # None and NaN alike
+
+
+def test_a_missing_value_is_nan_in_gifti_and_zero_in_freesurfer(written):
+    pair, out = written
+    blank = np.isnan(pair[0].maps["gyral_thickness"])
+    assert blank.any()
+    gifti = nib.load(out / "maps" / "lh.gyral_thickness.shape.gii").darrays[0].data
+    np.testing.assert_array_equal(np.isnan(gifti), blank)
+    morph = fs.read_morph_data(out / "maps" / "lh.gyral_thickness")
+    assert (morph[blank] == 0).all()
+    np.testing.assert_allclose(morph[~blank], gifti[~blank])
+
+
+def test_the_folder_is_a_freesurfer_subject(written):
+    pair, out = written
+    verts, faces = fs.read_geometry(out / "surf" / "rh.pial")
+    np.testing.assert_allclose(verts, pair[1].cortex.pial.verts, atol=4e-6)
+    np.testing.assert_array_equal(faces, pair[1].cortex.faces)
+    np.testing.assert_array_equal(
+        np.sort(fs.read_label(out / "label" / "lh.cortex.label")), np.flatnonzero(pair[0].cortex.cortex)
+    )
+    labels, _, names = fs.read_annot(out / "label" / "lh.aparc.annot")
+    np.testing.assert_array_equal(labels, pair[0].cortex.regions.labels)
+    assert [n.decode() for n in names] == list(pair[0].cortex.regions.names)
+
+
+def test_inputs_carry_their_hash(tmp_path):
+    source = tmp_path / "lh.white"
+    source.write_bytes(b"some surface")
+    out = write_analysis([made_measures()], tmp_path / "out", inputs=[source, "gone"], report=False)
+    recorded = json.loads((out / "summary.json").read_text())["inputs"]
+    assert recorded[0] == {"path": str(source), "sha256": hashlib.sha256(b"some surface").hexdigest(), "bytes": 12}
+    assert recorded[1] == {"path": "gone", "sha256": None, "bytes": None}
+
+
+def test_a_name_with_tabs_and_breaks_stays_in_its_cell(tmp_path):
+    m = made_measures()
+    m.regions[0]["region"] = "odd\tname\nhere"
+    m.regions[1]["region"] = "007"
+    read = read_analysis(write_analysis([m], tmp_path / "out", report=False))[0].regions
+    assert [r["region"] for r in read] == ["odd name here", "007", "back"]
+
+
+def test_one_hemisphere_twice_is_refused_and_leaves_nothing(tmp_path):
+    with pytest.raises(ValueError, match="got lh, lh"):
+        write_analysis([made_measures(), made_measures()], tmp_path / "out")
+    with pytest.raises(ValueError, match="got none"):
+        write_analysis([], tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failure_half_way_leaves_nothing(tmp_path):
+    m = made_measures()
+    m.maps["../escape"] = m.maps["H"]
+    with pytest.raises(ValueError, match="cannot be part of a file name"):
+        write_analysis([m], tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        read_analysis(tmp_path / "nowhere")
+    with pytest.raises(FileNotFoundError, match=r"holds no summary\.json"):
+        read_analysis(tmp_path)
+    (tmp_path / "summary.json").write_text('{"surfaces": 3}')
+    with pytest.raises(ValueError, match="not a summary"):
+        read_analysis(tmp_path)
+
+
+@pytest.mark.parametrize("hemi", ["../../etc", "xh"])
+def test_a_summary_cannot_lead_outside_its_folder(tmp_path, hemi):
+    out = write_analysis([made_measures()], tmp_path / "out", report=False)
+    summary = json.loads((out / "summary.json").read_text())
+    summary["surfaces"][0]["hemi"] = hemi
+    (out / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(ValueError, match="hemi must be 'lh' or 'rh'"):
+        read_analysis(out)
+    summary["surfaces"][0].update(hemi="lh", maps=["../../secret"])
+    (out / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(ValueError, match="cannot be part of a file name"):
+        read_analysis(out)
+
+
+def test_a_table_cut_short_is_refused(tmp_path):
+    out = write_analysis([made_measures()], tmp_path / "out", report=False)
+    table = out / "regions.tsv"
+    table.write_text(table.read_text()[:-9])
+    with pytest.raises(ValueError, match=r"regions\.tsv: line 4"):
+        read_analysis(out)
