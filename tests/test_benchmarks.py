@@ -1,0 +1,57 @@
+"""Speed, by pytest-benchmark: ``pytest tests/test_benchmarks.py --benchmark-only``. Skipped by default."""
+
+import numba
+import numpy as np
+import pytest
+
+from morphofold import analysis
+from morphofold.io import read_cortex, sample_path
+from morphofold.shapes import irregular_sphere
+from morphofold.sim.body import Body
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.mesh import bilayer_sphere
+
+
+@pytest.fixture(params=[1, 2])
+def threads(request):
+    before = numba.get_num_threads()
+    if request.param > before:
+        pytest.skip(f"this machine has {before} threads")
+    numba.set_num_threads(request.param)
+    yield request.param
+    numba.set_num_threads(before)
+
+
+def make_body(n):
+    return Body(bilayer_sphere(50, 3, 25, "half", n), mu_cortex=1.0, mu_core=1.0, kappa=50.0, law="isotropic")
+
+
+@pytest.mark.parametrize("n", [16, 32, 48])
+def test_element_forces(benchmark, threads, n):
+    body = make_body(n)
+    benchmark.extra_info["bricks"] = body.n_elements
+    benchmark(body.element_forces, 1.01 * body.X)
+
+
+@pytest.mark.parametrize("contact", [False, True])
+def test_ten_steps(benchmark, threads, contact):
+    body = make_body(32)
+    run = Dynamics(body, [Contact(body)] if contact else [], steps_per_unit=4000)
+    run.grow_to(1.1)
+    benchmark(lambda: run.relax(run.state.relaxed + 10))
+
+
+def test_curvature_of_160_000_vertices(benchmark, threads):
+    verts, faces = irregular_sphere(7, radius=50.0, rng=np.random.default_rng(0))
+    benchmark.pedantic(analysis.curvature, (verts, faces), rounds=3, warmup_rounds=1)
+
+
+def test_cortical_thickness_of_an_individual(benchmark):
+    cortex = read_cortex(sample_path("S1"))
+    benchmark.pedantic(analysis.cortical_thickness, (cortex.white, cortex.pial), rounds=3, warmup_rounds=1)
+
+
+def test_gyral_thickness_of_an_individual(benchmark):
+    cortex = read_cortex(sample_path("S1"))
+    benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=2, warmup_rounds=0)
