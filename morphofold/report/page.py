@@ -125,7 +125,14 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
         surfaces.append({**packed.meta, "name": e.name, "hemi": e.measures.cortex.hemi})
         blocks.append(Markup(packed.data))  # base64: nothing in it to escape
     maps_shown = [
-        {"key": key, "label": what.label, "unit": what.unit, "signed": what.signed, "limits": list(limits)}
+        {
+            "key": key,
+            "label": what.label,
+            "unit": what.unit,
+            "signed": what.signed,
+            "main": key in MAIN,
+            "limits": list(limits),
+        }
         for key, (what, limits) in shown.items()
     ]
     config = {

@@ -273,7 +273,7 @@ function describe(panel) {
   line("Vertex", String(panel.ids[i]));
   if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
   for (const m of config.maps) {
-    if (!panel.codes[m.key]) continue;
+    if (!panel.codes[m.key] || !(m.main || m.key === state.map)) continue;
     const v = valueAt(panel, m.key, i);
     line(m.label, v === null ? "not measured" : Number(v.toPrecision(3)) + (m.unit ? " " + m.unit : ""));
   }
@@ -313,6 +313,7 @@ function showMap(key) {
     [$("bar-low").value, $("bar-high").value] = limits[key];
     $("bar-middle").textContent = Number(((limits[key][0] + limits[key][1]) / 2).toPrecision(3));
   }
+  panels.forEach(describe);
   redraw();
 }
 let drag = null;
