@@ -21,7 +21,7 @@ _PUBLIC = {
     "sample_path": "morphofold.io",
     "measure": "morphofold.analysis.measures",
     "Measures": "morphofold.analysis.measures",
-    "compare": "morphofold.compare",
+    "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
 }
 __all__ = ["__version__", *_PUBLIC]

@@ -1,4 +1,4 @@
-"""Surfaces with known answers: spheres, ellipsoid, torus, cylinder, bumpy sphere; irregular and noisy variants."""
+"""Surfaces with known answers: spheres, ellipsoid, torus, cylinder, bumpy and ridged sphere; irregular and noisy variants."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
-from morphofold.surface import Faces, PerVertex, Surface, Verts
+from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +228,43 @@ def cylinder(radius: float = 10.0, length: float = 40.0, n_around: int = 64, n_a
     faces = np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int64)
     d1 = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
     return Shape(verts, faces, ring, np.full(len(verts), 1 / radius), np.zeros(len(verts)), d1, "cylinder")
+
+
+def ridged_sphere(
+    level: int,
+    width: float = 6.0,
+    *,
+    ridges: int = 10,
+    height: float = 4.0,
+    radius: float = 50.0,
+    thickness: float = 1.5,
+    rng: np.random.Generator | int | None = None,
+) -> tuple[Cortex, float]:
+    """Sphere with ``ridges`` equal gyri along circles of latitude, and the gyri's exact width at half height.
+
+    The pial radius is ``radius + height 2^-(2 s / width)^2``, s the arc length on the sphere of that radius to the next
+    of the circles, which divide the meridian evenly; the poles lie in sulci. White is the same with radius less
+    ``thickness`` and a ridge narrower by twice that, at least a fifth as wide: a blade inside each gyrus. Choose width
+    below half the spacing ``pi radius / ridges``, so that sulci reach the floor. Irregular if ``rng`` (a generator or a
+    seed) is given.
+
+    Returns
+    -------
+    cortex : Cortex
+        White and pial [mm].
+    chord : float
+        ``2 (radius + height / 2) sin(width / (2 radius))`` [mm], straight from wall to wall at half height.
+    """
+    verts, faces = _sphere(level, rng)
+    period = np.pi / ridges
+    away = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
+    grown = lambda base, full: verts * (base + height * np.exp2(-((2 * away / full) ** 2)))[:, None]
+    cortex = Cortex(
+        white=Surface(grown(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
+        pial=Surface(grown(radius, width), faces, name="ridged pial"),
+        name="ridged sphere",
+    )
+    return cortex, 2 * (radius + height / 2) * float(np.sin(width / (2 * radius)))
 
 
 def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator | int = 0) -> Shape:

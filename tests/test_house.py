@@ -19,8 +19,8 @@ ROOMS = {
 }
 
 # who may not be imported by whom; a name stands for itself and all below it
-GROUND = ("surface", "io", "shapes")
-UPSTAIRS = ("results", "compare", "report", "cohort")
+GROUND = ("surface", "io", "shapes", "threads")
+UPSTAIRS = ("results", "comparison", "simulation", "report", "cohort")
 FORBIDDEN = {
     **{room: ("sim", "analysis", *UPSTAIRS, "cli") for room in GROUND},
     "sim": ("analysis", *UPSTAIRS, "cli"),

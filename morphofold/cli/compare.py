@@ -13,7 +13,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
-    from morphofold.compare import compare
+    from morphofold.comparison import compare
     from morphofold.results import read_analysis
 
     named: dict[str, str] = {}

@@ -16,7 +16,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.measures import measure
     from morphofold.cli.progress import progress
-    from morphofold.compare import compare
+    from morphofold.comparison import compare
     from morphofold.io import read_cortex, sample_path
     from morphofold.results import write_analysis
     from morphofold.sim.scene import load_scene

@@ -15,7 +15,7 @@ from morphofold.report.plots import number
 from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
 
 if TYPE_CHECKING:
-    from morphofold.compare import Comparison
+    from morphofold.comparison import Comparison
 
 PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 REGION_COLUMNS = (

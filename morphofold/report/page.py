@@ -28,7 +28,7 @@ from morphofold.report.quantities import MAIN, Quantity, common_limits, find, qu
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
-    from morphofold.compare import Comparison
+    from morphofold.comparison import Comparison
 
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
@@ -39,7 +39,7 @@ def analysis_report(measures: Sequence[Measures], path: str | Path, *, inputs: I
 
     ``inputs`` are rows with ``path`` and ``sha256``; without them the files the surfaces name are hashed.
     """
-    from morphofold.compare import compare
+    from morphofold.comparison import compare
 
     names = [m.cortex.name for m in measures]
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]

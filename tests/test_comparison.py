@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.compare import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
+from morphofold.comparison import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
 
 
 def test_two_hemispheres_under_one_name_get_their_side():
