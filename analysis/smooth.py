@@ -13,7 +13,7 @@ from scipy import sparse
 from morphofold.analysis import _mesh
 from morphofold.surface import Faces, PerVertex, Verts
 
-DETOUR = 2 * 3**0.5 / np.pi     # edge paths in a triangle grid are longer than the straight way by this much, on average
+DETOUR = 2 * 3**0.5 / np.pi     # length of edge paths over the straight way, mean over directions in a triangle grid
 COT_CLIP = 3.0      # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
 MOST_STEPS = 3000
 

@@ -87,13 +87,12 @@ def cortical_thickness(
     limit = math.inf if cap is None else float(cap)
     total = np.zeros(len(pial.verts))
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
+        near = (start, target, normals, side, ring.indptr, ring.indices)
         if mode == "freesurfer":
-            way = _nearest_vertex(start, target, normals, side, ring.indptr, ring.indices, rings)
+            way = _nearest_vertex(*near, rings)
         else:
             margin = _mesh.mean_edge_length(target, faces)
-            way = _nearest_triangle(
-                start, target, faces, normals, side, ring.indptr, ring.indices, incident.indptr, incident.indices, margin
-            )
+            way = _nearest_triangle(*near, faces, incident.indptr, incident.indices, margin)
         total += np.minimum(way, limit)
     total[np.diff(ring.indptr) == 0] = np.nan
     return total / 2
@@ -137,7 +136,7 @@ def _nearest_vertex(start, target, normals, side, indptr, indices, rings):
 
 
 @njit(cache=True, parallel=True)
-def _nearest_triangle(start, target, faces, normals, side, indptr, indices, fptr, findices, margin):
+def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr, findices, margin):
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     n = len(start)
     way = np.empty(n)

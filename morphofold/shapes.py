@@ -1,4 +1,4 @@
-"""Surfaces with known answers: spheres, ellipsoid, torus, cylinder, bumpy and ridged sphere; irregular and noisy variants."""
+"""Surfaces with known answers: spheres, bumpy, ridged; ellipsoid, torus, cylinder; irregular and noisy variants."""
 
 from __future__ import annotations
 

@@ -1,0 +1,184 @@
+"""Gyral thickness: chords of known length, invariances, and surfaces that have none."""
+
+import sys
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from morphofold.analysis import gyral_thickness
+from morphofold.analysis.chord import weighted_quantile
+from morphofold.analysis.rays import Scanner
+from morphofold.io import read_cortex
+from morphofold.shapes import ellipsoid, icosphere, ridged_sphere, sphere, with_noise
+from morphofold.surface import Cortex, Surface
+
+
+@pytest.fixture(scope="module")
+def ridged():
+    cortex, chord = ridged_sphere(5, width=6.0, ridges=10)
+    return cortex, chord, gyral_thickness(cortex, scale=10.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "width", "ridges", "rng"), [(5, 5.0, 12, None), (5, 6.0, 10, 0), (5, 7.0, 9, None), (6, 6.0, 10, None)]
+)
+def test_ridges_of_known_width_are_measured_within_three_percent(level, width, ridges, rng):
+    cortex, chord = ridged_sphere(level, width=width, ridges=ridges, rng=rng)
+    found = gyral_thickness(cortex, scale=10.0)
+    assert -0.03 < found.median / chord - 1 < 0.01
+    low, high = (weighted_quantile(found.width, found.weight, share) / chord for share in (0.05, 0.95))
+    assert low > 0.95
+    assert high < 1.04
+    assert found.coverage > 0.99
+    assert found.reason == ""
+    assert np.median(np.linalg.norm(found.points, axis=1)) == pytest.approx(52, abs=0.1)     # half of 4 above 50
+
+
+def test_chords_end_on_the_opposite_wall_at_their_length(ridged):
+    found = ridged[-1]
+    good = np.isfinite(found.width)
+    assert np.isnan(found.partner[~good]).all()
+    length = np.linalg.norm(found.partner - found.points, axis=1)[good]
+    assert np.median(np.abs(length / found.width[good] - 1)) < 0.03     # a slanting ray is longer than the width
+    assert np.abs(np.linalg.norm(found.partner[good], axis=1) - 52).max() < 1
+    latitude = lambda p: np.degrees(np.arccos(p[:, 2] / np.linalg.norm(p, axis=1)))
+    ridge = lambda p: np.floor(latitude(p) / 18)
+    assert (ridge(found.points[good]) == ridge(found.partner[good])).all()      # through its own gyrus
+
+
+def test_gyrus_and_sulcus_add_up_to_the_period(ridged):
+    found = ridged[-1]
+    assert found.median + found.median_gap == pytest.approx(2 * 52 * np.sin(np.pi / 20), rel=0.08)
+
+
+def test_width_hardly_depends_on_resolution():
+    found = [gyral_thickness(ridged_sphere(level, width=6.0)[0], scale=10.0).median for level in (5, 6)]
+    assert found[0] == pytest.approx(found[1], rel=0.015)
+
+
+def test_width_turns_moves_and_grows_with_the_surface(ridged):
+    cortex, _, found = ridged
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    change = lambda s: Surface(10 * s.verts @ turn.T + [300, -200, 100], s.faces)
+    other = gyral_thickness(Cortex(change(cortex.white), change(cortex.pial)), scale=100.0)
+    for name in ("median", "lower", "upper", "median_gap", "wavelength", "amplitude"):
+        assert getattr(other, name) == pytest.approx(10 * getattr(found, name), rel=2e-3), name
+    assert other.coverage == pytest.approx(found.coverage, abs=2e-3)
+
+
+def test_noise_of_a_twentieth_edge_moves_the_median_by_less_than_two_percent(ridged, rng):
+    cortex, _, found = ridged
+    radial = 1 + 0.05 * 1.8 / 50 * rng.standard_normal((len(cortex.pial.verts), 1))
+    rough = lambda s: Surface(s.verts * radial, s.faces)
+    noisy = gyral_thickness(Cortex(rough(cortex.white), rough(cortex.pial)), scale=10.0)
+    assert noisy.median == pytest.approx(found.median, rel=0.02)
+
+
+def test_every_vertex_carries_the_width_of_its_own_gyrus(ridged):
+    _, chord, found = ridged
+    assert np.isfinite(found.per_vertex).all()
+    assert np.percentile(found.per_vertex / chord, [5, 95]) == pytest.approx([1, 1], abs=0.06)
+
+
+def test_the_scale_that_the_surface_chooses_is_a_third_of_its_wavelength():
+    brain = lambda f: ridged_sphere(5, 8.0 * f, ridges=8, radius=50 * f, height=4 * f)[0]
+    small, large = gyral_thickness(brain(1)), gyral_thickness(brain(2))
+    assert small.scale == pytest.approx(small.wavelength / 3, rel=0.06)
+    assert large.scale == pytest.approx(2 * small.scale, rel=1e-3)
+    assert large.median == pytest.approx(2 * small.median, rel=5e-3)
+
+
+def test_a_part_outside_the_mask_is_left_out(ridged):
+    cortex, chord, _ = ridged
+    north = cortex.pial.verts[:, 2] > 0
+    found = gyral_thickness(replace(cortex, cortex=north), scale=10.0)
+    assert found.points[:, 2].min() > 0
+    assert np.isnan(found.per_vertex[~north]).all()
+    assert found.median == pytest.approx(chord, rel=0.03)
+    assert gyral_thickness(cortex, scale=10.0, mask=north).median == found.median
+    assert np.isfinite(found.median_where(cortex.pial.verts[:, 2] > 20, cortex.faces))
+    assert np.isnan(found.median_where(~north, cortex.faces))
+    both = found.contour_where(north, cortex.faces), found.contour_where(~north, cortex.faces)
+    assert both == pytest.approx((found.coverage * found.weight.sum(), 0))
+
+
+def test_a_bare_surface_is_measured_without_white(ridged):
+    cortex, chord, found = ridged
+    bare = gyral_thickness(cortex.pial, scale=10.0)
+    assert not bare.white_tested
+    assert found.white_tested
+    assert bare.median == pytest.approx(chord, rel=0.03)
+
+
+def test_a_ray_may_leave_white_for_less_than_the_slack_only():
+    verts, faces = icosphere(3, radius=3.0)             # two balls of white, 2 apart
+    scan = Scanner(Surface(np.r_[verts, verts + [8, 0, 0]], np.r_[faces, faces + len(verts)]))
+    origins, directions = np.tile([-5.0, 0.01, 0.02], (4, 1)), np.tile([1.0, 0, 0], (4, 1))
+    lengths = np.array([20.0, 20.0, 9.0, 1.0])          # through both, both, the first, none
+    assert scan.stays_white(origins, directions, lengths, 1.5).tolist() == [False, False, True, True]
+    assert scan.stays_white(origins, directions, lengths, 2.5).all()
+
+
+@pytest.mark.parametrize("scale", [10.0, None])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        sphere(5),
+        sphere(4, rng=0),
+        with_noise(sphere(5), 0.1),
+        ellipsoid(5, (60, 40, 40)),
+        ellipsoid(5, (80, 50, 30)),
+        ellipsoid(5, (90, 40, 40)),
+    ],
+    ids=["sphere", "irregular", "noisy", "60-40-40", "80-50-30", "90-40-40"],
+)
+def test_a_surface_without_folds_has_no_samples_no_number_and_a_reason(shape, scale):
+    found = gyral_thickness(shape.surface, scale=scale)
+    assert found.reason.startswith("no ")
+    assert len(found.points) == len(found.width) == len(found.weight) == len(found.gap) == len(found.partner) == 0
+    assert np.isnan([found.median, found.lower, found.upper, found.median_gap, found.wavelength]).all()
+    assert np.isnan(found.per_vertex).all()
+    assert found.coverage == 0
+
+
+def test_the_average_brain_has_the_widths_that_independent_code_found():
+    root = files("morphofold.data_samples") / "fsaverage5"
+    lh, rh = (gyral_thickness(read_cortex(root, hemi=hemi), scale=10.0) for hemi in ("lh", "rh"))
+    assert (lh.median, rh.median) == pytest.approx((10.4, 10.6), rel=0.03)
+    assert (lh.median_gap, rh.median_gap) == pytest.approx((5.7, 5.6), rel=0.05)
+    assert (lh.amplitude, rh.amplitude) == pytest.approx((15.3, 14.8), rel=0.03)
+    assert (lh.wavelength, rh.wavelength) == pytest.approx((32.4, 31.6), rel=0.03)
+    assert (lh.coverage, rh.coverage) == pytest.approx((0.87, 0.88), abs=0.06)
+
+
+def test_the_precentral_gyrus_is_wider_than_the_postcentral():
+    for hemi in ("lh", "rh"):
+        cortex = read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi=hemi)
+        found = gyral_thickness(cortex, scale=10.0)
+        regions = cortex.regions
+        pre, post = (regions.labels == regions.names.index(name) for name in ("precentral", "postcentral"))
+        assert found.median_where(pre, cortex.faces) > 1.15 * found.median_where(post, cortex.faces)
+
+
+def test_quantiles_follow_the_weights():
+    values, weights = np.array([3.0, np.nan, 1.0, 2.0]), np.array([1.0, 9.0, 1.0, 2.0])
+    assert weighted_quantile(values, weights, 0.5) == 2.0
+    assert weighted_quantile(values, weights, 0.0) == 1.0
+    assert np.isnan(weighted_quantile(values[1:2], weights[1:2], 0.5))
+
+
+def test_without_embree_the_answer_is_an_error_that_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh.ray.ray_pyembree", None)
+    with pytest.raises(ImportError, match="pip install embreex"):
+        gyral_thickness(sphere(2).surface)
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"), [(np.ones(3, bool), "mask has shape"), (np.zeros(162, bool), "no vertex is left")]
+)
+def test_a_mask_without_meaning_is_refused(mask, message):
+    with pytest.raises(ValueError, match=message):
+        gyral_thickness(sphere(2).surface, mask=mask)
