@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
-    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index",
+    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
 )  # fmt: skip
+LEAST_CONTOUR = 6.0     # in median gyral widths; about 60 mm on an adult brain
 
 
 def region_table(
@@ -41,7 +42,8 @@ def region_table(
         With the keys of ``COLUMNS``. ``n_vertices`` counts every vertex of the label and ``area_mm2`` sums their
         white areas; ``cortical_thickness_mm`` and ``_sd_mm`` are the plain mean and standard deviation (over n,
         not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
-        makes them; ``gyral_thickness_mm`` is the median. None where there is nothing to average. Vertices without
+        makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
+        (``gyral_contour_mm``) is at least six gyral widths long: less is a gyrus or two, no region. None where there is nothing to average. Vertices without
         a region, and labels such as ``unknown`` and ``corpuscallosum``, make no row.
 
     Raises
@@ -63,9 +65,12 @@ def region_table(
         thickness = _known(maps.get("cortical_thickness"), at)
         widths = _known(maps.get("gyral_thickness"), at)
         across = float(np.median(widths)) if len(widths) else np.nan
-        if gyral is not None:
-            across = gyral.median_where(cortex.regions.labels == index, cortex.faces)
         row: dict[str, Any] = dict.fromkeys(COLUMNS)
+        if gyral is not None:
+            length = gyral.contour_where(cortex.regions.labels == index, cortex.faces)
+            enough = length >= LEAST_CONTOUR * gyral.median
+            across = gyral.median_where(cortex.regions.labels == index, cortex.faces) if enough else np.nan
+            row.update(gyral_contour_mm=length)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
         if len(thickness):
             row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import Measures
+from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.io import (
     atomic_folder,
     read_annotation,
@@ -30,10 +31,7 @@ from morphofold.io import (
 from morphofold.surface import Cortex
 
 COLUMNS = {
-    "regions": (
-        "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
-        "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index",
-    ),
+    "regions": REGION_COLUMNS,
     "crests": (
         "hemi", "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm",
         "mean_H_per_mm", "region",

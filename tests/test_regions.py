@@ -88,3 +88,24 @@ def test_a_cortex_without_regions_has_an_empty_table():
 def test_a_map_of_another_surface_is_refused():
     with pytest.raises(ValueError, match=r"map area has shape \(2,\), not \(3,\)"):
         region_table(labelled([0, 0, 0], ["a"]), {"area": np.ones(2)})
+
+
+def test_a_region_with_little_contour_has_no_gyral_thickness():
+    """The width of a gyrus or two is no region's: less than six widths of contour, and the column is empty."""
+
+    class Widths:
+        median = 10.0
+
+        def __init__(self, length):
+            self.length = length
+
+        def contour_where(self, vertices, faces):
+            return self.length
+
+        def median_where(self, vertices, faces):
+            return 9.0
+
+    cortex = labelled([0, 0, 0, 0], ["one"])
+    short, long = (region_table(cortex, {}, Widths(length))[0] for length in (59.0, 61.0))
+    assert (short["gyral_thickness_mm"], short["gyral_contour_mm"]) == (None, 59.0)
+    assert long["gyral_thickness_mm"] == 9.0

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from made_measures import made_cortex, made_measures
 
-from morphofold.compare import compare
+from morphofold.comparison import compare
 from morphofold.report import colours, figures, pack, plots, raster
 from morphofold.report.page import analysis_report
 from morphofold.report.png import lettering, png_bytes
@@ -137,6 +137,10 @@ def test_limits_are_the_quantity_own_when_they_suit_and_rounded_percentiles_when
     assert high == pytest.approx(30, abs=1)
     bound = common_limits(quantity("H"), [rng.normal(0.5, 1, 999)])
     assert bound[0] == -bound[1]
+    few, many = rng.uniform(6, 8, 99), rng.uniform(1.2, 4.6, 9999)
+    low, high = common_limits(thickness, [few, many])                    # a small surface is not drowned by a large one
+    assert low <= 1.3
+    assert high >= 7.9
     assert common_limits(thickness, []) == (1, 5)
     flat = common_limits(quantity("odd_mm"), [np.full(9, 7.0)])
     assert flat[0] < 7 < flat[1]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.compare import compare
+from morphofold.comparison import compare
 from morphofold.report import figures
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")

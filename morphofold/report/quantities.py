@@ -98,20 +98,21 @@ def _words(name: str) -> tuple[str, str]:
 
 
 def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
-    """Limits for colouring several surfaces alike.
+    """Limits for colouring several surfaces alike, each surface counting as much as any other.
 
-    The quantity's own limits, if at least 80 % of all values lie inside and the values fill at least 40 %
-    of them; else the 2nd and 98th percentile of the pooled values, rounded outwards to two figures and, for a
-    signed quantity, made symmetric about zero.
+    The quantity's own limits, if at least 80 % of every surface's values lie inside and the values fill at least
+    40 % of them; else the least 2nd and the greatest 98th percentile of any surface, rounded outwards to two
+    figures and, for a signed quantity, made symmetric about zero.
     """
-    pooled = np.concatenate([np.asarray(v, dtype=np.float64).ravel() for v in values] or [np.empty(0)])
-    pooled = pooled[np.isfinite(pooled)]
-    if pooled.size == 0:
+    arrays = [np.asarray(v, dtype=np.float64).ravel() for v in values]
+    arrays = [known for v in arrays if (known := v[np.isfinite(v)]).size]
+    if not arrays:
         return what.limits or (0.0, 1.0)
-    low, high = (float(q) for q in np.percentile(pooled, [2, 98]))
+    ends = np.array([np.percentile(v, [2, 98]) for v in arrays])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     if what.limits is not None:
         a, b = what.limits
-        inside = np.mean((pooled >= a) & (pooled <= b))
+        inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)
         if inside >= 0.8 and high - low >= 0.4 * (b - a):
             return what.limits
     if what.signed:
