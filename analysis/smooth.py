@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -171,23 +170,34 @@ def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
 def _windowed_maximum(indptr, indices, lengths, values, order, radius):
     # Highest source first: what reaches a vertex first is its maximum. A later source need not pass a vertex that an
     # earlier one reached by a way no longer, for it would bring nothing new beyond. All reached: done.
+    # Ways are shortened until none can be (a queue, not a heap: a third of the whole time less).
     n = len(values)
     result, near = np.empty(n), np.full(n, np.inf)
+    queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
     missing = n
     for s in order:
-        heap = [(0.0, s)]
-        while heap:
-            far, v = heapq.heappop(heap)
-            if far >= near[v]:
-                continue
-            if near[v] == np.inf:
-                result[v] = values[s]
-                missing -= 1
-            near[v] = far
+        if near[s] == np.inf:
+            result[s] = values[s]
+            missing -= 1
+        near[s] = 0.0
+        queue[0] = s
+        at, waiting = 0, 1
+        while waiting > 0:
+            v = queue[at]
+            at = (at + 1) % n
+            waiting -= 1
+            queued[v] = False
             for e in range(indptr[v], indptr[v + 1]):
-                further = far + lengths[e]
-                if further <= radius and further < near[indices[e]]:
-                    heapq.heappush(heap, (further, indices[e]))
+                w, way = indices[e], near[v] + lengths[e]
+                if way <= radius and way < near[w]:
+                    if near[w] == np.inf:
+                        result[w] = values[s]
+                        missing -= 1
+                    near[w] = way
+                    if not queued[w]:
+                        queued[w] = True
+                        queue[(at + waiting) % n] = w
+                        waiting += 1
         if missing == 0:
             break
     return result
