@@ -146,7 +146,7 @@ def _volume_ratio(d, c):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _corners(q, r):
-    """Minus the gradient for coordinate r of the eight corners, from dW/dD of the eight points: _edges transposed."""
+    """Minus the gradient for coordinate r of the corners, from dW/dD of the eight points: _edges transposed."""
     a, b, c = r, 3 + r, 6 + r
     s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
     t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])

@@ -38,7 +38,8 @@ def element_speed(cells: int = 32, portion: str = "half", threads: int = 1, seco
     numba.set_num_threads(threads)
     try:
         body.element_forces(x)
-        times, end = [], time.perf_counter() + seconds
+        times: list[float] = []
+        end = time.perf_counter() + seconds
         while time.perf_counter() < end or len(times) < 5:
             start = time.perf_counter()
             body.element_forces(x)

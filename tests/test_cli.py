@@ -161,7 +161,8 @@ def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
     # a real SIGINT to a real process
-    small = ["geometry.portion=octant", "growth.final=1.4", "growth.rate=0.5", "output.stages=[]", "accuracy.cells_per_quarter=16"]
+    small = ["geometry.portion=octant", "growth.final=1.4", "growth.rate=0.5", "accuracy.cells_per_quarter=16"]
+    small.append("output.stages=[]")
     scene = ["demo", *(word for s in small for word in ("--set", s)), "--set", "output.checkpoint_minutes=0.001"]
     argv = [sys.executable, "-m", "morphofold", "simulate", *scene, "-o", "run"]
     code = (

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from reference_sim import Twin
 
-from morphofold.sim.body import FILTER, SAFETY, Body
 from morphofold.sim import kernels
+from morphofold.sim.body import FILTER, SAFETY, Body
 from morphofold.sim.mesh import bilayer_sphere
 
 

@@ -53,8 +53,8 @@ def run(args: argparse.Namespace) -> int:
         s = m.scalars
         gyral = s["median_gyral_thickness_mm"]
         print(
-            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {s['gyrification_index']:.2f}, cortical "
-            f"thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
+            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {s['gyrification_index']:.2f}, "
+            f"cortical thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
             f"{'n/a' if gyral is None else f'{gyral:.1f} mm'}"
         )
     print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
@@ -62,6 +62,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres whose pial surface lies in ``folder`` or its surf/; ("lh",) where none does, for the reader to say."""
+    """Hemispheres whose pial surface lies in ``folder`` or its surf/; ("lh",) if none does, for the reader to say."""
     found = {p.name[:2] for place in (folder, folder / "surf") if place.is_dir() for p in place.glob("?h.pial*")}
     return tuple(h for h in ("lh", "rh") if h in found) or ("lh",)

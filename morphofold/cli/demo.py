@@ -35,9 +35,11 @@ def run(args: argparse.Namespace) -> int:
     measures = {}
     with progress("measure", args.quiet) as tell:
         for i, (name, cortex) in enumerate(cortices.items()):
-            measures[name] = measure(
-                cortex, progress=lambda what, part, i=i, name=name: tell((i + part) / 3, f"{name}: {what}")
-            )
+
+            def part_done(what: str, part: float, i: int = i, name: str = name) -> None:
+                tell((i + part) / len(cortices), f"{name}: {what}")
+
+            measures[name] = measure(cortex, progress=part_done)
         tell(1.0, "done")
     with progress("write  ", args.quiet) as tell:
         for i, (name, m) in enumerate(measures.items()):

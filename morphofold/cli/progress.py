@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
+
+
+class Tell(Protocol):
+    """Called with the share done, 0 to 1, and a few words."""
+
+    def __call__(self, share: float, text: str = "") -> None: ...
 
 
 @contextmanager
-def progress(label: str, quiet: bool = False) -> Iterator[Callable[[float, str], None]]:
+def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
     """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error."""
     if quiet:
-        yield lambda share, text="": None
+
+        def silent(share: float, text: str = "") -> None:
+            pass
+
+        yield silent
     elif sys.stderr.isatty():
         with _bar(label) as tell:
             yield tell
@@ -21,7 +32,7 @@ def progress(label: str, quiet: bool = False) -> Iterator[Callable[[float, str],
 
 
 @contextmanager
-def _bar(label: str) -> Iterator[Callable[[float, str], None]]:
+def _bar(label: str) -> Iterator[Tell]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -31,16 +42,21 @@ def _bar(label: str) -> Iterator[Callable[[float, str], None]]:
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
         task = bars.add_task(label, total=1.0, text="")
-        yield lambda share, text="": bars.update(task, completed=share, text=text)
+
+        def tell(share: float, text: str = "") -> None:
+            bars.update(task, completed=share, text=text)
+
+        yield tell
 
 
-def _lines(label: str) -> Callable[[float, str], None]:
+def _lines(label: str) -> Tell:
     started, told = time.monotonic(), [0]
 
     def tell(share: float, text: str = "") -> None:
         tenth = int(10 * share)
         if tenth > told[0]:
             told[0] = tenth
-            print(f"{label}: {share:4.0%} after {time.monotonic() - started:.0f} s  {text}", file=sys.stderr, flush=True)
+            seconds = time.monotonic() - started
+            print(f"{label}: {share:4.0%} after {seconds:.0f} s  {text}", file=sys.stderr, flush=True)
 
     return tell
