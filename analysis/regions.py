@@ -44,7 +44,8 @@ def region_table(
         not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
         makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
         (``gyral_contour_mm``) is at least six gyral widths long: less is a gyrus or two, no region. None where
-        there is nothing to average. Vertices without a region, and labels such as ``unknown`` and ``corpuscallosum``, make no row.
+        there is nothing to average. Vertices without a region, and labels such as ``unknown`` and
+        ``corpuscallosum``, make no row.
 
     Raises
     ------

@@ -207,7 +207,7 @@ def _point_state(d, c, mu):
     energy = w * mu * (0.5 * (I1 - 3.0) + (J - 1.0) * (J - 1.0))
     cc = (k[0] * k[0] + k[1] * k[1] + k[2] * k[2] + k[3] * k[3] + k[4] * k[4] + k[5] * k[5]
           + k[6] * k[6] + k[7] * k[7] + k[8] * k[8])  # fmt: skip
-    # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3 is the mean square cofactor
+    # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
     return energy, J, mu * (4.0 + I1) * (1.0 / 9.0) * cc / w
 
 

@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
     last = health["stages"][-1]
     print(
         f"{simulation.path}: {len(health['stages'])} stages to g = {last['growth']:.2f}, "
-        f"{health['elements']:,} bricks, {health['steps']:,} steps in {health['seconds']:.0f} s; min J {last['min_J']:.2f}, "
-        f"overlap {last['overlap']:.2%}, {'healthy' if health['healthy'] else 'NOT healthy'}"
+        f"{health['elements']:,} bricks, {health['steps']:,} steps in {health['seconds']:.0f} s; "
+        f"min J {last['min_J']:.2f}, overlap {last['overlap']:.2%}, {'healthy' if health['healthy'] else 'NOT healthy'}"
     )
     for warning in health["warnings"]:
         print(f"warning: {warning}")
