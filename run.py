@@ -1,0 +1,76 @@
+"""Set everything up in .venv and run a task: ``python3 run.py demo`` or ``python3 run.py test``.
+
+Needs only Python 3.11 or newer with pip, and a network for the first set-up. Further words go to the task:
+``python3 run.py test -k curvature``.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
+READY = ROOT / ".venv" / ".ready"
+SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
+
+TASKS = {
+    "setup": [],
+    "demo": [["morphofold", "demo", "-o", "demo"]],
+    "test": [["ruff", "check", "."], ["mypy"], ["python", "-m", "pytest"]],
+}
+
+
+def main(words: list[str]) -> int:
+    if sys.version_info < (3, 11):
+        return fail(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; try python3.12 or so.")
+    if not words or words[0] not in TASKS:
+        return fail(f"name a task: {', '.join(TASKS)}.")
+    os.chdir(ROOT)
+    if not READY.exists() or any(s.stat().st_mtime > READY.stat().st_mtime for s in SOURCES):
+        code = set_up()
+        if code:
+            return code
+    for i, command in enumerate(TASKS[words[0]]):
+        last = i == len(TASKS[words[0]]) - 1
+        code = call([str(BIN / command[0]), *command[1:], *(words[1:] if last else [])])
+        if code:
+            return code
+    return 0
+
+
+def set_up() -> int:
+    """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
+    print("setting up .venv (once; downloads about 350 MB)", flush=True)
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
+    uv = str(ROOT / ".tools" / "bin" / "uv")
+    python = str(BIN / "python")
+    for command in (
+        [*pip, "--target", ".tools", "uv"],
+        [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, ".venv"],
+        [uv, "pip", "install", "--quiet", "--python", python, "-c", "constraints.txt", "-e", ".[test]"],
+    ):
+        code = call(command)
+        if code:
+            return fail(f"set-up failed at: {' '.join(command)}")
+    READY.touch()
+    return 0
+
+
+def call(command: list[str]) -> int:
+    quiet = {"UV_PYTHON_DOWNLOADS": "never", "PIP_ROOT_USER_ACTION": "ignore"}
+    try:
+        return subprocess.call(command, env={**os.environ, **quiet})
+    except KeyboardInterrupt:
+        return 130
+    except OSError as error:
+        return fail(f"{command[0]}: {error}")
+
+
+def fail(message: str) -> int:
+    print(f"run.py: {message}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
