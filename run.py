@@ -22,7 +22,7 @@ TASKS = {
 
 
 def main(words: list[str]) -> int:
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036  (this file is what an older Python reads first)
         return fail(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; try python3.12 or so.")
     if not words or words[0] not in TASKS:
         return fail(f"name a task: {', '.join(TASKS)}.")
