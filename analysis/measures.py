@@ -148,7 +148,7 @@ def measure(
         notes["regions"] = (
             "NumVert, area and thickness as mris_anatomical_stats counts them. n_hinges, crest_length_mm and "
             "gyrification_index of a region are not measured by this version; a region with less measured contour "
-            "than six gyral widths has no gyral thickness."
+            "than two gyral widths has no gyral thickness."
         )
     notes["gyral_to_cortical_slope"] = notes["gyral_to_cortical_r"] = why
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)

@@ -18,7 +18,7 @@ COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
     "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
 )  # fmt: skip
-LEAST_CONTOUR = 6.0     # in median gyral widths; about 60 mm on an adult brain
+LEAST_CONTOUR = 2.0     # in median gyral widths: about 20 mm on an adult brain, one fold
 
 
 def region_table(
@@ -43,7 +43,7 @@ def region_table(
         white areas; ``cortical_thickness_mm`` and ``_sd_mm`` are the plain mean and standard deviation (over n,
         not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
         makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
-        (``gyral_contour_mm``) is at least six gyral widths long: less is a gyrus or two, no region. None where
+        (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold. None where
         there is nothing to average. Vertices without a region, and labels such as ``unknown`` and
         ``corpuscallosum``, make no row.
 

@@ -91,7 +91,7 @@ def test_a_map_of_another_surface_is_refused():
 
 
 def test_a_region_with_little_contour_has_no_gyral_thickness():
-    """The width of a gyrus or two is no region's: less than six widths of contour, and the column is empty."""
+    """The width of a single fold is no region's: less than two widths of contour, and the column is empty."""
 
     class Widths:
         median = 10.0
@@ -106,6 +106,6 @@ def test_a_region_with_little_contour_has_no_gyral_thickness():
             return 9.0
 
     cortex = labelled([0, 0, 0, 0], ["one"])
-    short, long = (region_table(cortex, {}, Widths(length))[0] for length in (59.0, 61.0))
-    assert (short["gyral_thickness_mm"], short["gyral_contour_mm"]) == (None, 59.0)
+    short, long = (region_table(cortex, {}, Widths(length))[0] for length in (19.0, 21.0))
+    assert (short["gyral_thickness_mm"], short["gyral_contour_mm"]) == (None, 19.0)
     assert long["gyral_thickness_mm"] == 9.0
