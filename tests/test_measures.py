@@ -129,3 +129,22 @@ def test_names_load_on_first_use_and_stay_functions():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "AttributeError: module 'morphofold.analysis' has no attribute 'no_such_name'" in done.stderr
+
+
+def test_the_simulated_sample_is_folded_as_an_independent_study_of_the_same_body_found():
+    """T = 3, g = 1.9: GI 1.73 to 1.97 over three meshes and two elements; gyri 2.4 to 2.7 cortices wide."""
+    cortex = read_cortex(sample_path("simulated"))
+    assert (cortex.origin, cortex.portion, cortex.info["g"]) == ("simulation", 0.5, 1.9)
+    s = measure(cortex).scalars
+    assert s["euler_characteristic"] == 2
+    assert 1.73 < s["gyrification_index"] < 1.97
+    assert 2.3 < s["median_gyral_thickness_mm"] / s["mean_cortical_thickness_mm"] < 2.8
+    # nearly incompressible: what lies between white and pial is the grown volume of the cortex
+    volume = [np.einsum("ij,ij->", *_corner_areas(surface)) / 3 for surface in (cortex.white, cortex.pial)]
+    assert volume[1] - volume[0] == pytest.approx(1.9**3 * 4 / 3 * np.pi * (50**3 - 47**3), rel=0.03)
+
+
+def _corner_areas(surface):
+    """Centroids of the faces, and their area vectors."""
+    a, b, c = (surface.verts[surface.faces[:, k]] for k in range(3))
+    return (a + b + c) / 3, np.cross(b - a, c - a) / 2
