@@ -179,3 +179,13 @@ def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
     assert (here / "run" / "checkpoint.npz").exists()
     assert not list((here / "run").glob(".*"))
     assert main(["simulate", *scene, "-o", "run", "--resume", "-q"]) == 0
+
+
+def test_a_warning_is_one_line_without_source(here, capsys, monkeypatch):
+    import warnings
+
+    from morphofold.cli import scenes
+
+    monkeypatch.setattr(scenes, "run", lambda args: warnings.warn("the sky is low", stacklevel=1) or 0)
+    assert main(["scenes"]) == 0
+    assert capsys.readouterr().err == "morphofold: warning: the sky is low\n"

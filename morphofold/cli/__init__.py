@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+import warnings
 from collections.abc import Sequence
 
 from morphofold import __version__
@@ -45,7 +46,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted."""
     args = parser().parse_args(argv)
     try:
-        return args.run(args)
+        with warnings.catch_warnings():
+            warnings.showwarning = _one_line
+            return args.run(args)
     except KeyboardInterrupt:
         print(f"morphofold {args.command}: interrupted.{getattr(args, 'on_interrupt', '')}", file=sys.stderr)
         return 130
@@ -59,6 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         if type(error).__name__ == "UnstableError":                    # not imported for the sake of --help
             return _fail(args.command, error, 1)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+
+
+def _one_line(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as the users of a command want it: without the source line."""
+    print(f"morphofold: warning: {message}", file=sys.stderr)
 
 
 def _fail(command: str, error: object, code: int) -> int:
