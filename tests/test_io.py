@@ -748,3 +748,34 @@ def test_the_licence_of_fsaverage5_begins_with_the_words_it_asks_for():
 def test_a_sample_that_is_not_there_is_refused_with_those_that_are():
     with pytest.raises(FileNotFoundError, match=r"bert: no such sample\. There are S1, .*fsaverage5"):
         sample_path("bert")
+
+
+def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
+    """Origin, portion and info decide how a cortex is measured, so measuring an analysis again changes nothing."""
+    (tmp_path / "surf").mkdir()
+    stage = sample_path("simulated")
+    for name in ("lh.white", "lh.pial"):
+        (tmp_path / "surf" / name).write_bytes((stage / "surf" / name).read_bytes())
+    entry = {"hemi": "lh", "name": "mine", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
+    (tmp_path / "summary.json").write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
+    cortex = read_cortex(tmp_path)
+    assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("mine", "simulation", 0.5, {"g": 1.9})
+    (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
+    with pytest.raises(ValueError, match=r"summary.json: is not the summary of an analysis of lh \(portion"):
+        read_cortex(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["rh.white", "sub-01_hemi-R_white.surf.gii", "100307.R.white.surf.gii"])
+def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
+    cortex = read_cortex(sample_path("fsaverage5"), hemi="rh")
+    white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
+    write_surface(white, cortex.white)
+    write_surface(pial, cortex.pial)
+    assert read_cortex(white=white, pial=pial).hemi == "rh"
+    with pytest.raises(ValueError, match="is named rh, but lh was asked for"):
+        read_cortex(white=white, pial=pial, hemi="lh")
+
+
+def test_a_simulation_has_no_right_hemisphere_and_says_so():
+    with pytest.raises(ValueError, match="one closed surface named lh"):
+        read_cortex(sample_path("simulated"), hemi="rh")

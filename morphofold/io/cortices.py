@@ -80,7 +80,7 @@ def read_cortex(
 
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     for file in (white, pial):
-        said = file.name[:2] if file.name[:3] in ("lh.", "rh.") else hemi
+        said = _side(file.name) or hemi
         if hemi is not None and said != hemi:
             raise ValueError(
                 f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r}, or the other file."
@@ -91,6 +91,14 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
         inner, outer, hemi or "lh", name or white.name, origin="files",
         transform=scanner_transform(inner.geometry), files=(str(white), str(pial)),
     )  # fmt: skip
+
+
+def _side(name: str) -> str | None:
+    """Hemisphere that a file's name tells: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
+    if name[:3] in ("lh.", "rh."):
+        return name[:2]
+    letter = re.search(r"(?:^|_)hemi-([LR])(?=[_.])|\.([LR])\.", name)
+    return {"L": "lh", "R": "rh"}[letter[1] or letter[2]] if letter else None
 
 
 def _stage(path: Path) -> Path:
@@ -108,6 +116,9 @@ def _stage(path: Path) -> Path:
 def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, name: str | None) -> Cortex:
     if len(surfaces) != 2:
         raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+    stage = root / "stage.json"
+    if stage.is_file() and hemi == "rh":
+        raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Pass hemi='lh'.")
     inner, outer = (_required(root, f"{hemi}.{s}") for s in surfaces)
     white, pial = read_surface(inner), read_surface(outer)
     files = [inner, outer]
@@ -121,18 +132,23 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
     inflated = optional("surf", f"{hemi}.inflated", _SURFACE_ENDINGS)
     regions = optional("label", f"{hemi}.{annotation}.annot")
     label = optional("label", f"{hemi}.cortex.label")
-    stage = root / "stage.json"
-    info = _stage_info(stage) if stage.is_file() else {}
+    found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
+    said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": {}}
+    if stage.is_file():
+        info = _stage_info(stage)
+        said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
+    elif (root / "summary.json").is_file():
+        said |= _analysed(root / "summary.json", hemi)
     return Cortex(
-        white, pial, hemi, name or _name(root, info), maps,
+        white, pial, hemi, name or said["name"], maps,
         cortex=read_label(label, len(white.verts)) if label else None,
         regions=read_annotation(regions) if regions else None,
         inflated=read_surface(inflated) if inflated else None,
-        origin="simulation" if info else ("FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"),
-        units=str(info.get("units", "mm")),
+        origin=said["origin"],
+        units=str(said.get("units", "mm")),
         transform=scanner_transform(white.geometry),
-        portion=float(info.get("portion", 1.0)),
-        info=info, files=tuple(str(p) for p in files),
+        portion=float(said.get("portion", 1.0)),
+        info=said["info"], files=tuple(str(p) for p in files),
     )  # fmt: skip
 
 
@@ -159,6 +175,20 @@ def _name(root: Path, info: dict[str, Any]) -> str:
     folder = root.resolve().name
     scene = str(info.get("name", ""))
     return f"{scene} {folder}" if scene and folder not in scene else scene or folder
+
+
+def _analysed(path: Path, hemi: str) -> dict[str, Any]:
+    """What an analysis folder says of the surface it measured: name, origin, units, portion, info."""
+    existing_file(path, "summary of an analysis")
+    try:
+        entries = {str(e["hemi"]): e for e in json.loads(path.read_text(encoding="utf-8"))["surfaces"]}
+        entry = entries[hemi]
+        kept = {key: entry[key] for key in ("name", "origin", "units", "portion", "info")}
+        if not (isinstance(kept["info"], dict) and 0 < float(kept["portion"]) <= 1):
+            raise ValueError("portion must lie in (0, 1]")
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{path}: is not the summary of an analysis of {hemi} ({error}). Analyze it anew.") from error
+    return kept
 
 
 def _stage_info(path: Path) -> dict[str, Any]:
