@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,13 +99,15 @@ def simulate(
         If ``out`` holds something else, or a run and ``resume`` is not asked for.
     UnstableError
         If the run leaves its bounds; the last checkpoint and the stages so far stay.
+    KeyboardInterrupt
+        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once.
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
-    if _claim(folder, scene, resume):
-        return Simulation(folder, scene)
-    set_threads(threads)
-    _Run(scene, folder, progress, describe).go()
+    with deferred_interrupt() as interrupted:
+        set_threads(threads)                        # refused before anything is written
+        if not _claim(folder, scene, resume):
+            _Run(scene, folder, progress, describe, interrupted).go()
     return Simulation(folder, scene)
 
 
@@ -110,30 +115,57 @@ def _claim(folder: Path, scene: Scene, resume: bool) -> bool:
     """Make ``folder`` ours; True if it already holds this very simulation, finished."""
     written = folder / "scene.toml"
     if folder.exists() and not folder.is_dir():
-        raise FileExistsError(f"{folder}: is a file; choose another folder with -o.")
+        raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
         if folder.exists() and any(folder.iterdir()):
-            raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder with -o.")
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_file(written) as temporary:
             temporary.write_text(scene.to_toml())
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; go on with it by --resume, or choose another with -o.")
+        raise FileExistsError(f"{folder}: holds a simulation; ask to resume it, or choose another folder.")
     if load_scene(written) != scene:
-        raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder with -o.")
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
     return (folder / "health.json").exists()
+
+
+@contextmanager
+def deferred_interrupt() -> Iterator[Callable[[], bool]]:
+    """Hold back SIGINT and SIGTERM; yields a function that says whether one came. A second one acts at once.
+
+    Only the main thread can hold signals; elsewhere nothing is held and the function says no.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    came: list[int] = []
+
+    def hold(number: int, frame: object) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+
+    before = {number: signal.signal(number, hold) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class _Run:
     """One run: the body, its dynamics, and where it writes."""
 
-    def __init__(self, scene: Scene, out: Path, progress: Progress, describe: Describe):
+    def __init__(
+        self, scene: Scene, out: Path, progress: Progress, describe: Describe, interrupted: Callable[[], bool]
+    ):
         from morphofold.sim.body import Body
         from morphofold.sim.dynamics import Dynamics, Effect
         from morphofold.sim.mesh import bilayer_sphere
 
         self.scene, self.out, self.progress, self.describe = scene, out, progress, describe
+        self.interrupted = interrupted
         self.started = time.perf_counter()
         geometry, effects = scene.geometry, scene.effects
         bilayer = bilayer_sphere(
@@ -207,6 +239,9 @@ class _Run:
         )
         if not self.log or state.growth - self.log[-1]["growth"] >= LOG_EVERY:
             self._note()
+        if self.interrupted():
+            self._checkpoint()
+            raise KeyboardInterrupt
         if time.perf_counter() > self.checkpoint_due:
             self._checkpoint()
 
@@ -239,7 +274,7 @@ class _Run:
 
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
-        from morphofold.sim.health import enclosed_volume, overlap
+        from morphofold.sim.health import broken_bounds, enclosed_volume, overlap
         from morphofold.sim.surfaces import whole_surfaces
 
         folder = stage_folder(self.out, g)
@@ -265,6 +300,7 @@ class _Run:
             "portion": body.bilayer.portion,
             "units": "mm",
             "health": numbers,
+            "warnings": broken_bounds(numbers),
         }
         cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=body.bilayer.portion, info=info)
         maps = self.describe(cortex)

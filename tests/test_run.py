@@ -108,7 +108,7 @@ def test_a_finished_run_is_not_repeated(folder):
 
 
 def test_folders_of_others_are_left_alone(folder, tmp_path):
-    with pytest.raises(FileExistsError, match="--resume"):
+    with pytest.raises(FileExistsError, match="ask to resume it"):
         simulate("demo", folder, settings=SMALL)
     with pytest.raises(FileExistsError, match="another scene"):
         simulate("fig5", folder, resume=True)
@@ -137,4 +137,4 @@ def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
 def test_too_many_threads_are_refused(tmp_path):
     with pytest.raises(ValueError, match="threads must be 1 to"):
         simulate("demo", tmp_path / "x", threads=10_000)
-    assert not list((tmp_path / "x").glob("stages*"))
+    assert not (tmp_path / "x").exists()
