@@ -17,8 +17,11 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 LEVELS = {"draft": (0.80, 110.0), "standard": (0.55, 140.0), "fine": (0.40, 180.0)}
 
 
+MOST_BRICKS = 5_000_000  # about 6 GB of memory
+
+
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Geometry(_Table):
@@ -102,7 +105,7 @@ class Accuracy(_Table):
 class Output(_Table):
     """Growth stretches at which surfaces are written; the final one is always written."""
 
-    stages: tuple[Annotated[float, Field(ge=1)], ...] = ()
+    stages: Annotated[tuple[Annotated[float, Field(ge=1)], ...], Field(strict=False)] = ()
     volume: bool = True
     checkpoint_minutes: Positive = 0.5
 
@@ -123,10 +126,24 @@ class Scene(_Table):
     def _stages_within_growth(self) -> Scene:
         late = [g for g in self.output.stages if g > self.growth.final]
         if late:
-            raise ValueError(f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}")
+            raise ValueError(
+                f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}; drop it or grow further"
+            )
         names = [f"{g:.2f}" for g in self.stages]
         if len(set(names)) < len(names):
             raise ValueError("output.stages: stages (with growth.final) must differ by 0.01 at least")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_in_memory(self) -> Scene:
+        share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[self.geometry.portion]
+        bricks = 6 * self.cells**2 * share * (self.accuracy.elements_through_cortex + 6)
+        if bricks > MOST_BRICKS:
+            raise ValueError(
+                f"this takes about {bricks:.1e} bricks ({self.cells} cells along a quarter circle), more than "
+                f"{MOST_BRICKS:.0e}; take a thicker cortex, a smaller portion, a coarser accuracy.level or fewer "
+                "accuracy.cells_per_quarter"
+            )
         return self
 
     @property
@@ -183,12 +200,14 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{where}: not a TOML file: {error}.") from None
-    for setting in settings:
-        _put(tables, setting)
+    settings = list(settings)
+    changed = {_put(tables, setting): setting for setting in settings}
+    if "growth.final" in changed and "output.stages" not in changed:
+        _drop_late_stages(tables)
     try:
         return Scene.model_validate(tables)
     except ValidationError as error:
-        raise ValueError("\n".join(_explain(problem, text, where) for problem in error.errors())) from None
+        raise ValueError("\n".join(_explain(p, text, where, changed) for p in error.errors())) from None
 
 
 def _read(source: str | Path) -> tuple[str, str]:
@@ -207,7 +226,8 @@ def _read(source: str | Path) -> tuple[str, str]:
         raise ValueError(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
-def _put(tables: dict[str, Any], setting: str) -> None:
+def _put(tables: dict[str, Any], setting: str) -> str:
+    """Put ``table.key=value`` into the tables; returns ``table.key``."""
     key, equals, value = setting.partition("=")
     if not equals or not key.strip():
         raise ValueError(f"setting {setting!r} must read table.key=value, for example growth.final=1.8.")
@@ -222,25 +242,49 @@ def _put(tables: dict[str, Any], setting: str) -> None:
         if not isinstance(table, dict):
             raise ValueError(f"setting {setting!r}: {part!r} is a value, not a table.")
     table[last] = parsed
+    return key.strip()
 
 
-def _explain(problem: Mapping[str, Any], text: str, where: str) -> str:
+def _drop_late_stages(tables: dict[str, Any]) -> None:
+    """Stages that a smaller final growth no longer reaches."""
+    final, output = tables["growth"]["final"], tables.get("output", {})
+    if isinstance(final, int | float) and isinstance(output, dict) and isinstance(output.get("stages"), list):
+        output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
+
+
+def _explain(problem: Mapping[str, Any], text: str, where: str, changed: Mapping[str, str]) -> str:
     """One problem as: where, which key, what is wrong, what to do."""
     loc = [str(part) for part in problem["loc"]]
+    key = ".".join(loc) or "scene"
     words = [word.strip(".,:;()").split(".") for word in problem["msg"].split()]
     line = next((n for word in words if (n := _line_of(text, loc + word, exact=True))), None) or _line_of(text, loc)
     at = f"{where}, line {line}" if line else where
-    key = ".".join(loc) or "scene"
+    blamed = [s for k, s in changed.items() if k == key or k.startswith(f"{key}.") or k in problem["msg"]
+              or (not loc and k.split(".")[-1] in problem["msg"])]  # fmt: skip
+    at = f"setting {blamed[0]}" if blamed else at
     if problem["type"] == "extra_forbidden":
         model: Any = Scene
         for part in loc[:-1]:
             model = next(iter(_models(model.model_fields[part].annotation)), model)
         close = difflib.get_close_matches(loc[-1], model.model_fields, n=1)
-        known = f"Did you mean {close[0]}?" if close else f"Known here: {', '.join(model.model_fields)}."
+        names = ", ".join(model.model_fields)
+        known = f"Did you mean {close[0]}?" if close else f"Known here: {names}." if names else "It has no options."
         return f"{at}: unknown key {key}. {known}"
-    message = problem["msg"].removeprefix("Value error, ")
+    message = _WORDS.get(problem["type"]) or problem["msg"].removeprefix("Value error, ")
     got = "" if isinstance(problem["input"], dict | BaseModel) else f" (got {problem['input']!r})"
     return f"{at}: {key}: {message}{got}."
+
+
+#: pydantic's words for what a TOML file can get wrong, in words of TOML
+_WORDS = {
+    "model_type": "must be a table of keys",
+    "tuple_type": "must be a list, for example [1.5, 1.8]",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "bool_type": "must be true or false",
+    "finite_number": "must be a finite number",
+}
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
