@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.report.plots import number
 from morphofold.report.quantities import RATIO, find
 
 
@@ -48,6 +49,11 @@ class Fit:
     p: float
     n: int
 
+    @property
+    def sloped(self) -> bool:
+        """Whether the interval of the slope leaves out 0."""
+        return not self.slope_low <= 0 <= self.slope_high
+
 
 @dataclass(frozen=True)
 class Cloud:
@@ -72,7 +78,8 @@ class Comparison:
     """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
 
     ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
-    ``theory`` are lines for each ratio of stiffness that occurs. ``notes`` say what was left out.
+    ``theory`` are lines for each ratio of stiffness that occurs. ``notes`` say what was left out, ``cautions``
+    which scales and options differ between the surfaces.
     """
 
     names: tuple[str, ...]
@@ -81,6 +88,7 @@ class Comparison:
     clouds: tuple[Cloud, ...] = field(repr=False)
     theory: tuple[Theory, ...] = ()
     notes: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""
@@ -90,6 +98,7 @@ class Comparison:
             "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
             "theory": [asdict(line) for line in self.theory],
             "notes": list(self.notes),
+            "cautions": list(self.cautions),
         }
 
     def report(self, out: str | Path) -> Path:
@@ -155,6 +164,7 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
         clouds=clouds,
         theory=tuple(wrinkling_wavelength(mu) for mu in _ratios(named, mu_ratio)),
         notes=tuple(notes),
+        cautions=tuple(_cautions(named)),
     )
 
 
@@ -179,11 +189,40 @@ def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float
     if mu_ratio is not None:
         ratios = [mu_ratio]
     else:
-        ratios = sorted({float(m.cortex.info["mu_ratio"]) for m in named.values() if "mu_ratio" in m.cortex.info})
+        known = (m.cortex.info.get("mu_ratio") for m in named.values())
+        ratios = sorted({float(mu) for mu in known if mu is not None})
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise ValueError(f"mu_ratio must be a positive number, got {mu}.")
     return ratios or [1.0]
+
+
+def _cautions(named: Mapping[str, Measures]) -> list[str]:
+    """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
+    said = []
+    if differing := _by_value(named, "curvature_scale_mm", lambda mm: f"{number(float(mm), 2)} mm"):
+        where = " and ".join(f"{mm} on {_listed(names)}" for mm, names in differing.items())
+        said.append(f"Curvature was taken within {where}; compare H and folding indices with care.")
+    if differing := _by_value(named, "cortical_thickness_cap_mm", lambda mm: f"at {mm:g} mm" if mm else "nowhere"):
+        where = " and ".join(f"{at} on {_listed(names)}" for at, names in differing.items())
+        said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")
+    if differing := _by_value(named, "cortex_mask", str):
+        where = ", ".join(f"on {_listed(names)} by '{mask}'" for mask, names in differing.items())
+        said.append(f"What counts as cortex was told {where}; means are of that cortex only.")
+    return said
+
+
+def _by_value(named: Mapping[str, Measures], key: str, words: Callable[[Any], str]) -> dict[str, list[str]]:
+    """Names of surfaces by their parameter ``key`` in words; empty unless two surfaces differ."""
+    found: dict[str, list[str]] = {}
+    for name, m in named.items():
+        if key in m.parameters:
+            found.setdefault(words(m.parameters[key]), []).append(name)
+    return found if len(found) > 1 else {}
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def wrinkling_wavelength(mu_ratio: float) -> Theory:

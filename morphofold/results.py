@@ -74,7 +74,8 @@ def write_analysis(
     Raises
     ------
     ValueError
-        If there is no surface, or two of one hemisphere.
+        If there is no surface, two of one hemisphere, or ``out`` is, holds or lies in a subject the surfaces were
+        read from: writing would replace or fill it.
     FileExistsError
         If ``out`` holds something morphofold did not write.
     """
@@ -87,6 +88,7 @@ def write_analysis(
             "Write each subject to a folder of its own."
         )
     files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
+    _refuse_place_of_inputs(Path(out), files)
     records = input_records(files)
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
@@ -104,6 +106,20 @@ def write_analysis(
 
             analysis_report(measures, folder / "report.html", inputs=records)
     return Path(out)
+
+
+def _refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
+    """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
+    there = out.resolve()
+    for file in map(Path, files):
+        if not file.is_file():  # nothing here to lose
+            continue
+        folder = file.parent.resolve()
+        subject = folder.parent if folder.name in ("surf", "label") else None
+        place = subject or folder
+        if place.is_relative_to(there) or (subject is not None and there.is_relative_to(subject)):
+            how = "is" if there == place else "holds" if place.is_relative_to(there) else "lies in"
+            raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
 
 
 def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:

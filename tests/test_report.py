@@ -173,7 +173,7 @@ def test_a_histogram_holds_all_of_the_area():
     """The area under the drawn curve is 1, less what lies beyond the 0.5th and 99.5th percentile."""
     rng = np.random.default_rng(0)
     values, weights = rng.normal(2, 0.5, 20_000), rng.uniform(0, 1, 20_000)
-    svg = str(plots.histograms([("a", values, weights, "#000000")], "Thickness", "mm"))
+    svg = str(plots.histograms([("a", values, weights, "#000000", "")], "Thickness", "mm"))
     path = re.search(r'class="curve" d="M([^"]+)"', svg).group(1)
     points = np.array([[float(v) for v in p.split(",")] for p in path.split("L")])
     low, high = np.percentile(values, [0.5, 99.5])
@@ -186,7 +186,7 @@ def test_a_histogram_holds_all_of_the_area():
     peak = np.histogram(values, np.linspace(*axes.x, 49), weights=weights)[0].max() / weights.sum()
     peak /= (axes.x[1] - axes.x[0]) / 48
     assert share * peak == pytest.approx(0.995, abs=0.01)
-    assert plots.histograms([("a", np.full(3, np.nan), np.ones(3), "#000000")], "x", "") is None
+    assert plots.histograms([("a", np.full(3, np.nan), np.ones(3), "#000000", "")], "x", "") is None
 
 
 def test_the_weighted_median_is_the_middle_of_the_weight():

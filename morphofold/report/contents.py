@@ -21,6 +21,9 @@ PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "n
 REGION_COLUMNS = (
     "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
 )  # fmt: skip
+WARNING = "simulation"                         # the note that speaks of a simulation's health
+REMARKS = ("cortex_mask", "curvature_scale")   # notes about a surface rather than about one number
+SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
 
 
@@ -32,12 +35,14 @@ class Entry:
     measures: Measures
     colour: str
     marker: str = "circle"
+    dash: str = ""
 
     @property
     def kind(self) -> str:
         """One line about the surface, for below its name."""
         cortex = self.measures.cortex
-        facts = [cortex.origin if cortex.origin != "files" else "", cortex.name, cortex.hemi]
+        side = "" if cortex.origin == "simulation" else cortex.hemi
+        facts = [cortex.origin if cortex.origin != "files" else "", cortex.name, side]
         if "g" in cortex.info:
             facts.append(f"growth {_word(cortex.info['g'])}")
         return " · ".join(f for f in facts if f)
@@ -95,7 +100,22 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 def definitions(entries: Sequence[Entry]) -> Rows:
     """What the measures' notes say of the numbers that were had."""
-    return _notes(entries, lambda m, key: key not in SCALARS or m.scalars.get(key) is not None)
+    apart = (WARNING, *REMARKS)
+    return _notes(
+        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
+    )
+
+
+def warnings(entries: Sequence[Entry]) -> list[str]:
+    """What may make the numbers of a surface wrong: the health warnings of its simulation."""
+    return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
+
+
+def plot_notes(comparison: Comparison) -> list[str]:
+    """The notes of the comparison itself; those of the measures stand elsewhere on the page."""
+    pairs = zip(comparison.names, comparison.measures)
+    told = {f"{name}: {what} ({why})" for name, m in pairs for what, why in m.notes.items()}
+    return [note for note in comparison.notes if note not in told]
 
 
 def _silent(m: Measures, key: str) -> bool:
@@ -131,11 +151,13 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
             drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
             said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
         if cortex.portion != 1:
-            share = f"{cortex.portion:.3g} of the closed surface of {e.name}"
+            part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
+            share = f"{part} of the closed surface of {e.name}"
             said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
         if cortex.cortex is not None and not cortex.cortex.all():
             out = number(int((~cortex.cortex).sum()))
             said.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
+        said += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
     return said
 
 

@@ -45,7 +45,10 @@ def analysis_report(measures: Sequence[Measures], path: str | Path, *, inputs: I
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
     comparison = compare(dict(zip(unique, measures)))
     sides = " and ".join({"lh": "left", "rh": "right"}[m.cortex.hemi] for m in measures)
-    lede = f"The {sides} hemisphere, measured from white and pial surface."
+    what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
+    if all(m.cortex.origin == "simulation" for m in measures):
+        what = "A simulated cortex"
+    lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
     return _write(comparison, Path(path), "Analysis", title, lede, inputs, with_regions=True)
 
@@ -62,7 +65,7 @@ def _write(
     comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_regions: bool = False
 ) -> Path:
     entries = [
-        Entry(name, m, colours.CATEGORICAL[i % len(colours.CATEGORICAL)], plots.MARKERS[i % len(plots.MARKERS)])
+        Entry(name, m, *(choice[i % len(choice)] for choice in (colours.CATEGORICAL, plots.MARKERS, plots.DASHES)))
         for i, (name, m) in enumerate(zip(comparison.names, comparison.measures))
     ]
     shown = _shown(entries)
@@ -75,7 +78,8 @@ def _write(
         headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
         scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),
-        remarks=contents.remarks(entries, viewer["surfaces"]),
+        warnings=contents.warnings(entries), cautions=comparison.cautions, plot_notes=contents.plot_notes(comparison),
+        bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
         regions=contents.regions(entries) if with_regions else [], parameters=contents.parameters(entries),
         facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
         charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
@@ -173,15 +177,18 @@ def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
     charts = []
     for key in (k for k in MAIN if k in shown):
         what, _ = shown[key]
-        series = [(e.name, a, areas[e.name], e.colour) for e, a in _having(entries, key)]
+        series = [(e.name, a, areas[e.name], e.colour, e.dash) for e, a in _having(entries, key)]
         charts.append(plots.histograms(series, what.label, what.unit))
     return [chart for chart in charts if chart is not None]
 
 
 def _scatter(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
     clouds = [
-        {"name": e.name, "colour": e.colour, "marker": e.marker, "points": c.points, "bins": c.bins, "fit": c.fit}
+        {
+            "name": e.name, "colour": e.colour, "marker": e.marker, "dash": e.dash,
+            "points": c.points, "bins": c.bins, "fit": c.fit,
+        }
         for e, c in zip(entries, comparison.clouds)
-    ]
+    ]  # fmt: skip
     lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
     return plots.thickness_plot(clouds, lines)

@@ -93,13 +93,13 @@ class Axes:
 
 
 def histograms(
-    series: Sequence[tuple[str, np.ndarray, np.ndarray, str]], label: str, unit: str, bins: int = 48
+    series: Sequence[tuple[str, np.ndarray, np.ndarray, str, str]], label: str, unit: str, bins: int = 48
 ) -> Markup | None:
     """Area-weighted distributions over each other, in the same bins.
 
     Parameters
     ----------
-    series : sequence of (name, values (N,), weights (N,), colour)
+    series : sequence of (name, values (N,), weights (N,), colour, dash)
         NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
@@ -110,28 +110,28 @@ def histograms(
     -------
     svg : Markup, or None if no surface has a value.
     """
-    ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, _, _ in series if np.isfinite(v).any()]
+    ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, *_ in series if np.isfinite(v).any()]
     if not ends:
         return None
     low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
     wide = 0.02 * (high - low) or 0.5
     edges = np.linspace(low - wide, high + wide, bins + 1)
     curves = []
-    for name, values, weights, colour in series:
+    for name, values, weights, colour, dash in series:
         known = np.isfinite(values)
         if known.any() and weights[known].sum() > 0:
             density = np.histogram(values[known], edges, weights=weights[known])[0]
             density = density / weights[known].sum() / np.diff(edges)
-            curves.append((name, density, colour, weighted_median(values[known], weights[known])))
+            curves.append((name, density, colour, dash, weighted_median(values[known], weights[known])))
     if not curves:
         return None
-    top = max(float(d.max()) for _, d, _, _ in curves) or 1.0
+    top = max(float(d.max()) for _, d, *_ in curves) or 1.0
     axes = Axes((float(edges[0]), float(edges[-1])), (0.0, 1.08 * top))
-    for i, (name, density, colour, median) in enumerate(curves):
+    for name, density, colour, dash, median in curves:
         x = np.repeat(edges, 2)
         y = np.concatenate([[0], np.repeat(density, 2), [0]])
         axes.items.append({
-            "kind": "area", "d": axes.path(x, y), "colour": colour, "dash": DASHES[i % len(DASHES)],
+            "kind": "area", "d": axes.path(x, y), "colour": colour, "dash": dash,
             "title": f"{name}: median {number(median)} {unit}".strip(),
         })  # fmt: skip
         if edges[0] <= median <= edges[-1]:
@@ -153,8 +153,9 @@ def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float
     Parameters
     ----------
     clouds : sequence of dict
-        ``name``, ``colour``, ``marker``; ``points`` and ``bins`` with attributes ``cortical`` and ``gyral`` [mm],
-        ``label`` and, for bins, quartiles ``low`` and ``high``; ``fit`` with ``slope`` and ``intercept``, or None.
+        ``name``, ``colour``, ``marker``, ``dash``; ``points`` and ``bins`` with attributes ``cortical`` and
+        ``gyral`` [mm], ``label`` and, for bins, quartiles ``low`` and ``high``; ``fit`` with ``slope``, ``intercept``
+        and ``sloped``, or None. A fit that is not sloped is drawn faint.
     lines : sequence of (slope [mm/mm], label)
 
     Returns
@@ -170,12 +171,12 @@ def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float
     for slope, label in lines:
         end = min(right, top / slope)
         axes.items.append({"kind": "theory", "d": axes.path([0, end], [0, end * slope]), "title": label})
-    for i, cloud in enumerate(clouds):
-        _draw_cloud(axes, cloud, DASHES[i % len(DASHES)])
+    for cloud in clouds:
+        _draw_cloud(axes, cloud)
     return axes.render("Cortical thickness [mm]", "Gyral thickness [mm]", "Gyral thickness against cortical thickness")
 
 
-def _draw_cloud(axes: Axes, cloud: dict[str, Any], dash: str) -> None:
+def _draw_cloud(axes: Axes, cloud: dict[str, Any]) -> None:
     name, colour, points = cloud["name"], cloud["colour"], cloud["points"]
 
     def add(p: Any, kind: str, title: str, **more: Any) -> None:
@@ -187,7 +188,8 @@ def _draw_cloud(axes: Axes, cloud: dict[str, Any], dash: str) -> None:
     if cloud["fit"] is not None:
         x = np.array([min(p.cortical for p in points), max(p.cortical for p in points)])
         d = axes.path(x, cloud["fit"].intercept + cloud["fit"].slope * x)
-        axes.items.append({"kind": "fit", "d": d, "colour": colour, "dash": dash})
+        faint = not cloud["fit"].sloped
+        axes.items.append({"kind": "fit", "d": d, "colour": colour, "dash": cloud["dash"], "faint": faint})
     for p in points:
         title = f"{name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm"
         add(p, "point", title, marker=cloud["marker"], big=len(points) == 1)
