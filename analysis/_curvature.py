@@ -92,10 +92,14 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     hence not forced through the vertex nor into the frame; weights are ``(1 - d^2/scale^2) n.n_i``. Curvatures and
     directions follow from the first and second fundamental form of the fit at the vertex.
 
-    A point at distance d is put at d from the centre of the plane, in its direction, not where it projects to. This
-    changes third order only, and makes heights on any sphere exactly quadratic: without it, folds narrower than
-    ``scale`` come out too sharp (on one person's cortex at 3 mm the folding index doubles). Second order in
-    ``scale``, also on irregular meshes; at a fixed scale a fold narrower than it is blunted.
+    A point of height h is not put where it projects to, x, but farther out along the unit gradient g of the surface
+    there, by ``sqrt((g.x)^2 + h^2) - g.x`` (g turned so that ``g.x > 0``), so that the chord keeps its length across
+    the contours of height. This changes third order only, and makes heights on a sphere and on a circular cylinder
+    exactly quadratic: without it, folds narrower than ``scale`` come out too sharp. The gradient is that of
+    ``k1 u^2 + k2 v^2`` from a first fit, in whose normal and principal directions the second one stands; the first
+    moves points radially, exact on spheres, while a cylinder comes out as a dome. A torus with a tube of radius 2 at
+    scale 3 has an ICI of 0.97 (exact 1), 1.58 after the first fit. Second order in ``scale``, also on irregular
+    meshes; at a fixed scale a fold narrower than it is blunted.
 
     Where fewer than 14 points are found, or they do not determine a cubic, the radius grows, up to 5.4 times, and
     then a quadric is tried. Local polynomial fits are due to [1]_; this one uses heights only, no normals of
@@ -195,11 +199,17 @@ def _fit(verts, normals, indptr, indices, scale):
                 stamp += 1
                 count = _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
                 if count >= ENOUGH or trial == GROWINGS:
-                    _normal_equations(i, verts, normals, queue, count, radius, frame, A, b, m)
+                    _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
                     order = _solve(A, b, 10 if count >= ENOUGH else 6)
                     if order == 10:
                         break
-            if order >= 6:
+            if order < 6:
+                continue
+            _principal(i, b, radius, frame, k1, k2, d1, d2, out)
+            for k in range(3):                  # once more, in the frame that was found
+                frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
+            _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
+            if _solve(A, b, order) >= 6:
                 _principal(i, b, radius, frame, k1, k2, d1, d2, out)
     return k1, k2, d1, d2, out
 
@@ -251,8 +261,11 @@ def _frame(normal, frame):
 
 
 @njit(cache=True)
-def _normal_equations(i, verts, normals, queue, count, radius, frame, A, b, m):
-    """Weighted least squares of the heights over the tangent plane by ten monomials, lengths in radii."""
+def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, bend_v, A, b, m):
+    """Weighted least squares of the heights over the tangent plane by ten monomials, lengths in radii.
+
+    Points move out along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal.
+    """
     for r in range(10):
         b[r] = 0.0
         for c in range(10):
@@ -264,12 +277,17 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, A, b, m):
         u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
         v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
         h = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
-        far, flat = x * x + y * y + z * z, u * u + v * v
-        if flat > 0.0:                          # as far from the centre as the chord is long
-            stretch = math.sqrt(far / flat)
-            u, v = u * stretch, v * stretch
+        far = x * x + y * y + z * z
+        gu, gv = bend_u * u, bend_v * v
+        steep = math.sqrt(gu * gu + gv * gv)
+        if steep > 0.0:                         # at the centre, and on a plane, there is nothing to move
+            out = abs(gu * u + gv * v) / steep
+            step = (math.sqrt(out * out + h * h) - out) / steep
+            if gu * u + gv * v < 0.0:
+                step = -step
+            u, v = u + step * gu, v + step * gv
         facing = normals[w, 0] * frame[2, 0] + normals[w, 1] * frame[2, 1] + normals[w, 2] * frame[2, 2]
-        weight = facing * (1.0 - far)
+        weight = max(facing, 0.0) * (1.0 - far)
         m[0], m[1], m[2] = 1.0, u, v
         m[3], m[4], m[5] = u * u, u * v, v * v
         m[6], m[7], m[8], m[9] = u * m[3], u * m[4], v * m[4], v * m[5]

@@ -36,24 +36,33 @@ def principal_curvatures(verts, normals, neighbours, i, scale, facing=0.2):
     t2 = np.cross(n, t1)
     away = verts[near] - verts[i]
     distance = np.linalg.norm(away, axis=1)
-    flat, height = away @ np.stack([t1, t2], axis=1), away @ n
-    length = np.linalg.norm(flat, axis=1)
-    u, v = (flat * np.where(length > 0, distance / np.where(length > 0, length, 1), 0)[:, None]).T
-
-    weight = np.sqrt(normals[near] @ n * (1 - distance**2 / scale**2))
-    columns = [u**p * v**q for p in range(4) for q in range(4 - p)]
     powers = [(p, q) for p in range(4) for q in range(4 - p)]
-    fit = np.linalg.lstsq(weight[:, None] * np.stack(columns, axis=1), weight * height, rcond=None)[0]
-    a = dict(zip(powers, fit, strict=True))
+    k1 = k2 = 1.0                                   # a first fit as on a sphere, a second in its principal frame
+    for _ in range(2):
+        flat, height = away @ np.stack([t1, t2], axis=1), away @ n
+        g = flat * [k1, k2]                         # gradient of the surface, up to its sign and length
+        g *= np.sign(np.sum(g * flat, axis=1))[:, None]
+        length = np.linalg.norm(g, axis=1)[:, None]
+        g = np.divide(g, length, out=np.zeros_like(g), where=length > 0)
+        gx = np.sum(g * flat, axis=1)
+        u, v = (flat + g * (np.sqrt(gx**2 + height**2) - gx)[:, None]).T
 
-    du, dv = t1 + a[1, 0] * n, t2 + a[0, 1] * n
-    outward = np.cross(du, dv) / np.linalg.norm(np.cross(du, dv))
-    first = np.array([[du @ du, du @ dv], [du @ dv, dv @ dv]])
-    second = -np.array([[2 * a[2, 0], a[1, 1]], [a[1, 1], 2 * a[0, 2]]]) * (n @ outward)
-    value, vector = np.linalg.eig(np.linalg.solve(first, second))
-    order = np.argsort(value)[::-1]
-    d1 = vector[0, order[0]] * du + vector[1, order[0]] * dv
-    return value[order[0]], value[order[1]], d1 / np.linalg.norm(d1)
+        weight = np.sqrt(np.maximum(normals[near] @ n, 0) * (1 - distance**2 / scale**2))
+        columns = np.stack([u**p * v**q for p, q in powers], axis=1)
+        fit = np.linalg.lstsq(weight[:, None] * columns, weight * height, rcond=None)[0]
+        a = dict(zip(powers, fit, strict=True))
+
+        du, dv = t1 + a[1, 0] * n, t2 + a[0, 1] * n
+        outward = np.cross(du, dv) / np.linalg.norm(np.cross(du, dv))
+        first = np.array([[du @ du, du @ dv], [du @ dv, dv @ dv]])
+        second = -np.array([[2 * a[2, 0], a[1, 1]], [a[1, 1], 2 * a[0, 2]]]) * (n @ outward)
+        value, vector = np.linalg.eig(np.linalg.solve(first, second))
+        high, low = np.argsort(value)[::-1]
+        k1, k2, n = value[high], value[low], outward
+        t1 = vector[0, high] * du + vector[1, high] * dv
+        t1 /= np.linalg.norm(t1)
+        t2 = np.cross(n, t1)
+    return k1, k2, t1
 
 
 def distance_to_convex_hull(verts, points):

@@ -41,10 +41,10 @@ def test_curvature_of_an_irregular_torus_and_ellipsoid_is_within_a_fifth_of_a_pe
     assert max(error(shape, scale, name) for name in ("H", "K", "k1", "k2")) < 0.002
 
 
-def test_one_percent_of_noise_leaves_mean_curvature_within_four_percent(rng):
+def test_one_percent_of_noise_leaves_mean_curvature_within_three_and_a_half_percent(rng):
     noisy = shapes.with_noise(shapes.bumpy_sphere(6, rng=rng), 0.01, rng=rng)
-    assert error(noisy, 4.0, "H") < 0.04
-    assert error(noisy, 4.0, "K") < 0.07
+    assert error(noisy, 4.0, "H") < 0.035
+    assert error(noisy, 4.0, "K") < 0.06
 
 
 def test_any_sphere_is_exact_however_coarse_the_scale(rng):
@@ -99,6 +99,37 @@ def test_folding_indices_of_sphere_and_torus_are_the_exact_integrals():
     exact = density.mean() * (2 * np.pi) ** 2 / (4 * np.pi)
     got = folding_indices(curvature(ring.verts, ring.faces, 2.5), vertex_areas(ring.verts, ring.faces))
     assert got.folding_index == pytest.approx(exact, rel=5e-3)
+
+
+@pytest.mark.parametrize("r", [3.0, 4.0])
+def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
+    """Moving points radially alone takes the tube for a dome: ICI 1.17, total 0.32, folding index 4 % too large."""
+    tube = shapes.torus(420, 2 * round(np.pi * r / 0.6), 40.0, r)
+    areas = vertex_areas(tube.verts, tube.faces)
+    got = folding_indices(curvature(tube.verts, tube.faces, 3.0), areas)
+    exact = np.sum((tube.k1**2 - np.abs(tube.K)) * areas) / (4 * np.pi)             # |k1| = 1/r > |k2| all over
+    assert abs(got.total) < 0.02
+    assert got.intrinsic_curvature_index == pytest.approx(1, abs=0.03)
+    assert got.folding_index == pytest.approx(exact, rel=5e-3)
+
+
+def test_a_cylinder_is_exact_however_coarse_the_scale():
+    tube = shapes.cylinder()
+    c = curvature(tube.verts, tube.faces, 9.0)                                      # of radius 10
+    inner = np.abs(tube.verts[:, 2] - tube.verts[:, 2].mean()) < 0.5 * np.ptp(tube.verts[:, 2]) - 9
+    assert inner.any()
+    assert np.allclose(c.k1[inner], 0.1, rtol=0.005)
+    assert np.abs(c.k2[inner]).max() < 0.001
+
+
+def test_a_needle_that_tilts_a_vertex_normal_does_not_spoil_the_curvature_there():
+    """The second fit stands on the first one's normal; without that a few vertices are off by several times."""
+    shape = shapes.bumpy_sphere(6, rng=1)
+    noisy = shapes.with_noise(shape, 0.01, rng=0)
+    tilted = np.sum(vertex_normals(noisy.verts, noisy.faces, "max") * shape.normals, axis=1) < 0.5
+    assert tilted.sum() >= 2
+    c = curvature(noisy.verts, noisy.faces, 4.0)
+    assert np.abs(c.H - shape.H)[tilted].max() < 0.1 * np.abs(shape.H).max()
 
 
 def test_ten_times_the_size_is_a_tenth_of_the_curvature(rng):
