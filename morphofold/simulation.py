@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,10 +56,7 @@ def simulate(
     """
     from morphofold.sim import run
 
-    def describe(cortex: Cortex) -> Mapping[str, NDArray[np.float64]]:
-        return freesurfer_maps(cortex)
-
     return run.simulate(
-        source, out, settings=settings, resume=resume, threads=threads, describe=describe,
+        source, out, settings=settings, resume=resume, threads=threads, describe=freesurfer_maps,
         progress=progress or (lambda share, text: None),
     )  # fmt: skip

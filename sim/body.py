@@ -63,7 +63,13 @@ class Body:
         moved = mesh if X is None else type(mesh)(np.ascontiguousarray(self.X.T), mesh.t)
         mapping = MappingIsoparametric(moved, ElementHex1())
         inv = mapping.invDF(GAUSS)                                     # (3, 3, E, 8): dxi_i/dX_j in [0, 1]^3
-        volume = np.abs(mapping.detDF(GAUSS)) * GAUSS_WEIGHT           # (E, 8)
+        det = mapping.detDF(GAUSS)                                      # (E, 8)
+        if det.min() <= 0:
+            raise ValueError(
+                f"{(det.min(axis=1) <= 0).sum()} of {n_elements} bricks are inside out before anything grows; "
+                "make effects.perturbation.amplitude smaller."
+            )
+        volume = det * GAUSS_WEIGHT
         C = 4 * np.einsum("ijeq,kjeq->eqik", inv, inv)                 # 4: parent brick [-1, 1]^3
         data = np.empty((n_elements, 8, POINT))
         data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]

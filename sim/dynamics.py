@@ -26,6 +26,8 @@ REFRESH = 10            # steps between measurements of mass, energies and growt
 DAMPING = 0.02          # share of the velocity lost per step
 KINETIC_LIMIT = 5e-3    # kinetic over strain energy above which growth slows down
 SLOWEST = 0.2           # least pace of growth while it does
+EARLY = 1.2             # below this growth there is too little strain energy to judge the kinetic one by
+LARGEST_J = 30.0        # beyond it the kernels' cube root no longer holds, and no sound body gets there
 
 
 class Effect(Protocol):
@@ -39,8 +41,8 @@ class Effect(Protocol):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         """Add forces on the surface nodes to ``extra`` (S, 3), every step."""
 
-    def energy(self, x: Array) -> float:
-        """Energy stored in the effect at positions ``x``."""
+    def energy(self) -> float:
+        """Energy stored in the effect at the last step."""
 
     def record(self) -> dict[str, Any]:
         """Numbers for the log."""
@@ -52,23 +54,24 @@ class Effect(Protocol):
 
 
 class UnstableError(RuntimeError):
-    """The run left its bounds; ``state`` holds the last finite state."""
+    """The run left its bounds; ``sound`` holds what ``Dynamics.save`` gave at the last state within them."""
 
-    def __init__(self, message: str, state: State):
+    def __init__(self, message: str, sound: dict[str, NDArray]):
         super().__init__(message)
-        self.state = state
+        self.sound = sound
 
 
 @dataclass
 class State:
-    """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, and the steps
-    done in all and in relaxation."""
+    """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
+    all and in relaxation, and the smallest J that any element had so far."""
 
     x: Array
     v: Array
     step: int = 0
     growth: float = 1.0
     relaxed: int = 0
+    lowest_J: float = 1.0
     record: dict[str, Any] = field(default_factory=dict)
 
 
@@ -93,6 +96,7 @@ class Dynamics:
         self.seconds: dict[str, float] = defaultdict(float)
         self._extra = np.zeros((body.n_surface, 3))
         self._flat_force = body.force.reshape(-1)
+        self._sound: dict[str, NDArray] = {}
         self._measure()
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
@@ -122,7 +126,7 @@ class Dynamics:
         """The run as arrays, enough to go on bitwise the same."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
-        arrays |= {key: np.array(getattr(state, key)) for key in ("step", "growth", "relaxed")}
+        arrays |= {key: np.array(getattr(state, key)) for key in ("step", "growth", "relaxed", "lowest_J")}
         for effect in self.effects:
             arrays |= {f"{effect.name}.{key}": value for key, value in effect.save().items()}
         return arrays
@@ -130,7 +134,8 @@ class Dynamics:
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Take up a run that ``save`` wrote."""
         step, growth, relaxed = int(arrays["step"]), float(arrays["growth"]), int(arrays["relaxed"])
-        self.state = State(arrays["x"].copy(), arrays["v"].copy(), step, growth, relaxed)
+        lowest_J = float(arrays["lowest_J"])
+        self.state = State(arrays["x"].copy(), arrays["v"].copy(), step, growth, relaxed, lowest_J)
         self.body.grow(self.state.growth)
         for effect in self.effects:
             prefix = f"{effect.name}."
@@ -140,7 +145,7 @@ class Dynamics:
     def _pace(self) -> float:
         """Share of the full growth rate: less while the kinetic energy is above its limit."""
         ratio = self.state.record["kinetic_over_strain"]
-        if self.state.growth < 1.2 or ratio <= KINETIC_LIMIT:         # too little strain energy yet to divide by
+        if self.state.growth < EARLY or ratio <= KINETIC_LIMIT:
             return 1.0
         return max(SLOWEST, KINETIC_LIMIT / ratio)
 
@@ -174,26 +179,27 @@ class Dynamics:
             lost = np.flatnonzero(~np.isfinite(state.x).all(axis=1))
             raise UnstableError(
                 f"{len(lost)} of {len(state.x)} nodes are not finite at g = {state.growth:.3f}, step {state.step}; "
-                f"the first is node {lost[0]}. Slow the growth down (growth.rate) or refine the mesh.", state
+                f"the first is node {lost[0]}. Slow the growth down (growth.rate) or refine the mesh.", self._sound
             )  # fmt: skip
         body.update_state(state.x)
         element = body.element_state()
         kinetic = 0.5 * float(np.sum(body.mass[:, None] * state.v**2))
         strain = float(element["energy"].sum()) + body.filter.energy(state.x)
-        inside_out = np.flatnonzero(element["volume_ratio"] <= 0)
-        if inside_out.size:
+        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > LARGEST_J))
+        if broken.size:
             raise UnstableError(
-                f"{inside_out.size} of {body.n_elements} elements have no volume left at g = {state.growth:.3f}, step "
-                f"{state.step}; the first is element {inside_out[0]} with v/V = "
-                f"{element['volume_ratio'][inside_out[0]]:.2f}. Slow the growth down (growth.rate) or refine the mesh.",
-                state,
+                f"{broken.size} of {body.n_elements} elements have no volume left or burst at g = {state.growth:.3f}, "
+                f"step {state.step}; the first is element {broken[0]} with v/V = "
+                f"{element['volume_ratio'][broken[0]]:.2f}. Slow the growth down (growth.rate) or refine the mesh.",
+                self._sound,
             )
+        state.lowest_J = min(state.lowest_J, float(element["J_min"].min()))
         self.seconds["measure"] += time.perf_counter() - t0
         effects: dict[str, Any] = {}
         for effect in self.effects:
             t0 = time.perf_counter()
             effect.refresh(body, state.x, state.v)
-            effects[effect.name] = {"energy": effect.energy(state.x), **effect.record()}
+            effects[effect.name] = {"energy": effect.energy(), **effect.record()}
             self.seconds[effect.name] += time.perf_counter() - t0
         state.record = {
             "step": state.step,
@@ -206,3 +212,4 @@ class Dynamics:
             "mean_volume_ratio": float(np.mean(element["volume_ratio"])),
             "effects": effects,
         }
+        self._sound = self.save()

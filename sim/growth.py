@@ -1,4 +1,4 @@
-"""Growth tensors and how far along the ramp they are."""
+"""Growth tensors, as the equations have them; the kernels fold them into the point data (kernels.grow)."""
 
 from __future__ import annotations
 

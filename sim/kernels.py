@@ -221,8 +221,9 @@ def _square(n):
 def element_state(x, conn, point, modulus, state):
     """Per element into ``state`` (block, 5 WIDTH): energy, smallest J, largest J, v/V, stiffness bound.
 
-    The bound covers the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
-    (rank one, kappa |dv/dx|^2 / V), estimated from above for the rest.
+    The bound is near the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
+    (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. Together it can fall short by a fifth in strongly
+    deformed stiff elements; the safety factor on the mass covers that.
     """
     for b in prange(len(conn)):
         xs, g, m, out = np.empty(24 * WIDTH), np.empty(56 * WIDTH), modulus[b], state[b]

@@ -73,7 +73,8 @@ def brick_energy(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
     (E,) float64
         ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J: the pressure of
         modulus kappa sees only the mean volume ratio, which keeps the brick from locking; the weak local
-        term, modulus 2 mu, keeps single points from collapsing. It vanishes with the mesh size.
+        term, modulus 2 mu, keeps single points from collapsing. Uniform compression meets both: the bulk modulus
+        of a body is kappa + 2 mu.
     """
     V = w.sum(axis=1)
     ratio = (w * np.linalg.det(A)).sum(axis=1) / V

@@ -26,7 +26,8 @@ Progress = Callable[[float, str], None]
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
 
 RELAXATION = 0.15       # steps at the final growth, as a share of the steps of the whole ramp to it
-LOG_EVERY = 0.01        # growth between two lines of the log
+LOG_EVERY = 0.01        # growth between two lines of the log,
+LOG_STEPS = 100         # or steps
 
 VTK_CORNERS = [0, 4, 6, 2, 1, 5, 7, 3]  # corners 4 i + 2 j + k in the order of a VTK hexahedron
 
@@ -105,23 +106,20 @@ def simulate(
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
     with deferred_interrupt() as interrupted:
-        set_threads(threads)                        # refused before anything is written
-        if not _claim(folder, scene, resume):
-            _Run(scene, folder, progress, describe, interrupted).go()
+        set_threads(threads)
+        if not _finished(folder, scene, resume):
+            _Run(scene, folder, progress, describe, interrupted).go()      # builds the body before it writes
     return Simulation(folder, scene)
 
 
-def _claim(folder: Path, scene: Scene, resume: bool) -> bool:
-    """Make ``folder`` ours; True if it already holds this very simulation, finished."""
+def _finished(folder: Path, scene: Scene, resume: bool) -> bool:
+    """Whether ``folder`` holds this very simulation, finished; refuses a folder that can't be used. Writes nothing."""
     written = folder / "scene.toml"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
         if folder.exists() and any(folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
-        folder.mkdir(parents=True, exist_ok=True)
-        with atomic_file(written) as temporary:
-            temporary.write_text(scene.to_toml())
         return False
     if not resume:
         raise FileExistsError(f"{folder}: holds a simulation; ask to resume it, or choose another folder.")
@@ -192,9 +190,23 @@ class _Run:
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
     def go(self) -> None:
+        from morphofold.sim.dynamics import UnstableError
+
+        self.out.mkdir(parents=True, exist_ok=True)
+        if not (self.out / "scene.toml").exists():
+            with atomic_file(self.out / "scene.toml") as temporary:
+                temporary.write_text(self.scene.to_toml())
+        self._take_up()
+        try:
+            self._grow()
+        except UnstableError as error:
+            self._write_log()
+            self._write_arrays(self.out / "last-sound-state.npz", error.sound)
+            raise
+
+    def _grow(self) -> None:
         from morphofold.sim.health import broken_bounds
 
-        self._take_up()
         stages = []
         for g in self.scene.stages:
             self.dynamics.grow_to(g, self._after)
@@ -218,7 +230,7 @@ class _Run:
                 "cells_per_quarter": self.scene.cells,
                 "surface_edge_mm": body.bilayer.edge,
                 "steps": self.dynamics.state.step,
-                "seconds": round(time.perf_counter() - self.started, 2),
+                "seconds": round(self._elapsed(), 2),
                 "seconds_by_phase": {k: round(v, 3) for k, v in self.dynamics.seconds.items()},
                 "effects": list(effects.named),
                 "effects_left_out": [n for n in type(effects).model_fields if n not in effects.named],
@@ -237,7 +249,8 @@ class _Run:
             f"g {state.growth:.3f}, min J {state.record['min_J']:.2f}, "
             f"kinetic/strain {state.record['kinetic_over_strain']:.0e}",
         )
-        if not self.log or state.growth - self.log[-1]["growth"] >= LOG_EVERY:
+        last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
+        if state.growth - last["growth"] >= LOG_EVERY or state.step - last["step"] >= LOG_STEPS:
             self._note()
         if self.interrupted():
             self._checkpoint()
@@ -247,18 +260,19 @@ class _Run:
 
     def _note(self) -> None:
         seconds = {k: round(v, 3) for k, v in self.dynamics.seconds.items()}
-        self.log.append({**self.dynamics.state.record, "seconds": seconds})
+        self.log.append({**self.dynamics.state.record, "elapsed": round(self._elapsed(), 3), "seconds": seconds})
+
+    def _elapsed(self) -> float:
+        """Wall seconds of this run, those before a stop included."""
+        return time.perf_counter() - self.started
 
     def _write_log(self) -> None:
         with atomic_file(self.out / "log.jsonl") as temporary:
             temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in self.log))
 
     def _checkpoint(self) -> None:
-        buffer = io.BytesIO()
-        np.savez(buffer, **self.dynamics.save())                        # type: ignore[arg-type]
         self._write_log()
-        with atomic_file(self.out / "checkpoint.npz") as temporary:
-            temporary.write_bytes(buffer.getvalue())
+        self._write_arrays(self.out / "checkpoint.npz", self.dynamics.save())
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
     def _take_up(self) -> None:
@@ -271,6 +285,9 @@ class _Run:
         step = self.dynamics.state.step
         lines = (self.out / "log.jsonl").read_text().splitlines()
         self.log = [line for line in map(json.loads, lines) if line["step"] <= step]
+        if self.log:
+            self.started -= self.log[-1]["elapsed"]
+            self.dynamics.seconds.update(self.log[-1]["seconds"])
 
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
@@ -286,6 +303,7 @@ class _Run:
         numbers = {
             "growth": g,
             **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},
+            "lowest_J": state.lowest_J,
             "overlap": overlap(pial),
             "volume_drift": abs((enclosed_volume(pial) - enclosed_volume(white)) / grown - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()),
@@ -320,9 +338,12 @@ class _Run:
 
     def grown_volume(self, g: float) -> float:
         """Volume of the closed cortex after free growth: the reference volume times det G [mm^3]."""
+        from morphofold.sim.kernels import POINT
+
         body = self.body
-        reference = body.point0.reshape(len(body.point0), 8, 7, -1)[:, :, 6].sum(axis=1).ravel()[: body.n_cortex].sum()
-        return float(reference) / body.bilayer.portion * (g**3 if self.scene.growth.law == "isotropic" else g**2)
+        volume = body.point0.reshape(len(body.point0), 8, POINT, -1)[:, :, POINT - 1].sum(axis=1).ravel()
+        det_G = g**3 if self.scene.growth.law == "isotropic" else g**2
+        return float(volume[: body.n_cortex].sum()) / body.bilayer.portion * det_G
 
     def _write_volume(self, path: Path) -> None:
         import meshio
@@ -345,6 +366,13 @@ class _Run:
                 "energy": [element["energy"]],
             },
         ).write(path)
+
+    @staticmethod
+    def _write_arrays(path: Path, arrays: Mapping[str, NDArray]) -> None:
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)                                      # type: ignore[arg-type]
+        with atomic_file(path) as temporary:
+            temporary.write_bytes(buffer.getvalue())
 
     @staticmethod
     def _write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -49,7 +49,9 @@ class Geometry(_Table):
 
 
 class Material(_Table):
-    """Shear modulus of the cortex over that of the core, and bulk over shear modulus, one bulk modulus for both."""
+    """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: kappa over mu of the core, for
+    both layers; from mu_ratio 2 on it is raised by mu_ratio / 2, so that a stiff cortex stays nearly incompressible.
+    """
 
     mu_ratio: Positive = 1.0
     kappa_ratio: Annotated[float, Field(ge=5, le=2000)] = 50.0
@@ -103,7 +105,8 @@ class Accuracy(_Table):
 
 
 class Output(_Table):
-    """Growth stretches at which surfaces are written; the final one is always written."""
+    """Growth stretches at which surfaces are written; the final one is always written. Growth meets each stage
+    exactly, so one more stage shifts the steps around it a little."""
 
     stages: Annotated[tuple[Annotated[float, Field(ge=1)], ...], Field(strict=False)] = ()
     volume: bool = True
@@ -114,7 +117,7 @@ class Scene(_Table):
     """Everything needed to repeat a simulation."""
 
     name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$")]
-    title: str = ""
+    title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
     geometry: Geometry = Geometry()
     material: Material = Material()
     growth: Growth = Growth()

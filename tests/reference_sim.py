@@ -9,15 +9,15 @@ from morphofold.sim.material import brick_energy, brick_stress
 
 
 class Twin:
-    """Forces and energies of a ``Body`` (unperturbed), from scikit-fem's basis and ``sim.material``."""
+    """Forces and energies of a ``Body``, from scikit-fem's basis on its reference positions and ``sim.material``."""
 
     def __init__(self, body: Body):
         self.body = body
-        mesh = body.bilayer.mesh
+        mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
         self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS, np.full(8, GAUSS_WEIGHT)))
         at = np.moveaxis(self.basis.mapping.F(GAUSS), 0, -1)
         stretch = np.ones(mesh.nelements)
-        stretch[mesh.subdomains["cortex"]] = body.growth
+        stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
         radial = at / np.linalg.norm(at, axis=-1, keepdims=True)
         G = growth_tensor(np.repeat(stretch[:, None], 8, axis=1), radial, body.law)
         self.G_inverse, self.det_G = np.linalg.inv(G), np.linalg.det(G)

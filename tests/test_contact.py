@@ -79,6 +79,20 @@ def test_contact_keeps_momentum_and_angular_momentum():
     assert np.abs(torque).max() < 1e-3 * np.linalg.norm(np.cross(x[: len(extra)], extra), axis=1).sum()
 
 
+def test_contact_energy_is_that_of_its_springs_and_ends_with_them():
+    contact, x, _ = two_sheets(distance=0.4)
+    springs = 0.5 * np.linalg.norm(contact._push, axis=1) * contact._depth   # at rest, force = stiffness times depth
+    assert springs.sum() > 0
+    assert contact.energy() == pytest.approx(springs.sum(), rel=1e-12)
+    assert contact.record()["pairs"] == np.count_nonzero(contact._depth)
+    body = make_body()
+    body.update_state(body.X)
+    contact.refresh(body, body.X, np.zeros_like(x))                          # a sphere again: nothing faces anything
+    contact.add_forces(body, body.X, np.zeros_like(x), np.zeros((body.n_surface, 3)))
+    assert contact.record()["pairs"] == 0
+    assert contact.energy() == 0.0
+
+
 def test_contact_never_attracts():
     contact, x, _ = two_sheets(distance=0.4)
     body = make_body()
@@ -100,3 +114,5 @@ def test_a_symmetry_plane_acts_as_the_mirror_image():
     contact.add_forces(body, x, np.zeros_like(x), extra)
     assert extra[node, 0] > 0
     assert np.count_nonzero(extra) == 1
+    assert contact.record()["on_planes"] == 1
+    assert contact.energy() == pytest.approx(0.5 * extra[node, 0] * (0.5 + 0.1 * contact._h))   # half force times depth

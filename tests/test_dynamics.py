@@ -94,6 +94,60 @@ def test_a_run_taken_up_from_a_checkpoint_ends_bitwise_the_same():
     assert np.array_equal(again.state.x, whole.state.x)
 
 
+def test_a_run_taken_up_during_relaxation_takes_only_the_steps_left():
+    whole, again = (make_run(n=8, amplitude=0.05, steps=300) for _ in range(2))
+    whole.grow_to(1.2)
+    saved = []
+    whole.relax(100, lambda s: saved.append(whole.save()) if s.relaxed == 40 else None)
+    again.load(saved[0])
+    again.relax(100)
+    assert again.state.step == whole.state.step
+    assert np.array_equal(again.state.x, whole.state.x)
+
+
+def test_recorded_energies_are_those_of_the_state():
+    run = make_run(n=12, amplitude=0.05, steps=600)
+    run.grow_to(1.5)
+    body, state = run.body, run.state
+    kinetic = 0.5 * np.sum(body.mass[:, None] * state.v**2)
+    assert state.record["kinetic_energy"] == pytest.approx(kinetic, rel=1e-12)
+    body.update_state(state.x)
+    strain = body.element_state()["energy"].sum() + body.filter.energy(state.x)
+    assert body.filter.energy(state.x) > 1e-6 * strain
+    assert state.record["strain_energy"] == pytest.approx(strain, rel=1e-12)
+    assert state.lowest_J <= state.record["min_J"]
+
+
+def test_growth_slows_down_while_the_kinetic_energy_is_high(monkeypatch):
+    steps = []
+    for limit in (1.0, 1e-6):
+        monkeypatch.setattr("morphofold.sim.dynamics.KINETIC_LIMIT", limit)
+        run = make_run(n=8, steps=600)
+        run.grow_to(1.3)
+        steps.append(run.state.step)
+    early, late = 120, 60                                               # steps at full pace up to 1.2, and from there
+    assert steps[0] == early + late
+    assert steps[1] > early + 4 * late
+
+
+def test_the_imperfection_is_a_function_of_position_and_seed_alone():
+    coarse, fine = (bilayer_sphere(50, 3, 25, "octant", n) for n in (8, 16))
+    fields = []
+    for bilayer, seed in ((coarse, 0), (fine, 0), (coarse, 1)):
+        X = perturbed_nodes(bilayer, amplitude=0.05, degree=13, seed=seed)
+        r = np.linalg.norm(X, axis=1)
+        np.testing.assert_allclose(r[bilayer.layer(3)], 47.0)           # the white surface stays
+        fields.append(dict(zip(map(tuple, np.round(bilayer.mesh.p.T[bilayer.layer(0)], 9)), r[bilayer.layer(0)] - 50)))
+    common = fields[0].keys() & fields[1].keys()
+    assert len(common) >= len(fields[0]) // 2
+    for at in common:
+        assert fields[0][at] == pytest.approx(fields[1][at], abs=1e-9)
+    assert max(abs(fields[0][at] - fields[2][at]) for at in fields[0]) > 0.05
+    full = perturbed_nodes(bilayer_sphere(50, 3, 25, "full", 24), amplitude=0.05, degree=13, seed=0)
+    rms = np.std(np.linalg.norm(full[: 6 * 24**2 + 2], axis=1))
+    assert rms == pytest.approx(0.05 * 3, rel=0.25)
+
+
 def test_a_node_that_is_not_finite_stops_the_run_and_is_named():
     run = make_run(n=8)
     run.state.x[17, 1] = np.nan

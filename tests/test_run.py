@@ -88,6 +88,8 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
         simulate("demo", out, settings=often, progress=stop_late)
     assert (out / "checkpoint.npz").exists()
     assert (out / "stages" / "g1.20").exists()
+    with (out / "log.jsonl").open("a") as log:                             # as if stopped between log and checkpoint
+        log.write(json.dumps({"step": 10**9, "growth": 1.5}) + "\n")
     simulate("demo", out, settings=often, resume=True)
     for name in ("lh.pial", "lh.white"):
         ends = [(o / "stages" / "g1.60" / "surf" / name).read_bytes() for o in (folder, out)]
@@ -105,6 +107,45 @@ def test_a_finished_run_is_not_repeated(folder):
     before = (folder / "health.json").stat().st_mtime_ns
     assert mf.simulate("demo", folder, settings=SMALL, resume=True).stages == (1.2, 1.6)
     assert (folder / "health.json").stat().st_mtime_ns == before
+
+
+def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path, monkeypatch):
+    from morphofold.sim.dynamics import Dynamics, UnstableError
+
+    step = Dynamics._run
+
+    def break_down(self, steps):
+        if self.state.step >= 100:
+            self.state.x[7] = np.nan
+        step(self, steps)
+
+    monkeypatch.setattr(Dynamics, "_run", break_down)
+    with pytest.raises(UnstableError, match="not finite at g = "):
+        simulate("demo", tmp_path / "x", settings=SMALL)
+    with np.load(tmp_path / "x" / "last-sound-state.npz", allow_pickle=False) as sound:
+        assert np.isfinite(sound["x"]).all()
+        assert sound["step"] == 100
+    assert json.loads((tmp_path / "x" / "log.jsonl").read_text().splitlines()[-1])["step"] <= 100
+    assert not (tmp_path / "x" / "health.json").exists()
+
+
+def test_tangential_growth_reaches_the_kernels_and_its_own_volume(tmp_path):
+    plain = ["geometry.portion=octant", "accuracy.cells_per_quarter=8", "growth.final=1.15", "output.stages=[]"]
+    radius = {}
+    for law in ("isotropic", "tangential"):
+        simulation = simulate("demo", tmp_path / law, settings=[*plain, f"growth.law={law}"])
+        stage = simulation.health["stages"][-1]
+        assert stage["volume_drift"] < 0.03
+        radius[law] = stage["mean_radius_mm"]
+    for law, power in (("isotropic", 3), ("tangential", 2)):
+        assert radius[law] == pytest.approx((47.0**3 + 1.15**power * (50.0**3 - 47.0**3)) ** (1 / 3), rel=4e-3)
+
+
+def test_the_final_stage_is_relaxed(folder):
+    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    growing = [line["step"] for line in lines if line["growth"] < 1.6]
+    relaxation = 0.15 * load_scene("demo", SMALL).steps_per_unit * 0.6  # 30 steps; the ramp ends at most 20 after its last line
+    assert lines[-1]["step"] - growing[-1] >= relaxation
 
 
 def test_folders_of_others_are_left_alone(folder, tmp_path):

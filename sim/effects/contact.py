@@ -165,14 +165,14 @@ def choose_triangles(x, tri, ring_first, ring, facing, partner):
 
 
 @njit(parallel=True, cache=True)
-def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth):
-    """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,).
+def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth, energy):
+    """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
     Nearer in the reference than 2.5 ``apart``, a pair counts only before it has passed through: the flanks of one
     ridge lie there, not two walls of a sulcus.
     """
     for i in prange(len(partner)):
-        depth[i] = 0.0
+        depth[i] = energy[i] = 0.0
         t = partner[i]
         if t < 0:
             continue
@@ -201,6 +201,7 @@ def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth)
         if force <= 0.0:
             continue
         depth[i] = gap - distance
+        energy[i] = 0.5 * m * STIFFNESS * depth[i] ** 2
         push[i, 0], push[i, 1], push[i, 2] = force * n0, force * n1, force * n2
         weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
 
@@ -219,7 +220,11 @@ def add_pushes(tri, partner, push, weight, depth, extra):
 
 @njit(cache=True)
 def press_planes(x, v, mass, on_plane, axes, gap, extra):
-    """Contact with the mirror image: surface nodes stay half a gap on their side of each symmetry plane."""
+    """Contact with the mirror image: surface nodes stay half a gap on their side of each symmetry plane.
+
+    Returns how many nodes press, and their energy.
+    """
+    count, energy = 0, 0.0
     for a in axes:
         for i in range(len(extra)):
             distance = x[i, a]
@@ -227,6 +232,9 @@ def press_planes(x, v, mass, on_plane, axes, gap, extra):
                 force = mass[i] * (STIFFNESS * (gap - distance) - DASHPOT * v[i, a])
                 if force > 0.0:
                     extra[i, a] += force
+                    count += 1
+                    energy += 0.5 * mass[i] * STIFFNESS * (gap - distance) ** 2
+    return count, energy
 
 
 class Contact:
@@ -244,9 +252,10 @@ class Contact:
         self._facing = np.full(n, -1)
         self._partner = np.full(n, -1)
         self._paired_at = np.full((n, 3), np.inf)
-        self._push, self._weight, self._depth = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
+        self._push, self._weight = np.zeros((n, 3)), np.zeros((n, 3))
+        self._depth, self._energy = np.zeros(n), np.zeros(n)
+        self._on_planes = (0, 0.0)
         self._h = body.filter.h
-        self._stiffness = np.zeros(n)
         self.searches = 0
 
     def refresh(self, body: Body, x: Array, v: Array) -> None:
@@ -263,23 +272,24 @@ class Contact:
             choose_triangles(x, self._tri, self._ring_first, self._ring, self._facing, self._partner)
         else:
             self._partner[:] = -1
-        self._stiffness = STIFFNESS * body.mass[:n]
+            self._depth[:] = self._energy[:] = 0.0
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         gap = GAP * self._h
         if self._partner.max() >= 0:
             press(x, v, body.X, body.mass, self._tri, self._partner, gap, DEEPEST * SEARCH * self._h,
-                  APART * body.bilayer.edge, self._push, self._weight, self._depth)  # fmt: skip
+                  APART * body.bilayer.edge, self._push, self._weight, self._depth, self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
         if len(self._planes):
-            press_planes(x, v, body.mass, body.on_plane, self._planes, 0.5 * gap, extra)
+            self._on_planes = press_planes(x, v, body.mass, body.on_plane, self._planes, 0.5 * gap, extra)
 
-    def energy(self, x: Array) -> float:
-        return 0.5 * float(np.sum(self._stiffness * self._depth**2))
+    def energy(self) -> float:
+        return float(self._energy.sum()) + self._on_planes[1]
 
     def record(self) -> dict[str, Any]:
         deepest = float(self._depth.max() / (GAP * self._h))
-        return {"pairs": int((self._depth > 0).sum()), "deepest_in_gaps": deepest, "searches": self.searches}
+        pairs = int((self._depth > 0).sum())
+        return {"pairs": pairs, "on_planes": self._on_planes[0], "deepest_in_gaps": deepest, "searches": self.searches}
 
     def save(self) -> dict[str, NDArray]:
         return {"facing": self._facing.copy(), "paired_at": self._paired_at.copy(), "searches": np.array(self.searches)}
