@@ -155,8 +155,11 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
     for name, cloud in zip(named, clouds):
         if not cloud.points:
             notes.append(f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two.")
-        elif cloud.kind == "whole":
-            notes.append(f"{name}: no regions, so one point (medians) and bins of vertices stand for the surface.")
+    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
+        notes.append(
+            f"{_listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "stand for the surface."
+        )
     return Comparison(
         names=tuple(named),
         measures=tuple(named.values()),
@@ -201,14 +204,14 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
     said = []
     if differing := _by_value(named, "curvature_scale_mm", lambda mm: f"{number(float(mm), 2)} mm"):
-        where = " and ".join(f"{mm} on {_listed(names)}" for mm, names in differing.items())
+        where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
         said.append(f"Curvature was taken within {where}; compare H and folding indices with care.")
     if differing := _by_value(named, "cortical_thickness_cap_mm", lambda mm: f"at {mm:g} mm" if mm else "nowhere"):
-        where = " and ".join(f"{at} on {_listed(names)}" for at, names in differing.items())
+        where = _listed([f"{at} on {_listed(names)}" for at, names in differing.items()])
         said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")
     if differing := _by_value(named, "cortex_mask", str):
-        where = ", ".join(f"on {_listed(names)} by '{mask}'" for mask, names in differing.items())
-        said.append(f"What counts as cortex was told {where}; means are of that cortex only.")
+        where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
+        said.append(f"Cortex was told {where}; where that differs, a medial wall may count in the means of one only.")
     return said
 
 

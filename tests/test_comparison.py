@@ -1,6 +1,7 @@
 """The table, the thickness points and the theoretical line of a comparison."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,6 +74,31 @@ def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
     assert abs(inside - 1900) < 40
 
 
+def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
+    y = {True: (1.0, 2.1, 2.9, 4.0), False: (1.0, 3.0, 0.5, 2.0)}
+    for sloped, values in y.items():
+        fit = fit_line([Point(x, v, "") for x, v in enumerate(values)])
+        assert fit.sloped is sloped
+        assert (fit.slope_low * fit.slope_high > 0) is sloped
+    assert fit_line([Point(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
+
+
+def test_differing_scales_are_said_once_with_their_values():
+    options = {
+        "model": {"curvature_scale_mm": 9.51, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
+        "one": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
+        "mean": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": 5.0, "cortex_mask": "label"},
+    }
+    measured = {name: replace(made_measures(), parameters=p) for name, p in options.items()}
+    scale, cap, mask = compare(measured).cautions
+    assert scale.startswith("Curvature was taken within 9.5 mm on model and 3.0 mm on one and mean;")
+    assert "capped nowhere on model and one and at 5 mm on mean" in cap
+    assert "by 'white off pial' on model and one and by 'label' on mean" in mask
+    assert compare(measured).to_dict()["cautions"] == [scale, cap, mask]
+    assert compare({"a": measured["one"], "b": measured["one"]}).cautions == ()
+    assert compare({"a": measured["one"], "b": replace(measured["one"], parameters={})}).cautions == ()
+
+
 def test_no_line_through_two_points_or_through_one_thickness():
     assert fit_line([Point(1, 2, ""), Point(2, 3, "")]) is None
     assert fit_line([Point(1, 2, ""), Point(1, 3, ""), Point(1, 4, "")]) is None
@@ -89,6 +115,9 @@ def test_stiffness_comes_from_the_surfaces_unless_given():
     assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
     assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
     assert [t.mu_ratio for t in compare({"a": made_measures()}).theory] == [1.0]
+    unsaid = made_measures(info={"mu_ratio": None})
+    assert [t.mu_ratio for t in compare({"a": unsaid, "b": stiff}).theory] == [3.0]
+    assert [t.mu_ratio for t in compare({"a": unsaid}).theory] == [1.0]
     with pytest.raises(ValueError, match="must be a positive number, got 0"):
         compare({"a": soft}, mu_ratio=0.0)
 

@@ -2,11 +2,13 @@
 
 import base64
 import hashlib
+import json
 import re
 import struct
 import subprocess
 import sys
 import zlib
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import resources
 
@@ -14,8 +16,8 @@ import numpy as np
 import pytest
 from made_measures import made_cortex, made_measures
 
-from morphofold.comparison import compare
-from morphofold.report import colours, figures, pack, plots, raster
+from morphofold.comparison import Point, compare, fit_line
+from morphofold.report import colours, figures, pack, page, plots, raster
 from morphofold.report.page import analysis_report
 from morphofold.report.png import lettering, png_bytes
 from morphofold.report.quantities import Quantity, common_limits, quantity
@@ -141,6 +143,10 @@ def test_limits_are_the_quantity_own_when_they_suit_and_rounded_percentiles_when
     low, high = common_limits(thickness, [few, many])                    # a small surface is not drowned by a large one
     assert low <= 1.3
     assert high >= 7.9
+    low, high = common_limits(thickness, [np.linspace(1, 9, 999)])       # half of it lies beyond 5
+    assert low < 1.5
+    assert high > 8.5
+    assert common_limits(thickness, [np.linspace(1, 5.9, 999)]) == (1, 5)   # a fifth may
     assert common_limits(thickness, []) == (1, 5)
     flat = common_limits(quantity("odd_mm"), [np.full(9, 7.0)])
     assert flat[0] < 7 < flat[1]
@@ -187,6 +193,49 @@ def test_a_histogram_holds_all_of_the_area():
     peak /= (axes.x[1] - axes.x[0]) / 48
     assert share * peak == pytest.approx(0.995, abs=0.01)
     assert plots.histograms([("a", np.full(3, np.nan), np.ones(3), "#000000", "")], "x", "") is None
+
+
+def test_a_histogram_weighs_its_values():
+    """Nine tenths of the weight at 1, the rest at 3, as many values each: bars nine to one."""
+    values, weights = np.repeat([1.0, 3.0], 500), np.repeat([9.0, 1.0], 500)
+    svg = str(plots.histograms([("a", values, weights, "#000000", "")], "Thickness", "mm"))
+    path = re.search(r'class="curve" d="M([^"]+)"', svg).group(1)
+    x, y = np.array([[float(v) for v in p.split(",")] for p in path.split("L")]).T
+    height = y.max() - y
+    middle = (x.min() + x.max()) / 2
+    assert height[x < middle].max() / height[x > middle].max() == pytest.approx(9, rel=0.02)
+
+
+def drawn_line(svg, kind):
+    """The ends of the one line of a class, (2, 2) in pixels."""
+    (path,) = re.findall(rf'class="{kind}" d="M([^"]+)"', svg)
+    return np.array([[float(v) for v in p.split(",")] for p in path.split("L")])
+
+
+def beside(ends, x):
+    """Height of a line at ``x``, beyond its ends too."""
+    (x0, y0), (x1, y1) = ends
+    return y0 + (y1 - y0) / (x1 - x0) * (x - x0)
+
+
+def test_theory_and_fit_run_through_the_points_that_lie_on_them():
+    points = [Point(t, 4.5 * t, "p") for t in (1.0, 2.0, 3.0)]
+    cloud = {
+        "name": "a", "colour": "#000000", "marker": "circle", "dash": "7 3", "points": points, "bins": (),
+        "fit": fit_line(points),
+    }  # fmt: skip
+    svg = str(plots.thickness_plot([cloud], [(4.5, "theory")]))
+    drawn = np.array([[float(v) for v in p] for p in re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)"', svg)])
+    assert len(drawn) == 3
+    for kind in ("theory", "fit"):
+        np.testing.assert_allclose(beside(drawn_line(svg, kind), drawn[:, 0]), drawn[:, 1], atol=0.3)
+    assert 'stroke-dasharray="7 3"' in svg
+
+
+def test_a_fit_with_no_slope_to_speak_of_is_faint():
+    points = [Point(x, y, "p") for x, y in ((1, 5), (2, 9), (3, 4), (4, 8))]
+    cloud = {"name": "a", "colour": "#000000", "marker": "circle", "dash": "", "points": points, "bins": ()}
+    assert 'class="fit faint"' in str(plots.thickness_plot([{**cloud, "fit": fit_line(points)}], []))
 
 
 def test_the_weighted_median_is_the_middle_of_the_weight():
@@ -358,6 +407,21 @@ def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
         figures.camera("sideways", "lh")
 
 
+def test_the_ruler_is_as_long_as_it_says(monkeypatch):
+    said = []
+    write = figures.write
+    monkeypatch.setattr(figures, "write", lambda c, text, *a, **k: (said.append(text), write(c, text, *a, **k)))
+    verts, faces = icosphere(4, radius=20.0)
+    row = figures.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
+    image = figures.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
+    mm = next(float(text.split()[0]) for text in said if re.fullmatch(r"\d+ mm", text))
+    ball = image[72 + 30 : -112].min(axis=2) < 240                    # between head and foot of the figure
+    columns = np.flatnonzero(ball.any(axis=0))
+    per_mm = (columns[-1] - columns[0] + 1) / 40
+    ruler = max((image[-112:, :250] == 60).all(axis=2).sum(axis=1))
+    assert ruler / per_mm == pytest.approx(mm, rel=0.03)
+
+
 # pages -------------------------------------------------------------------------------------------------------
 
 NASTY = '<script>alert("x")</script>&"\''
@@ -444,3 +508,99 @@ def test_the_page_says_what_was_left_out_and_what_was_used(nasty_page):
     assert "No reason was recorded" in text
     assert "medial wall" in text
     assert re.search(r"numpy \d+\.\d+", text)
+
+
+def config(text):
+    """What the page tells its viewer."""
+    return json.loads(next(s for a, s in Page(text).scripts if a.get("id") == "viewer-config"))
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Write a comparison or analysis page; its text, the rows of its pictures and the series of its charts."""
+    rows, series = [], []
+    histograms, blank = plots.histograms, np.full((4, 4, 3), 255, np.uint8)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    monkeypatch.setattr(page, "figure", lambda r, *a: (rows.extend(r), blank)[1])
+    monkeypatch.setattr(plots, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
+    figures.renderer.cache_clear()
+
+    def draw(what):
+        path = tmp_path / "report.html"
+        page.comparison_report(compare(what), tmp_path) if isinstance(what, dict) else analysis_report(what, path)
+        return path.read_text(encoding="utf-8"), rows, series
+
+    yield draw
+    figures.renderer.cache_clear()
+
+
+def area(surface):
+    a, b, c = np.moveaxis(surface.verts[surface.faces], 1, 0)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+def test_each_hemisphere_is_drawn_as_the_side_it_is_and_weighed_by_its_pial_area(drawn):
+    pair = {"right": made_measures("rh"), "left": made_measures("lh")}
+    text, rows, series = drawn(pair)
+    assert [s["hemi"] for s in config(text)["surfaces"]] == ["rh", "lh"]
+    assert [(r.name, r.hemi) for r in rows] == [("right", "rh"), ("left", "lh")] * 4
+    pial = area(pair["left"].cortex.pial)
+    assert abs(area(pair["left"].cortex.white) / pial - 1) > 0.1
+    for name, _, weights, _, _ in series[0]:
+        assert weights.sum() == pytest.approx(pial, rel=1e-9), name
+
+
+def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
+    several = {name: made_measures(name=name) for name in ("a", "b", "c")}
+    del several["b"].maps["sulcal_depth"]
+    text, _, series = drawn(several)
+    assert [[(s[0], s[4]) for s in chart] for chart in series] == [
+        *[[("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])]] * 3,
+        [("a", plots.DASHES[0]), ("c", plots.DASHES[2])],
+    ]
+    keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
+    assert keys == [*plots.DASHES[:3]] * 2                                 # in the legends of fits and of curves
+
+
+def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
+    m = made_measures(origin="simulation", portion=0.5)
+    text, _, _ = drawn([m])
+    assert "All surfaces share" not in text
+    assert 'id="fit"' not in text
+    assert "A simulated cortex, measured from" in text
+    assert "hemisphere" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
+    assert "Half of the closed surface of bump was simulated" in text
+    assert "crossed bars" not in text                                      # regions, so no bins
+    assert "crossed bars" in drawn([made_measures("rh", regions=False)])[0]
+    assert "The right hemisphere, measured" in drawn([made_measures("rh")])[0]
+
+
+@pytest.mark.parametrize(("portion", "words"), [(0.125, "One eighth"), (0.25, "A quarter"), (0.3, "0.3")])
+def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portion, words):
+    assert f"{words} of the closed surface" in drawn([made_measures(portion=portion)])[0]
+
+
+def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
+    model, other = made_measures(origin="simulation"), made_measures("rh", regions=False)
+    model.notes.update(simulation="the energy grew.", curvature_scale="mesh is coarse.", n_crests="none here.")
+    other.notes["cortex_mask"] = "no cortex label."
+    text, _, _ = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})
+    top, rest = text.split('<section id="viewer"')
+    remarks, below = rest.split("Gyral thickness against cortical thickness</h2>")
+    assert re.search(r'class="warning".*model: the energy grew\.', top)
+    assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
+    assert "model: mesh is coarse. " in remarks
+    assert "MRI: no cortex label." in remarks
+    assert "MRI: no regions, so one point" in below
+    for once in ("the energy grew", "mesh is coarse", "no cortex label", "no regions, so", "none here"):
+        assert text.count(once) == 1
+
+
+def test_a_fit_not_different_from_none_is_called_so(drawn):
+    m = made_measures()
+    assert "not different from none" not in drawn([m])[0]
+    for row, gyral in zip(m.regions, (8.0, 13.0, 9.0)):
+        row["gyral_thickness_mm"] = gyral
+    text, _, _ = drawn([m])
+    assert text.count("not different from none") == 2                      # in the caption and in the table
+    assert 'class="fit faint"' in text

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from dataclasses import replace
 
 import nibabel as nib
 import nibabel.freesurfer as fs
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.io import read_cortex
 from morphofold.results import COLUMNS, read_analysis, strict_json, write_analysis
 
 
@@ -17,10 +19,13 @@ def refuse_constant(token):
     raise AssertionError(f"{token} is not JSON")
 
 
+TRANSFORM = np.array([[0.0, -1, 0, 5], [1, 0, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
+
+
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Both hemispheres, written without report."""
-    pair = [made_measures("lh", info={"g": 1.8}, portion=0.125), made_measures("rh")]
+    pair = [made_measures("lh", info={"g": 1.8}, portion=0.125, transform=TRANSFORM), made_measures("rh")]
     return pair, write_analysis(pair, tmp_path_factory.mktemp("results") / "out", report=False)
 
 
@@ -78,6 +83,12 @@ def test_a_missing_value_is_nan_in_gifti_and_zero_in_freesurfer(written):
     np.testing.assert_allclose(morph[~blank], gifti[~blank])
 
 
+def test_a_transform_comes_back_and_none_stays_none(written):
+    left, right = read_analysis(written[1])
+    np.testing.assert_array_equal(left.cortex.transform, TRANSFORM)
+    assert right.cortex.transform is None
+
+
 def test_the_folder_is_a_freesurfer_subject(written):
     pair, out = written
     verts, faces = fs.read_geometry(out / "surf" / "rh.pial")
@@ -114,6 +125,44 @@ def test_one_hemisphere_twice_is_refused_and_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="got none"):
         write_analysis([], tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def subject(tmp_path):
+    """A folder with surf/, and measures of the cortex read from it."""
+    write_analysis([made_measures()], tmp_path / "all" / "bert", report=False)
+    made = made_measures()
+    read = read_cortex(tmp_path / "all" / "bert", hemi="lh")
+    assert read.files
+    return tmp_path / "all" / "bert", replace(made, cortex=replace(made.cortex, files=read.files))
+
+
+@pytest.mark.parametrize(("out", "how"), [(".", "is"), ("..", "holds"), ("surf/..", "is"), ("new/deep", "lies in")])
+def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out, how):
+    folder, measures = subject
+    before = sorted(folder.parent.rglob("*"))
+    with pytest.raises(ValueError, match=f" {how} the folder of the input .*must go to another folder"):
+        write_analysis([measures], folder / out, report=False)
+    assert sorted(folder.parent.rglob("*")) == before
+
+
+def test_a_link_to_the_input_is_no_other_folder(subject, tmp_path):
+    folder, measures = subject
+    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
+    with pytest.raises(ValueError, match="is the folder of the input"):
+        write_analysis([measures], tmp_path / "link", report=False)
+
+
+def test_an_analysis_may_lie_beside_its_input_or_be_written_again(subject, tmp_path):
+    folder, measures = subject
+    beside = folder.with_name("bert-analysis")                      # begins with the same letters, and is another
+    for _ in range(2):
+        assert write_analysis([measures], beside, report=False) == beside
+    loose = tmp_path / "lh.white"
+    loose.write_bytes(b"some surface")                               # no subject: its folder may hold the analysis
+    write_analysis([made_measures()], tmp_path / "out", inputs=[loose], report=False)
+    with pytest.raises(ValueError, match="is the folder of the input"):
+        write_analysis([made_measures()], tmp_path, inputs=[loose], report=False)
 
 
 def test_a_failure_half_way_leaves_nothing(tmp_path):

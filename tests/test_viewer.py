@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from made_measures import made_measures
 
 from morphofold.comparison import compare
 from morphofold.report import figures
+from morphofold.surface import Surface
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
@@ -98,6 +100,17 @@ class Tab:
         return np.array(rgba, dtype=float).reshape(-1, 4)[:, :3]
 
 
+SMALL = 0.8
+
+
+def small(m):
+    """The same measures of a cortex ``SMALL`` times the size."""
+    shapes = {n: getattr(m.cortex, n) for n in ("white", "pial", "inflated")}
+    return replace(
+        m, cortex=replace(m.cortex, **{n: Surface(s.verts * SMALL, s.faces, s.name) for n, s in shapes.items()})
+    )
+
+
 @pytest.fixture(scope="module")
 def tab(tmp_path_factory):
     """A comparison of a model and two hemispheres, open in the browser."""
@@ -106,7 +119,7 @@ def tab(tmp_path_factory):
         patch.setenv("MORPHOFOLD_RENDERER", "raster")
         figures.renderer.cache_clear()
         pair = [made_measures("lh", name="<b>bold</b>"), made_measures("rh")]
-        page = compare({"model": made_measures(regions=False), "MRI": pair}).report(folder / "out")
+        page = compare({"model": small(made_measures(regions=False)), "MRI": pair}).report(folder / "out")
     figures.renderer.cache_clear()
     profile = folder / "profile"
     browser = subprocess.Popen(
@@ -246,11 +259,21 @@ def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
 
 
 def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
+    """Pixels per mm: the same in every panel, and larger where the small surface is blown up."""
+    scales = (
+        "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
+    )
+    model, left, right = tab.js(scales)
+    assert model == pytest.approx(left, rel=0.02)                         # a ruler is drawn to a pixel
+    assert right == pytest.approx(left, rel=0.02)
     tab.js("document.getElementById('fit').click()")
     tab.frame()
-    assert coloured(tab.pixels()) > 300
+    model, left, right = tab.js(scales)
+    assert model == pytest.approx(left / SMALL, rel=0.03)
+    assert right == pytest.approx(left, rel=0.02)
     tab.js("document.getElementById('fit').click()")
     tab.frame()
+    assert np.ptp(tab.js(scales)) < 0.05
 
 
 def test_nothing_is_fetched_and_nothing_goes_wrong(tab):

@@ -130,7 +130,7 @@ def round_out(x: float) -> float:
     if x <= 0:
         return 0.0
     unit = 10.0 ** np.floor(np.log10(x)) / 2
-    return float(np.ceil(x / unit - 1e-9) * unit)
+    return float(f"{np.ceil(x / unit - 1e-9) * unit:.12g}")  # 0.15, not 0.15000000000000002
 
 
 def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
