@@ -54,6 +54,7 @@ def set_up() -> int:
         if code:
             return fail(f"set-up failed at: {' '.join(command)}")
     READY.touch()
+    print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", flush=True)
     return 0
 
 

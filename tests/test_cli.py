@@ -137,6 +137,34 @@ def test_compare_puts_two_analyses_side_by_side(here, capsys):
     assert (here / "both" / "report.html").stat().st_size > 10_000
 
 
+def test_no_command_writes_over_what_it_reads(here, capsys):
+    assert main([*pair(here), "--no-report"]) == 0
+    assert main(["analyze", "out", "-q", "--no-report", "-o", "other"]) == 0
+    capsys.readouterr()
+    before = sorted(p.name for p in (here / "out").rglob("*"))
+    refused(capsys, ["compare", "a=out", "b=other", "-o", "out"], "out", "name another -o")
+    refused(capsys, ["analyze", "out", "-q", "-o", "out"], "out", "name another -o")
+    shutil.copytree(sample_path("simulated"), here / "sim" / "stages" / "g1.90")
+    refused(capsys, ["analyze", "sim", "-q", "-o", "sim/stages/g1.90"], "g1.90", "name another -o")
+    assert sorted(p.name for p in (here / "out").rglob("*")) == before
+    assert (here / "sim" / "stages" / "g1.90" / "stage.json").exists()
+
+
+def test_measuring_an_analysis_again_gives_the_same_numbers(here, capsys):
+    stage = str(sample_path("simulated"))
+    measures = []
+    for source, out in ((stage, "once"), ("once", "twice")):
+        assert main(["analyze", source, "-q", "--no-report", "--json", "-o", out]) == 0
+        measures.append(json.loads(capsys.readouterr().out)["surfaces"][0])
+    for key in ("measures", "origin", "portion", "name", "info"):
+        assert measures[0][key] == measures[1][key]
+
+
+def test_the_systems_own_refusals_are_one_line_too(here, capsys):
+    (here / "file").write_text("")
+    refused(capsys, ["simulate", "demo", "-q", "-o", "file/run"], "file/run")
+
+
 def test_scenes_lists_every_scene_with_its_effects(capsys):
     assert main(["scenes", "--json"]) == 0
     scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}

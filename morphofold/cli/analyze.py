@@ -14,13 +14,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
     parser.add_argument("--curvature-scale", type=float, metavar="MM", help="radius of curvature neighbourhoods")
     parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
-    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis)")
+    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.measures import measure
+    from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
     from morphofold.results import write_analysis
@@ -37,14 +38,19 @@ def run(args: argparse.Namespace) -> int:
     else:
         hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name) for hemi in hemis]
-    out = Path(args.out or f"{cortices[0].name.replace('/', '-')}-analysis")
+    called = args.name or (Path(args.input).resolve().name if args.input else cortices[0].name)
+    out = Path(args.out or f"{writable_name(called)}-analysis")
+    read = {Path(file).parent for cortex in cortices for file in cortex.files}
+    read |= {folder.parent for folder in read if folder.name == "surf"}
+    refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
     with progress(cortices[0].name, args.quiet) as tell:
         measures = []
         for i, cortex in enumerate(cortices):
             share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
             measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
         tell(0.8, "writing")
-        write_analysis(measures, out, report=not args.no_report)
+        asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
+        write_analysis(measures, out, parameters=asked, report=not args.no_report)
         tell(1.0, "done")
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
@@ -57,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
             f"cortical thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
             f"{'n/a' if gyral is None else f'{gyral:.1f} mm'}"
         )
+        if "simulation" in m.notes:
+            print(f"warning: {m.notes['simulation']}")
     print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
     return 0
 

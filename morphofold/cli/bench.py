@@ -17,6 +17,8 @@ def run(args: argparse.Namespace) -> int:
 
     from morphofold.sim.speed import element_speed
 
+    if not 0 < args.seconds < 3600:
+        raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
     cores = numba.get_num_threads()
     rows = [
         element_speed(cells, threads=threads, seconds=args.seconds)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("analyses", metavar="NAME=DIR", nargs="+", help="a folder that analyze wrote, and its name")
-    parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder to write")
+    parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder (default: comparison)")
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
 def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.results import read_analysis
@@ -24,6 +26,7 @@ def run(args: argparse.Namespace) -> int:
         if name in named:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
+    refuse_overlap(Path(args.out), [Path(folder) for folder in named.values()])
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):
