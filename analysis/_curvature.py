@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from morphofold.analysis._mesh import adjacency, mean_edge_length, unit, vertex_normals
+from morphofold.analysis._mesh import adjacency, face_areas, mean_edge_length, unit, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 BLOCKS = 64         # independent stretches of vertices; each has its own scratch, none depends on the thread count
@@ -82,7 +82,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     Raises
     ------
     ValueError
-        If the arrays do not describe a triangle mesh, or scale is not a positive length.
+        If the arrays do not describe a triangle mesh; or scale is shorter than the mean edge, or longer than the
+        radius of a sphere of equal area (and than 3 mean edges).
 
     Notes
     -----
@@ -120,10 +121,23 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     check_mesh(verts, faces)
     verts = np.ascontiguousarray(verts, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
+    edge = mean_edge_length(verts, faces)
     if scale is None:
-        scale = EDGES * mean_edge_length(verts, faces)
+        scale = EDGES * edge
     if not (math.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+    size = math.sqrt(face_areas(verts, faces).sum() / (4 * math.pi))
+    if scale < edge:
+        raise ValueError(
+            f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: no neighbourhood so small holds "
+            f"enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
+        )
+    if scale > max(size, EDGES * edge):         # a coarse mesh has nothing finer to offer
+        raise ValueError(
+            f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere of the mesh's area; its mean edge is "
+            f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
+            "Are scale and mesh in one unit of length?"
+        )
     ring = adjacency(len(verts), faces)
     normals = vertex_normals(verts, faces, "max")
     lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction

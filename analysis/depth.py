@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
 
 from morphofold.analysis.gyrification import hull
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-
-CHUNK = 4096        # vertices times planes are formed in pieces of this many vertices
 
 
 def sulcal_depth(verts: Verts, faces: Faces) -> PerVertex:
@@ -40,10 +40,20 @@ def sulcal_depth(verts: Verts, faces: Faces) -> PerVertex:
     check_mesh(verts, faces)
     planes = hull(verts, faces).equations            # n . x + d <= 0 inside; coplanar triangles repeat theirs
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
-    normal, offset = planes[first, :3], planes[first, 3]
     depth = np.full(len(verts), np.nan)
     used = np.unique(faces)
-    for start in range(0, len(used), CHUNK):
-        some = used[start : start + CHUNK]
-        depth[some] = -np.max(verts[some] @ normal.T + offset, axis=1)
-    return np.maximum(depth, 0)                      # round-off on the hull itself
+    depth[used] = _below(np.ascontiguousarray(verts[used], dtype=np.float64), np.ascontiguousarray(planes[first]))
+    return depth
+
+
+@njit(cache=True, parallel=True)
+def _below(points: NDArray[np.float64], planes: NDArray[np.float64]) -> PerVertex:
+    """Least distance (N,) from points (N, 3) inside to the planes (P, 4), 0 where round-off puts a point outside."""
+    depth = np.empty(len(points))
+    for i in prange(len(points)):
+        x, y, z = points[i]
+        highest = -np.inf
+        for p in range(len(planes)):
+            highest = max(highest, planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z + planes[p, 3])
+        depth[i] = max(-highest, 0.0)
+    return depth

@@ -230,19 +230,27 @@ def test_hard_meshes_give_nan_where_nothing_can_be_said_and_numbers_elsewhere():
 
 
 def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
-    shape = shapes.sphere(2, 10.0)
-    c = curvature(shape.verts, shape.faces, 0.01)                   # shorter than any edge by far
-    assert np.isnan(c.k1).all()                                     # 5.4 times that holds no neighbour either
-    c = curvature(shape.verts, shape.faces, 2.0)                    # one edge is about 3
+    shape = shapes.sphere(2, 10.0)                                  # one edge is about 3
+    c = curvature(shape.verts, shape.faces, 3.2)
     assert np.allclose(c.k1, 0.1, rtol=1e-6)
     tiny = curvature(*shapes.icosphere(0, 10.0))
     assert np.allclose(tiny.k1, 0.1, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [(2.0, r"scale 2 is less than the mean edge of the mesh, \d"), (0.01, "0.01 is less"), (10.5, "than the radius 9")],
+)
+def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, message):
+    shape = shapes.sphere(2, 10.0)
+    with pytest.raises(ValueError, match=message):
+        curvature(shape.verts, shape.faces, scale)
+
+
 def test_the_default_scale_is_three_mean_edges_and_is_said():
     shape = shapes.sphere(3)
     assert curvature(shape.verts, shape.faces).scale == 3 * mean_edge_length(shape.verts, shape.faces)
-    assert curvature(shape.verts, shape.faces, 7).scale == 7.0
+    assert curvature(shape.verts, shape.faces, 17).scale == 17.0
 
 
 @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf])

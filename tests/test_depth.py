@@ -1,5 +1,6 @@
 """Distance to the convex hull."""
 
+import numba
 import numpy as np
 import pytest
 from reference import distance_to_convex_hull
@@ -40,6 +41,18 @@ def test_depth_scales_with_length_and_is_nan_at_an_unused_vertex():
     got = sulcal_depth(more, faces)
     assert np.isnan(got[-1])
     assert np.allclose(got[:-1], 3 * sulcal_depth(verts, faces), atol=1e-12)
+
+
+def test_one_thread_and_all_give_the_same_depth_bit_by_bit():
+    shape, every = shapes.bumpy_sphere(4, amplitude=0.6), numba.get_num_threads()
+    if every == 1:
+        pytest.skip("this machine gives one thread only")
+    many = sulcal_depth(shape.verts, shape.faces)
+    try:
+        numba.set_num_threads(1)
+        assert np.array_equal(sulcal_depth(shape.verts, shape.faces), many)
+    finally:
+        numba.set_num_threads(every)
 
 
 def test_depth_of_fsaverage5_goes_with_its_sulc_file():
