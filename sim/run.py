@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +15,7 @@ from numpy.typing import NDArray
 
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Scene, load_scene
 from morphofold.surface import Cortex
 from morphofold.threads import set_threads
@@ -126,30 +124,6 @@ def _finished(folder: Path, scene: Scene, resume: bool) -> bool:
     if load_scene(written) != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
     return (folder / "health.json").exists()
-
-
-@contextmanager
-def deferred_interrupt() -> Iterator[Callable[[], bool]]:
-    """Hold back SIGINT and SIGTERM; yields a function that says whether one came. A second one acts at once.
-
-    Only the main thread can hold signals; elsewhere nothing is held and the function says no.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    came: list[int] = []
-
-    def hold(number: int, frame: object) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-
-    before = {number: signal.signal(number, hold) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(came)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Run:
