@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
 SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
@@ -41,6 +42,7 @@ class Measures:
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
+BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
 FREESURFER_CAP = 5.0    # [mm], FreeSurfer's bound on thickness, for its own subjects only
 LATER = "Crest lines and hinges are not measured by this version."
 
@@ -72,13 +74,21 @@ def measure(
         Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
         ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
-        name does not, and why it is None where it is.
+        name does not, and why it is None where it is; and, under ``curvature_scale``, ``cortex_mask`` and
+        ``simulation``, what to know of the input before believing the numbers.
+
+    Raises
+    ------
+    ValueError
+        If a closed surface is inside out, white encloses more than pial or coincides with it, no vertex is cortex,
+        the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
     Cortex is what the cortex label says, without vertices where white and pial coincide (FreeSurfer closes the medial
     wall so, and without a label that is the only sign of it). Areas, Euler characteristic, gyrification and folding
-    indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex.
+    indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
+    or of several pieces, has no gyrification index.
     """
     from morphofold.analysis import _mesh, depth, gyrification, regions, thickness
     from morphofold.analysis._curvature import curvature, folding_indices
@@ -89,15 +99,25 @@ def measure(
 
     tell("areas", 0.0)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
-    coarse = COARSE * max(_mesh.mean_edge_length(s.verts, faces) for s in (white, pial))
-    scale = max(CURVATURE_SCALE, coarse) if curvature_scale is None else float(curvature_scale)
+    closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
+    mask = _cortex_mask(cortex)
+    if closed:
+        _check_sides(cortex)
+    sulcal = depth.sulcal_depth(pial.verts, faces)
+    scale, remark = _curvature_scale(cortex, curvature_scale, float(min(area_white.sum(), area_pial.sum())))
+    if remark:
+        notes["curvature_scale"] = remark
+    if cortex.cortex is None and cortex.origin != "simulation":
+        notes["cortex_mask"] = (
+            "No cortex label came with the surfaces: every vertex whose white and pial positions differ counts as "
+            "cortex, the medial wall, if there is one, included."
+        )
+    if warnings := cortex.info.get("warnings"):
+        notes["simulation"] = "; ".join(map(str, warnings))
 
     tell("cortical thickness", 0.05)
     cap = FREESURFER_CAP if cortex.origin == "FreeSurfer" else None
     cortical = thickness.cortical_thickness(white, pial, mode="surface", cap=cap)
-    mask = np.any(white.verts != pial.verts, axis=1)
-    if cortex.cortex is not None:
-        mask &= cortex.cortex
     notes["mean_cortical_thickness_mm"] = (
         "Plain mean over the vertices of the cortex of half the sum of both closest distances between white and "
         + (f"pial, each at most {cap:g} mm as in FreeSurfer." if cap else "pial, without an upper bound.")
@@ -109,14 +129,25 @@ def measure(
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
     notes["folding_index"] = notes["intrinsic_curvature_index"] = (
         f"Of the whole white surface, curvature within {scale:.2f} mm; FreeSurfer's definition, but its curvature is "
-        f"of one or two rings, so values differ. The integral of K over 4 pi is {folding.total:.2f}; Gauss-Bonnet asks "
-        f"for {_mesh.euler_characteristic(faces) / 2:g}; the rest is noise and folds finer than the scale."
+        f"of one or two rings, so values differ. They depend on the scale: compare them at equal scale only. The "
+        f"integral of K over 4 pi is {folding.total:.2f}"
+        + (
+            f" where Gauss-Bonnet asks for {_mesh.euler_characteristic(faces) / 2:g}; the excess measures how far the "
+            "fit is beyond its range at this scale."
+            if closed
+            else "."
+        )
     )
 
-    tell("sulcal depth", 0.5)
-    sulcal = depth.sulcal_depth(pial.verts, faces)
     notes["mean_sulcal_depth_mm"] = "Mean over the pial area of the cortex of the distance to the convex hull."
+    gyrified = gyrification.gyrification_index(pial.verts, faces) if closed and pieces == 1 else None
     notes["gyrification_index"] = "Area of the whole pial surface over the area of its convex hull."
+    if gyrified is None:
+        what = f"is in {pieces} pieces" if pieces > 1 else "has a border"
+        notes["gyrification_index"] = (
+            f"The pial surface {what}, so the area of its convex hull is not that of what it would be unfolded. "
+            "Sulcal depth is still the distance to that hull."
+        )
 
     tell("gyral thickness", 0.6)
     across = thickness.gyral_thickness(cortex, **(gyral or {}))
@@ -157,7 +188,7 @@ def measure(
         euler_characteristic=_mesh.euler_characteristic(faces),
         area_pial_mm2=float(area_pial.sum()),
         area_white_mm2=float(area_white.sum()),
-        gyrification_index=gyrification.gyrification_index(pial.verts, faces),
+        gyrification_index=gyrified,
         folding_index=folding.folding_index,
         intrinsic_curvature_index=folding.intrinsic_curvature_index,
         mean_cortical_thickness_mm=_mean(maps["cortical_thickness"]),
@@ -180,6 +211,64 @@ def measure(
     }
     tell("done", 1.0)
     return Measures(cortex, scalars, maps, rows, parameters=parameters, notes=notes)
+
+
+def _cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where the vertex is cortex; refused if that is nowhere."""
+    off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
+    if not off.any():
+        raise ValueError(
+            f"{cortex.name}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
+            f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
+        )
+    label = np.ones_like(off) if cortex.cortex is None else np.asarray(cortex.cortex, dtype=bool)
+    mask = off & label
+    if not mask.any():
+        raise ValueError(
+            f"{cortex.name}: no vertex is cortex: the cortex label holds {label.sum()} of "
+            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
+            "Check the label, or leave it out."
+        )
+    return mask
+
+
+def _check_sides(cortex: Cortex) -> None:
+    """Refuse closed surfaces that are inside out, or swapped."""
+    faces = cortex.faces
+    inner, outer = (_volume(s.verts, faces) for s in (cortex.white, cortex.pial))
+    for surface, volume in ((cortex.white, inner), (cortex.pial, outer)):
+        if volume < 0:
+            raise ValueError(
+                f"{cortex.name}: {surface.name} is inside out, its signed volume is {volume:.4g} mm^3: its faces run "
+                "clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+            )
+    if inner > outer:
+        raise ValueError(
+            f"{cortex.name}: white ({cortex.white.name}) encloses {inner:.6g} mm^3, more than the {outer:.6g} mm^3 of "
+            f"pial ({cortex.pial.name}). Were white and pial swapped?"
+        )
+
+
+def _volume(verts: Verts, faces: Faces) -> float:
+    """Signed volume [mm^3] inside a closed surface, positive if faces run counter-clockwise seen from outside."""
+    a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple[float, str]:
+    """The scale of curvature [mm], and what to remark on it or the unit of length; empty if nothing."""
+    from morphofold.analysis import _mesh
+
+    edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
+    size = float(np.sqrt(area / (4 * np.pi)))
+    usual = CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0     # else only the mesh can say what is fine
+    scale = max(usual, COARSE * edge) if wanted is None else float(wanted)
+    say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
+    if cortex.units != "mm":
+        return scale, f"Lengths are in {cortex.units!r}, not mm, whatever the names of the measures say; {say}"
+    if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
+        return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
+    return scale, ""
 
 
 def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from morphofold import shapes
-from morphofold.analysis import measure
+from morphofold.analysis import folding_indices, measure, vertex_areas
+from morphofold.analysis._curvature import Curvature
 from morphofold.analysis.measures import SCALARS, _gyral_on_cortical
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
@@ -148,3 +149,116 @@ def _corner_areas(surface):
     """Centroids of the faces, and their area vectors."""
     a, b, c = (surface.verts[surface.faces[:, k]] for k in range(3))
     return (a + b + c) / 3, np.cross(b - a, c - a) / 2
+
+
+def test_mean_depth_is_weighted_by_the_pial_area_of_the_cortex(average):
+    m, _ = average
+    inside = m.cortex.cortex & np.any(m.cortex.white.verts != m.cortex.pial.verts, axis=1)
+    depth = m.maps["sulcal_depth"][inside]
+    areas = [vertex_areas(s.verts, s.faces)[inside] for s in (m.cortex.pial, m.cortex.white)]
+    by_pial, by_white = (np.average(depth, weights=w) for w in areas)
+    assert min(abs(by_pial - by_white), abs(by_pial - depth.mean())) > 0.1          # or this test says nothing
+    assert m.scalars["mean_sulcal_depth_mm"] == pytest.approx(by_pial, rel=1e-9)
+
+
+def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
+    bump = shapes.bumpy_sphere(5)
+    away = np.linalg.norm(bump.verts, axis=1, keepdims=True)
+    pial = Surface(70 * bump.verts / away, bump.faces, "lh.pial")                   # a sphere
+    m = measure(Cortex(Surface(bump.verts, bump.faces, "lh.white"), pial), curvature_scale=4)
+    blank = np.zeros((len(away), 3))
+    exact = folding_indices(Curvature(bump.k1, bump.k2, blank, blank, blank, 0.0), vertex_areas(bump.verts, bump.faces))
+    assert exact.folding_index > 0.5
+    assert m.scalars["folding_index"] == pytest.approx(exact.folding_index, rel=0.03)          # blunted by 4 mm
+    assert m.scalars["intrinsic_curvature_index"] == pytest.approx(exact.intrinsic_curvature_index, rel=0.02)
+    assert np.allclose(m.maps["H"], 1 / 70, rtol=1e-6)
+
+
+def test_gyral_thickness_stays_inside_the_cortex(average):
+    m, _ = average
+    known = np.isfinite(m.maps["gyral_thickness"])
+    assert not known[~m.cortex.cortex].any()
+    assert known[m.cortex.cortex].mean() > 0.9
+
+
+def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
+    """Ten ridges in the half circle of the meridian; the way from fundus to fundus goes up and down each of them."""
+    cortex, _ = shapes.ridged_sphere(6, width=6.0, ridges=10, height=4.0, radius=50.0)
+    theta = np.linspace(0, np.pi, 20001)
+    away = 50 * np.abs(theta % (np.pi / 10) - np.pi / 20)
+    r = 50 + 4 * np.exp2(-((away / 3) ** 2))
+    step = np.hypot(np.diff(r), np.diff(theta) * (r[1:] + r[:-1]) / 2)
+    area = 2 * np.pi * np.sum(step * (r * np.sin(theta))[:-1])
+    crowns = np.pi / 20 * (2 * np.arange(10) + 1)
+    contour = 2 * np.pi * 52 * np.sum(np.sin([crowns - 3 / 50, crowns + 3 / 50]))   # both walls of each
+    m = measure(cortex)
+    assert m.scalars["wavelength_mm"] == pytest.approx(2 * area / contour, rel=0.05)
+
+
+def test_surfaces_that_are_inside_out_swapped_or_the_same_are_refused():
+    good = shell(3)
+    turned = [Surface(s.verts, s.faces[:, ::-1], s.name) for s in (good.white, good.pial)]
+    with pytest.raises(ValueError, match=r"lh.white is inside out, its signed volume is -4\.\d+e\+05 mm\^3.*Reverse"):
+        measure(Cortex(*turned))
+    with pytest.raises(ValueError, match=r"encloses 5\d+ mm\^3, more than the 4\d+ mm\^3 .* swapped"):
+        measure(Cortex(good.pial, good.white))
+    with pytest.raises(ValueError, match=r"the same surface at all 642 vertices"):
+        measure(Cortex(good.white, good.white))
+
+
+def test_a_cortex_label_without_a_vertex_is_refused():
+    none = np.zeros(642, dtype=bool)
+    with pytest.raises(ValueError, match=r"no vertex is cortex: the cortex label holds 0 of 642 .* differ at 642"):
+        measure(shell(3, cortex=none))
+
+
+def part(cortex, keep):
+    """The faces with all corners in ``keep`` (N,)."""
+    faces = cortex.faces[keep[cortex.faces].all(axis=1)]
+    return Cortex(*(Surface(s.verts, faces, s.name) for s in (cortex.white, cortex.pial)))
+
+
+def test_a_flat_patch_is_refused_as_such():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(12.0), indexing="ij")
+    verts = np.stack([x.ravel(), y.ravel(), np.zeros(144)], axis=1)
+    a = (np.arange(11)[:, None] * 12 + np.arange(11)).ravel()
+    faces = np.concatenate([np.stack([a, a + 12, a + 13], 1), np.stack([a, a + 13, a + 1], 1)])
+    with pytest.raises(ValueError, match=r"144 vertices in use span no volume.*flat patch"):
+        measure(Cortex(Surface(verts - [0, 0, 2], faces), Surface(verts, faces)))
+
+
+def test_open_surfaces_and_several_pieces_have_depth_but_no_gyrification_index():
+    whole = shell()
+    open_ = measure(part(whole, whole.pial.verts[:, 2] > -10))
+    verts, faces, n = whole.pial.verts, whole.faces, whole.n_vertices
+    twice = np.concatenate([faces, faces + n])
+    pair = [Surface(np.concatenate([v, v + [200, 0, 0]]), twice) for v in (whole.white.verts, verts)]
+    two = measure(Cortex(*pair))
+    for m, why in ((open_, "has a border"), (two, "is in 2 pieces")):
+        assert m.scalars["gyrification_index"] is None
+        assert why in m.notes["gyrification_index"]
+        assert m.scalars["mean_sulcal_depth_mm"] >= 0
+    assert "Gauss-Bonnet" not in open_.notes["folding_index"]
+    assert "Gauss-Bonnet asks for 2;" in two.notes["folding_index"]
+
+
+def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation():
+    plain = measure(shell(units="cm", info={"warnings": []})).notes
+    assert "Lengths are in 'cm', not mm" in plain["curvature_scale"]
+    assert "medial wall" in plain["cortex_mask"]
+    assert "simulation" not in plain
+    told = measure(shell(origin="simulation", info={"warnings": ["volume drifts", "min J 0.1"]})).notes
+    assert told["simulation"] == "volume drifts; min J 0.1"
+    assert not {"cortex_mask", "curvature_scale"} & set(told)
+    assert "cortex_mask" not in measure(shell(cortex=np.ones(2562, dtype=bool))).notes
+    for size in (1e-3, 1e3):                                                        # metres, micrometres
+        m = measure(shell(inner=47 * size, outer=50 * size))
+        assert "do not look like millimetres" in m.notes["curvature_scale"]
+        assert m.scalars["intrinsic_curvature_index"] == pytest.approx(1, abs=0.01)
+    assert "curvature_scale" not in measure(shell(), curvature_scale=9).notes
+
+
+def test_the_folding_note_says_the_excess_and_blames_nobody(average):
+    m, _ = average
+    assert "Gauss-Bonnet asks for 1; the excess measures how far the fit is" in m.notes["folding_index"]
+    assert "equal scale only" in m.notes["folding_index"]
