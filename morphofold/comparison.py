@@ -211,7 +211,7 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
         said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")
     if differing := _by_value(named, "cortex_mask", str):
         where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
-        said.append(f"Cortex was told {where}; where that differs, a medial wall may count in the means of one only.")
+        said.append(f"Cortex was marked out {where}; means without a label may count a medial wall as cortex.")
     return said
 
 
