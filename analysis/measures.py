@@ -167,7 +167,7 @@ def measure(
     maps = {name: of_cortex(getattr(bent, name)) for name in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
     maps["sulcal_depth"] = of_cortex(sulcal)
     maps["cortical_thickness"] = of_cortex(cortical)
-    maps["gyral_thickness"] = of_cortex(across.per_vertex)
+    maps["gyral_thickness"] = across.per_vertex           # NaN off the cortex as it is
     maps["area"] = area_white
     if "thickness" in cortex.maps:
         maps["thickness_file"] = of_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))

@@ -192,7 +192,7 @@ def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
     crowns = np.pi / 20 * (2 * np.arange(10) + 1)
     contour = 2 * np.pi * 52 * np.sum(np.sin([crowns - 3 / 50, crowns + 3 / 50]))   # both walls of each
     m = measure(cortex)
-    assert m.scalars["wavelength_mm"] == pytest.approx(2 * area / contour, rel=0.05)
+    assert m.scalars["wavelength_mm"] == pytest.approx(2 * area / contour, rel=0.02)
 
 
 def test_surfaces_that_are_inside_out_swapped_or_the_same_are_refused():
