@@ -189,7 +189,7 @@ def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
     # a real SIGINT to a real process
-    small = ["geometry.portion=octant", "growth.final=1.4", "growth.rate=0.5", "accuracy.cells_per_quarter=16"]
+    small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.cells_per_quarter=16"]
     small.append("output.stages=[]")
     scene = ["demo", *(word for s in small for word in ("--set", s))]
     argv = [sys.executable, "-m", "morphofold", "simulate", *scene, "-o", "run"]
@@ -197,7 +197,7 @@ def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
         "import signal, subprocess, sys, time, pathlib\n"
         f"p = subprocess.Popen({argv!r}, stderr=subprocess.PIPE, text=True)\n"
         "while not pathlib.Path('run/scene.toml').exists() and p.poll() is None: time.sleep(0.02)\n"
-        "time.sleep(0.3); p.send_signal(signal.SIGINT)\n"
+        "time.sleep(0.1); p.send_signal(signal.SIGINT)\n"
         "print(p.communicate()[1]); sys.exit(p.returncode)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
