@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from morphofold.surface import Cortex, Faces, PerVertex, Verts
+from morphofold.surface import Cortex, PerVertex
 
 SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
@@ -44,7 +43,6 @@ CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
 BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
 FREESURFER_CAP = 5.0    # [mm], FreeSurfer's bound on thickness, for its own subjects only
-LATER = "Crest lines and hinges are not measured by this version."
 
 
 def measure(
@@ -90,76 +88,33 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold.analysis import _mesh, depth, gyrification, regions, thickness
+    from morphofold.analysis import _mesh, checks, depth, gyrification, notes, regions, thickness
     from morphofold.analysis._curvature import curvature, folding_indices
 
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
-    notes = dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm"), LATER)
 
     tell("areas", 0.0)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    mask = _cortex_mask(cortex)
+    euler = _mesh.euler_characteristic(faces)
+    mask = checks.cortex_mask(cortex)
     if closed:
-        _check_sides(cortex)
+        checks.check_sides(cortex)
     sulcal = depth.sulcal_depth(pial.verts, faces)
+    gyrified = gyrification.gyrification_index(pial.verts, faces) if closed and pieces == 1 else None
     scale, remark = _curvature_scale(cortex, curvature_scale, float(min(area_white.sum(), area_pial.sum())))
-    if remark:
-        notes["curvature_scale"] = remark
-    if cortex.cortex is None and cortex.origin != "simulation":
-        notes["cortex_mask"] = (
-            "No cortex label came with the surfaces: every vertex whose white and pial positions differ counts as "
-            "cortex, the medial wall, if there is one, included."
-        )
-    if warnings := cortex.info.get("warnings"):
-        notes["simulation"] = "; ".join(map(str, warnings))
 
     tell("cortical thickness", 0.05)
     cap = FREESURFER_CAP if cortex.origin == "FreeSurfer" else None
     cortical = thickness.cortical_thickness(white, pial, mode="surface", cap=cap)
-    notes["mean_cortical_thickness_mm"] = (
-        "Plain mean over the vertices of the cortex of half the sum of both closest distances between white and "
-        + (f"pial, each at most {cap:g} mm as in FreeSurfer." if cap else "pial, without an upper bound.")
-        + (" The file's own thickness is the map thickness_file." if "thickness" in cortex.maps else "")
-    )
 
     tell("curvature", 0.3)
     bent = curvature(pial.verts, faces, scale)
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
-    notes["folding_index"] = notes["intrinsic_curvature_index"] = (
-        f"Of the whole white surface, curvature within {scale:.2f} mm; FreeSurfer's definition, but its curvature is "
-        f"of one or two rings, so values differ. They depend on the scale: compare them at equal scale only. The "
-        f"integral of K over 4 pi is {folding.total:.2f}"
-        + (
-            f" where Gauss-Bonnet asks for {_mesh.euler_characteristic(faces) / 2:g}; the excess measures how far the "
-            "fit is beyond its range at this scale."
-            if closed
-            else "."
-        )
-    )
-
-    notes["mean_sulcal_depth_mm"] = "Mean over the pial area of the cortex of the distance to the convex hull."
-    gyrified = gyrification.gyrification_index(pial.verts, faces) if closed and pieces == 1 else None
-    notes["gyrification_index"] = "Area of the whole pial surface over the area of its convex hull."
-    if gyrified is None:
-        what = f"is in {pieces} pieces" if pieces > 1 else "has a border"
-        notes["gyrification_index"] = (
-            f"The pial surface {what}, so the area of its convex hull is not that of what it would be unfolded. "
-            "Sulcal depth is still the distance to that hull."
-        )
 
     tell("gyral thickness", 0.6)
     across = thickness.gyral_thickness(cortex, **(gyral or {}))
-    notes["median_gyral_thickness_mm"] = across.reason or (
-        f"Wall to wall at mid-height on the pial surface; folds by a smoothing length of {across.scale:.1f} mm; "
-        f"{across.coverage:.0%} of the mid-height contour could be measured, quartiles {across.lower:.1f} and "
-        f"{across.upper:.1f} mm."
-    )
-    notes["wavelength_mm"] = across.reason or (
-        "Twice the pial area of the cortex over the length of its mid-height contour: the way along the surface from "
-        "fundus to fundus."
-    )
 
     def of_cortex(values: PerVertex) -> PerVertex:
         return np.where(mask, values, np.nan)
@@ -175,17 +130,22 @@ def measure(
     tell("regions", 0.95)
     rows = regions.region_table(cortex, maps, across)
     slope, r, why = _gyral_on_cortical(rows)
-    if rows:
-        notes["regions"] = (
-            "NumVert, area and thickness as mris_anatomical_stats counts them. n_hinges, crest_length_mm and "
-            "gyrification_index of a region are not measured by this version; a region with less measured contour "
-            "than two gyral widths has no gyral thickness."
-        )
-    notes["gyral_to_cortical_slope"] = notes["gyral_to_cortical_r"] = why
+    said = {
+        **notes.not_measured(),
+        **notes.of_input(cortex),
+        **({"curvature_scale": remark} if remark else {}),
+        **notes.of_thickness(cap, "thickness" in cortex.maps),
+        **notes.of_folding(scale, folding, closed, euler),
+        **notes.of_gyrification(closed, pieces),
+        **notes.of_gyral_thickness(across),
+        **(notes.of_regions() if rows else {}),
+        "gyral_to_cortical_slope": why,
+        "gyral_to_cortical_r": why,
+    }
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
     scalars.update(
         n_vertices=cortex.n_vertices,
-        euler_characteristic=_mesh.euler_characteristic(faces),
+        euler_characteristic=euler,
         area_pial_mm2=float(area_pial.sum()),
         area_white_mm2=float(area_white.sum()),
         gyrification_index=gyrified,
@@ -210,49 +170,7 @@ def measure(
         "gyral_coverage": _number(across.coverage),
     }
     tell("done", 1.0)
-    return Measures(cortex, scalars, maps, rows, parameters=parameters, notes=notes)
-
-
-def _cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) where the vertex is cortex; refused if that is nowhere."""
-    off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
-    if not off.any():
-        raise ValueError(
-            f"{cortex.name}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
-            f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
-        )
-    label = np.ones_like(off) if cortex.cortex is None else np.asarray(cortex.cortex, dtype=bool)
-    mask = off & label
-    if not mask.any():
-        raise ValueError(
-            f"{cortex.name}: no vertex is cortex: the cortex label holds {label.sum()} of "
-            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
-            "Check the label, or leave it out."
-        )
-    return mask
-
-
-def _check_sides(cortex: Cortex) -> None:
-    """Refuse closed surfaces that are inside out, or swapped."""
-    faces = cortex.faces
-    inner, outer = (_volume(s.verts, faces) for s in (cortex.white, cortex.pial))
-    for surface, volume in ((cortex.white, inner), (cortex.pial, outer)):
-        if volume < 0:
-            raise ValueError(
-                f"{cortex.name}: {surface.name} is inside out, its signed volume is {volume:.4g} mm^3: its faces run "
-                "clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
-            )
-    if inner > outer:
-        raise ValueError(
-            f"{cortex.name}: white ({cortex.white.name}) encloses {inner:.6g} mm^3, more than the {outer:.6g} mm^3 of "
-            f"pial ({cortex.pial.name}). Were white and pial swapped?"
-        )
-
-
-def _volume(verts: Verts, faces: Faces) -> float:
-    """Signed volume [mm^3] inside a closed surface, positive if faces run counter-clockwise seen from outside."""
-    a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    return Measures(cortex, scalars, maps, rows, parameters=parameters, notes=said)
 
 
 def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple[float, str]:

@@ -1,0 +1,50 @@
+"""What a cortex must be before it is measured: refusals with the numbers and the cure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.surface import Cortex, Faces, Verts
+
+
+def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where the vertex is cortex; refused if that is nowhere."""
+    off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
+    if not off.any():
+        raise ValueError(
+            f"{cortex.name}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
+            f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
+        )
+    label = np.ones_like(off) if cortex.cortex is None else np.asarray(cortex.cortex, dtype=bool)
+    mask = off & label
+    if not mask.any():
+        raise ValueError(
+            f"{cortex.name}: no vertex is cortex: the cortex label holds {label.sum()} of "
+            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
+            "Check the label, or leave it out."
+        )
+    return mask
+
+
+def check_sides(cortex: Cortex) -> None:
+    """Refuse closed surfaces that are inside out, or swapped."""
+    faces = cortex.faces
+    inner, outer = (_volume(s.verts, faces) for s in (cortex.white, cortex.pial))
+    for surface, volume in ((cortex.white, inner), (cortex.pial, outer)):
+        if volume < 0:
+            raise ValueError(
+                f"{cortex.name}: {surface.name} is inside out, its signed volume is {volume:.4g} mm^3: its faces run "
+                "clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+            )
+    if inner > outer:
+        raise ValueError(
+            f"{cortex.name}: white ({cortex.white.name}) encloses {inner:.6g} mm^3, more than the {outer:.6g} mm^3 of "
+            f"pial ({cortex.pial.name}). Were white and pial swapped?"
+        )
+
+
+def _volume(verts: Verts, faces: Faces) -> float:
+    """Signed volume [mm^3] inside a closed surface, positive if faces run counter-clockwise seen from outside."""
+    a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

@@ -1,0 +1,92 @@
+"""What ``measure`` says beside its numbers: how each is defined, why one is missing, what to know of the input."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from morphofold.surface import Cortex
+
+if TYPE_CHECKING:
+    from morphofold.analysis._curvature import FoldingIndices
+    from morphofold.analysis.chord import GyralThickness
+
+Notes = dict[str, str]
+
+LATER = "Crest lines and hinges are not measured by this version."
+
+
+def not_measured() -> Notes:
+    return dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm"), LATER)
+
+
+def of_input(cortex: Cortex) -> Notes:
+    """A missing cortex label, and the health warnings of a simulation."""
+    notes = {}
+    if cortex.cortex is None and cortex.origin != "simulation":
+        notes["cortex_mask"] = (
+            "No cortex label came with the surfaces: every vertex whose white and pial positions differ counts as "
+            "cortex, the medial wall, if there is one, included."
+        )
+    if warnings := cortex.info.get("warnings"):
+        notes["simulation"] = "; ".join(map(str, warnings))
+    return notes
+
+
+def of_thickness(cap: float | None, with_file: bool) -> Notes:
+    bound = f"each at most {cap:g} mm as in FreeSurfer." if cap else "without an upper bound."
+    text = (
+        "Plain mean over the vertices of the cortex of half the sum of both closest distances between white and "
+        f"pial, {bound}"
+    )
+    return {"mean_cortical_thickness_mm": text + " The file's own thickness is the map thickness_file." * with_file}
+
+
+def of_folding(scale: float, folding: FoldingIndices, closed: bool, euler: int) -> Notes:
+    """``euler`` is the Euler characteristic; Gauss-Bonnet binds closed surfaces only."""
+    asked = (
+        f" where Gauss-Bonnet asks for {euler / 2:g}; the excess measures how far the fit is beyond its range at this "
+        "scale."
+    )
+    text = (
+        f"Of the whole white surface, curvature within {scale:.2f} mm; FreeSurfer's definition, but its curvature is "
+        "of one or two rings, so values differ. They depend on the scale: compare them at equal scale only. The "
+        f"integral of K over 4 pi is {folding.total:.2f}{asked if closed else '.'}"
+    )
+    return dict.fromkeys(("folding_index", "intrinsic_curvature_index"), text)
+
+
+def of_gyrification(closed: bool, pieces: int) -> Notes:
+    depth = "Mean over the pial area of the cortex of the distance to the convex hull."
+    if closed and pieces == 1:
+        index = "Area of the whole pial surface over the area of its convex hull."
+    else:
+        what = f"is in {pieces} pieces" if pieces > 1 else "has a border"
+        index = (
+            f"The pial surface {what}, so the area of its convex hull is not that of what it would be unfolded. "
+            "Sulcal depth is still the distance to that hull."
+        )
+    return {"mean_sulcal_depth_mm": depth, "gyrification_index": index}
+
+
+def of_gyral_thickness(across: GyralThickness) -> Notes:
+    return {
+        "median_gyral_thickness_mm": across.reason
+        or (
+            f"Wall to wall at mid-height on the pial surface; folds by a smoothing length of {across.scale:.1f} mm; "
+            f"{across.coverage:.0%} of the mid-height contour could be measured, quartiles {across.lower:.1f} and "
+            f"{across.upper:.1f} mm."
+        ),
+        "wavelength_mm": across.reason
+        or (
+            "Twice the pial area of the cortex over the length of its mid-height contour: the way along the surface "
+            "from fundus to fundus."
+        ),
+    }
+
+
+def of_regions() -> Notes:
+    return {
+        "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. n_hinges, crest_length_mm and "
+        "gyrification_index of a region are not measured by this version; a region with less measured contour "
+        "than two gyral widths has no gyral thickness."
+    }
