@@ -1,3 +1,4 @@
+import errno
 import json
 import shutil
 import subprocess
@@ -163,6 +164,14 @@ def test_measuring_an_analysis_again_gives_the_same_numbers(here, capsys):
 def test_the_systems_own_refusals_are_one_line_too(here, capsys):
     (here / "file").write_text("")
     refused(capsys, ["simulate", "demo", "-q", "-o", "file/run"], "file/run")
+
+
+def test_a_full_disk_is_told_without_a_name_it_does_not_have(capsys, monkeypatch):
+    def full(args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", full)
+    refused(capsys, ["scenes"], "morphofold scenes: No space left on device")
 
 
 def test_scenes_lists_every_scene_with_its_effects(capsys):

@@ -56,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.debug:
             raise
         if isinstance(error, OSError) and error.errno is not None:      # the system's own words, not ours
-            return _fail(args.command, f"{error.filename}: {error.strerror}. Name another place to read or write.", 2)
+            where = f"{error.filename}: " if error.filename is not None else ""
+            return _fail(args.command, f"{where}{error.strerror}. Name another place to read or write.", 2)
         return _fail(args.command, error, 2)
     except Exception as error:
         if args.debug:
