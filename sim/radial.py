@@ -1,0 +1,241 @@
+"""The smooth state of the growing bilayer sphere: stretches and pressure along the radius, before anything folds.
+
+Lengths are in units of the outer reference radius C, moduli in units of the core's shear modulus. The incompressible
+state is in closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of Eq. 6); the nearly incompressible one is
+solved by Chebyshev collocation in ln R, with the energy of :func:`morphofold.sim.material.energy`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim.growth import LAWS
+
+Array = NDArray[np.float64]
+
+#: Chebyshev points per layer
+POINTS = 24
+#: fields of a state, in this order
+LAMBDA_R, LAMBDA_T, PRESSURE, COMPLIANCE, RADIUS, RATE = range(6)
+
+
+class State(NamedTuple):
+    """A smooth state at the Chebyshev points of core and cortex, from the hole outwards.
+
+    Attributes
+    ----------
+    y : (2, POINTS) float64
+        Coordinate: logarithm of the deformed radius that the point would have if it were incompressible. All fields
+        are smooth in it however strong the growth; in R they crowd towards the interface.
+    fields : (2, 6, POINTS) float64
+        Elastic stretches lambda_r and lambda_theta; the derivative h'(J) of the volumetric energy (the part of the
+        mean stress that is no shear's); the volumetric compliance 1/(J h''(J)), 0 if incompressible; the deformed
+        radius r; and d ln r / dy.
+    """
+
+    y: Array
+    fields: Array
+
+
+class ConvergenceError(ArithmeticError):
+    """No smooth state of the sphere was found at this growth."""
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """What a smooth state depends on besides growth, checked on construction.
+
+    Attributes
+    ----------
+    T_over_C : float
+        Thickness of the cortex over the outer radius.
+    mu_ratio : float
+        Shear modulus of the cortex over the core's.
+    law : {"isotropic", "tangential"}
+        Growth of the cortex.
+    kappa_ratio : float
+        Bulk over shear modulus, the same in both layers, at least 1; inf is incompressible.
+    A_over_C : float
+        Radius of the fixed hole over the outer radius.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range, or the cortex reaches down to the hole.
+    """
+
+    T_over_C: float
+    mu_ratio: float = 1.0
+    law: str = "isotropic"
+    kappa_ratio: float = np.inf
+    A_over_C: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.law not in LAWS:
+            raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {self.law!r}.")
+        if not (np.isfinite(self.mu_ratio) and self.mu_ratio > 0):
+            raise ValueError(f"mu_ratio, shear modulus of cortex over core, must be positive, got {self.mu_ratio}.")
+        if not self.kappa_ratio >= 1:
+            raise ValueError(
+                f"kappa_ratio, bulk over shear modulus, must be at least 1, or inf for incompressible, "
+                f"got {self.kappa_ratio}."
+            )
+        if not (self.A_over_C > 0 and self.T_over_C > 0 and self.A_over_C + self.T_over_C < 1):
+            raise ValueError(
+                f"hole and cortex must leave a core between them: need A/C > 0, T/C > 0 and A/C + T/C < 1, "
+                f"got A/C = {self.A_over_C:g}, T/C = {self.T_over_C:g}."
+            )
+
+    @property
+    def B(self) -> float:
+        """Reference radius of the interface over C."""
+        return 1 - self.T_over_C
+
+    @property
+    def mu(self) -> Array:
+        """Shear moduli of core and cortex, in the core's."""
+        return np.array([1.0, self.mu_ratio])
+
+    def growth(self, g: float) -> tuple[Array, Array]:
+        """Radial and tangential growth stretch of (core, cortex) as (2, 1) columns."""
+        return np.array([[1.0], [g if self.law == "isotropic" else 1.0]]), np.array([[1.0], [g]])
+
+
+@lru_cache(maxsize=256)                     # a search comes back to the same growths for every degree
+def smooth_state(sphere: Sphere, g: float) -> State:
+    """Smooth state at growth g of the cortex; the core doesn't grow.
+
+    Parameters
+    ----------
+    sphere : Sphere
+    g : float
+        Growth stretch of the cortex.
+
+    Raises
+    ------
+    ConvergenceError
+        If no nearly incompressible state was found.
+    """
+    ends = np.log(deformed(sphere, g, np.array([sphere.A_over_C, sphere.B, sphere.B, 1.0]))).reshape(2, 2)
+    nodes = (1 - np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
+    y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
+    y[:, -1] = ends[:, 1]
+    radial, tangential = sphere.growth(g)
+    r = np.exp(y)
+    R = np.cbrt(sphere.B**3 + (r**3 - sphere.B**3) / (radial * tangential**2))
+    lambda_t = r / (R * tangential)
+    if np.isfinite(sphere.kappa_ratio):
+        return State(y, _nearly_incompressible(sphere, g, y, R, r))
+    lambda_r = lambda_t**-2
+    f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
+    sigma_r = np.stack([np.full(POINTS, f[0] - f[-1]), f - f[-1]])
+    shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
+    return State(y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1))
+
+
+def deformed(sphere: Sphere, g: float, R: Array) -> Array:
+    """Deformed radius of R, incompressible (Eq. 11), the core at rest; lengths over C."""
+    radial, tangential = sphere.growth(g)
+    det = (radial * tangential**2)[1, 0]
+    return np.cbrt(np.minimum(R, sphere.B) ** 3 + det * (np.maximum(R, sphere.B) ** 3 - sphere.B**3))
+
+
+def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
+    """f with sigma_r = mu (f(r) - f(c)) in a layer free at c, incompressible; see :func:`theory.stresses`.
+
+    ``q`` = r/R and ``R`` are (...) arrays along the layer, g its growth stretch.
+    """
+    if law == "isotropic":
+        stretch = q / g
+        return stretch**-4 / 2 + 2 / stretch
+    a = np.cbrt(g * g)
+    s = q / a
+    Q = (np.log(R) + 0.5 * np.log(1 + s + s * s) - np.arctan((2 * s + 1) / np.sqrt(3)) / np.sqrt(3)) / a
+    return 2 * ((1 - g * g) * Q + g**4 / (4 * q**4) + g * g / q)
+
+
+def _nearly_incompressible(sphere: Sphere, g: float, y: Array, R: Array, r: Array) -> Array:
+    """Fields at points y, reference radius R, that solve Div P = 0; r is their incompressible radius.
+
+    With q = r/R, w = dr/dR and x = ln R this is dq/dx = w - q and dP_r/dx = 2 (P_theta - P_r), P the first
+    Piola-Kirchhoff stress per reference area. The hole is fixed (q = 1), the outer surface free (P_r = 0), q and
+    P_r are continuous at the interface.
+    """
+    radial, tangential = sphere.growth(g)
+    q = r / R
+    w = radial * tangential**2 / q**2
+    along = w / q                                           # dy/dx
+    D = along[:, :, None] * np.stack([_derivative(row) for row in y])
+    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):      # straight from the incompressible state, or step by step
+        found: tuple[Array, Array] | None = (q, w)
+        for stiffer in path:
+            found = found and _newton(D, *found, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
+        if found:
+            q, w = found
+            a, b = w / radial, q / tangential
+            J = a * b * b
+            kappa = sphere.kappa_ratio * sphere.mu[:, None]
+            return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
+    raise ConvergenceError(
+        f"no smooth state found at g = {g:g}, kappa_ratio = {sphere.kappa_ratio:g}, T/C = {sphere.T_over_C:g}: "
+        "take less growth or a larger kappa_ratio."
+    )
+
+
+def _newton(
+    D: Array, q: Array, w: Array, radial: Array, tangential: Array, moduli: Array, kappa_ratio: float
+) -> tuple[Array, Array] | None:
+    """Solution q, w (2, n) near the given one, or None; D (2, n, n) is d/dx."""
+    n, det = q.shape[1], radial * tangential**2
+    mu = moduli[:, None]
+    kappa = kappa_ratio * mu
+    hole, joined, pushed, free = rows = [0, 2 * n, 2 * n - 1, 4 * n - 1]    # equations that boundary conditions replace
+    for _ in range(15):
+        a, b = w / radial, q / tangential
+        J = a * b * b
+        m, I1 = mu * J ** (-2 / 3), a * a + 2 * b * b
+        bulk = kappa * J * (J - 1)
+        tau_r, tau_t = m * (a * a - I1 / 3) + bulk, m * (b * b - I1 / 3) + bulk          # J sigma
+        P, P_t = det * tau_r / w, det * tau_t / q
+        second = 2 / 9 * m * I1 + bulk + kappa * J * J
+        P_w = det * (second + 2 / 3 * m * a * a - tau_r) / w**2
+        P_q = det * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)                 # twice P_t's in w
+        P_tq = det * (2 * second - 2 / 3 * m * b * b - tau_t) / q**2
+        lhs, rhs = np.zeros((4 * n, 4 * n)), np.empty((2, 2, n))
+        for k in range(2):
+            q_k, w_k = slice(2 * k * n, 2 * k * n + n), slice(2 * k * n + n, 2 * k * n + 2 * n)
+            rhs[k, 0] = D[k] @ q[k] + q[k] - w[k]
+            rhs[k, 1] = D[k] @ P[k] + 2 * (P[k] - P_t[k])
+            lhs[q_k, q_k], lhs[q_k, w_k] = D[k] + np.eye(n), -np.eye(n)
+            lhs[w_k, q_k] = D[k] * P_q[k] + 2 * np.diag(P_q[k] - P_tq[k])
+            lhs[w_k, w_k] = D[k] * P_w[k] + 2 * np.diag(P_w[k] - P_q[k] / 2)
+        lhs[rows] = 0
+        lhs[hole, 0] = 1
+        lhs[joined, [n - 1, 2 * n]] = -1, 1
+        lhs[pushed, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
+        lhs[free, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
+        rhs.flat[rows] = q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1]
+        try:
+            step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
+        except np.linalg.LinAlgError:
+            return None
+        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))          # a stretch halves at most
+        q, w = q - part * step_q, w - part * step_w
+        if part == 1 and max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
+            return q, w
+    return None
+
+
+def _derivative(x: Array) -> Array:
+    """Differentiation matrix on Chebyshev points (Trefethen 2000, Spectral Methods in MATLAB, ch. 6)."""
+    c = np.ones(len(x))
+    c[[0, -1]] = 2
+    c[1::2] *= -1
+    difference = x[:, None] - x + np.eye(len(x))
+    D = np.outer(c, 1 / c) / difference
+    return D - np.diag(D.sum(axis=1))

@@ -1,0 +1,373 @@
+"""Exact linear stability of the growing bilayer sphere: which spherical harmonic grows, and from which growth on.
+
+The smooth state (radial.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m doesn't
+matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
+linear ones in ln R, for U, V and their tractions. Two solutions are marched outwards from the fixed hole. With Z
+the ratio of traction to displacement, the sphere is stable against degree l as long as Z is positive definite at the
+free surface and was never infinite on the way (Jacobi's condition). docs/theory.md has the derivation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import schur
+from scipy.optimize import brentq
+
+from morphofold.sim.radial import (
+    COMPLIANCE,
+    LAMBDA_R,
+    LAMBDA_T,
+    PRESSURE,
+    RADIUS,
+    RATE,
+    ConvergenceError,
+    Sphere,
+    smooth_state,
+)
+
+Array = NDArray[np.float64]
+
+_R15 = math.sqrt(15)
+#: Gauss collocation of three stages (Butcher 1964): order 6, A-stable, and keeps Z symmetric
+NODES = np.array([0.5 - _R15 / 10, 0.5, 0.5 + _R15 / 10])
+WEIGHTS = np.array([5 / 18, 4 / 9, 5 / 18])
+STAGES = np.array(
+    [
+        [5 / 36, 2 / 9 - _R15 / 15, 5 / 36 - _R15 / 30],
+        [5 / 36 + _R15 / 24, 2 / 9, 5 / 36 - _R15 / 24],
+        [5 / 36 + _R15 / 30, 2 / 9 + _R15 / 15, 5 / 36],
+    ]
+)
+#: the fastest exponent of a mode times the step: 1e-9 in the growth found
+STEP = 0.25
+#: steps per layer at least
+LEAST_STEPS = 16
+#: the march begins where a mode has died out to exp(-DEPTH) of what it is at the interface
+DEPTH = 20.0
+#: degree at which the short-wave limit is taken: 1/l is below rounding in what is kept
+SHORT = 1e12
+
+
+class Curve(NamedTuple):
+    """Critical growth by degree: degree (K,) int64 rising; g (K,) float64, NaN where the degree stays stable."""
+
+    degree: NDArray[np.int64]
+    g: Array
+
+
+@dataclass(frozen=True)
+class Bifurcation:
+    """When and how the smooth sphere first loses its stability. Lengths in units of the outer reference radius C.
+
+    Attributes
+    ----------
+    g_crit : float
+        Least growth at which any mode grows; NaN if none does, and ``reason`` says why.
+    mode : float
+        Degree l of that mode: a whole number; inf if the shortest waves of all go first; NaN if none does.
+    wavelength, wavelength_deformed : float
+        2 pi / sqrt(l (l + 1)) times the outer radius: of the reference sphere, C, and of the grown one, c.
+    curve : Curve
+        Critical growth of the degrees that were looked at, from 1 to well beyond the critical one.
+    short_wave : float
+        Limit of the curve for l -> inf: waves much shorter than the cortex is thick, on its surface (Biot) or
+        on the interface, whichever come first. NaN if none below g_max.
+    reason : str
+        Empty, or why there is no g_crit.
+    """
+
+    g_crit: float
+    mode: float
+    wavelength: float
+    wavelength_deformed: float
+    curve: Curve
+    short_wave: float
+    reason: str = ""
+
+
+def bifurcation(
+    T_over_C: float,
+    mu_ratio: float = 1.0,
+    law: str = "isotropic",
+    kappa_ratio: float = np.inf,
+    *,
+    A_over_C: float = 0.5,
+    g_max: float = 10.0,
+) -> Bifurcation:
+    """First bifurcation of the growing bilayer sphere from its smooth state: wrinkling, by exact linear stability.
+
+    Parameters
+    ----------
+    T_over_C : float
+        Thickness of the cortex over the outer radius.
+    mu_ratio : float
+        Shear modulus of the cortex over the core's.
+    law : {"isotropic", "tangential"}
+        Growth of the cortex; the core doesn't grow.
+    kappa_ratio : float
+        Bulk over shear modulus, the same in both layers, in :func:`morphofold.sim.material.energy`; inf is
+        incompressible.
+    A_over_C : float
+        Radius of the fixed hole over the outer radius; 0.5 in the paper.
+    g_max : float
+        Growth up to which to look.
+
+    Returns
+    -------
+    Bifurcation
+
+    Raises
+    ------
+    ValueError
+        For a parameter out of its range.
+
+    Notes
+    -----
+    Not in Razavi et al. 2015, who take the crease criterion of Eq. (7). The incremental equations are those of
+    small deformations on large ones (Ogden 1984, Non-linear Elastic Deformations, ch. 6), as Ben Amar and Goriely
+    (2005, J. Mech. Phys. Solids 53, 2284) used them for growing shells. Limits: Biot's surface instability at
+    lambda_r/lambda_theta = 3.383 (l -> inf), and for a stiff thin cortex the wavelength
+    2 pi T (mu_ratio/3)^(1/3) at growth 1 + (3/mu_ratio)^(2/3) / 6.
+    """
+    sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
+    growths = _smooth_growths(sphere, g_max)
+    short_wave = _first_root(partial(_short_wave_stiffness, sphere), growths)
+    look = partial(_critical_growth, sphere, growths=growths)
+    found: dict[int, float] = {}
+    near = np.nan
+    for degree in np.unique(np.geomspace(1, math.ceil(12 / T_over_C), 32).round().astype(int)):
+        near = found[int(degree)] = look(int(degree), near=near)
+    # the curve ends on its limit; while it is still falling below that, its minimum lies further on
+    while _lowest(found) == max(found) and found[max(found)] < short_wave:
+        found[math.ceil(1.3 * max(found))] = look(math.ceil(1.3 * max(found)), near=found[max(found)])
+    lowest = _refine(found, look)
+    mode = float(lowest) if found[lowest] < short_wave or np.isnan(short_wave) else np.inf
+    g_crit = short_wave if np.isinf(mode) else found[lowest]
+    curve = Curve(np.array(sorted(found)), np.array([found[d] for d in sorted(found)]))
+    if np.isnan(g_crit):
+        nan, end = math.nan, growths[-1]
+        reason = f"the smooth sphere is stable up to g = {end:g}" + (", the last one found" if end < g_max else "")
+        return Bifurcation(nan, nan, nan, nan, curve, short_wave, reason)
+    wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
+    c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
+    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave)
+
+
+def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) -> float:
+    """Least growth at which spherical harmonics of one degree grow; NaN if they don't up to g_max.
+
+    Parameters
+    ----------
+    sphere : Sphere
+    degree : int
+        l >= 1.
+    g_max : float
+        Growth up to which to look.
+
+    Raises
+    ------
+    ValueError
+        If degree is below 1.
+    """
+    if degree < 1:
+        raise ValueError(f"the degree of a spherical harmonic that changes the shape is at least 1, got {degree}.")
+    return _critical_growth(sphere, degree, _smooth_growths(sphere, g_max))
+
+
+def _critical_growth(sphere: Sphere, degree: int, growths: list[float], near: float = math.nan) -> float:
+    return _first_root(partial(_surface_stiffness, sphere, degree), growths, near)
+
+
+def _smooth_growths(sphere: Sphere, g_max: float) -> list[float]:
+    """Growths to walk through in search of a root, as far as there is a smooth state; g - 1 rises geometrically."""
+    if not (math.isfinite(g_max) and g_max > 1):
+        raise ValueError(f"g_max is the growth up to which to look and must be above 1, got {g_max}.")
+    growths = [1.0]
+    for g in 1 + np.geomspace(1e-6, g_max - 1, 64):
+        try:
+            smooth_state(sphere, float(g))
+        except ConvergenceError:
+            break
+        growths.append(float(g))
+    return growths
+
+
+def _lowest(found: dict[int, float]) -> int:
+    """Degree of least growth."""
+    return min(found, key=lambda degree: (math.isnan(found[degree]), found[degree], degree))
+
+
+def _refine(found: dict[int, float], look: Callable[..., float]) -> int:
+    """Degree of least growth, looked for between the degrees found until its neighbours are next to it."""
+    while True:
+        lowest, degrees = _lowest(found), sorted(found)
+        at = degrees.index(lowest)
+        between = {(lowest + d) // 2 for d in degrees[max(at - 1, 0) : at + 2]} - found.keys()
+        if not between or math.isnan(found[lowest]):
+            return lowest
+        for degree in sorted(between):
+            found[degree] = look(degree, near=found[lowest])
+
+
+def _first_root(stiffness: Callable[[float], float], growths: list[float], near: float = math.nan) -> float:
+    """Least growth in a rising list's range at which a stiffness falls through zero; NaN if it stays positive.
+
+    From ``near`` the bracket is widened until it holds the root; without it the whole list is walked.
+    """
+    for width in (0.02, 0.1, 0.5) if math.isfinite(near) else ():
+        low, high = 1 + (near - 1) * (1 - width), min(1 + (near - 1) / (1 - width), growths[-1])
+        if stiffness(low) > 0 >= stiffness(high):
+            return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+    for low, high in pairwise(growths):
+        if stiffness(high) <= 0:
+            return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+    return math.nan
+
+
+def _surface_stiffness(sphere: Sphere, degree: int, g: float) -> float:
+    """Least eigenvalue of Z at the free surface, bent into (-1, 1) by atan; -2 if the sphere was unstable before."""
+    if g <= 1:
+        return 1.0
+    y, fields = smooth_state(sphere, g)
+    lowest, poles = _march(float(degree), y, fields, sphere.mu)
+    return -2.0 if poles else 2 / math.pi * math.atan(lowest)
+
+
+def _short_wave_stiffness(sphere: Sphere, g: float) -> float:
+    """Least eigenvalue for l -> inf: of a half-space like the outer surface, and of two joined like the interface."""
+    if g <= 1:
+        return 1.0
+    fields = smooth_state(sphere, g).fields
+    inside, above, outside = fields[0, :, -1], fields[1, :, 0], fields[1, :, -1]
+    surface = _half_space(outside, sphere.mu_ratio, "rhp")
+    below, over = _half_space(inside, 1.0, "rhp"), _half_space(above, sphere.mu_ratio, "lhp")
+    if surface is None or below is None or over is None:
+        return -2.0
+    lowest = min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(below - over)[0])
+    return 2 / math.pi * math.atan(lowest)
+
+
+def _half_space(fields: Array, mu: float, side: str) -> Array | None:
+    """Z (2, 2) of a half-space in one state, waves of unit number; None where it has lost its ellipticity."""
+    M = np.empty((4, 4))
+    _coefficients(M, SHORT, mu, np.append(fields[:RADIUS], [1.0, 1.0]))
+    M[:2, :2] /= SHORT
+    M[2:, 2:] /= SHORT
+    M[2:, :2] /= SHORT**2
+    _, basis, dying = schur(M, sort=side)
+    if dying != 2:
+        return None
+    Z = basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
+    return (Z + Z.T) / 2
+
+
+@njit(cache=True)
+def _coefficients(M, n, mu, fields):
+    """Fill M (4, 4) of d(U, v, P, Q)/d ln R = M (U, v, P, Q) at one radius; n = sqrt(l (l + 1)).
+
+    v = n V; P and Q are r times the moments conjugate to U and v. E = 1/2 int L ds, s = ln r, with S = 2U - n v,
+    D = dU/ds + S and a dot for d/ds::
+
+        L = r [al U.^2 + 2 be U. S + ga S^2 + bulk D^2 + de ((n^2 - 1) v^2 + 2 U^2 - 2 n U v)
+               + b_rt v.^2 + b_tr (n U - v)^2 + 2 c v. (n U - v)]
+
+    bulk = J h''(J) enters by its inverse, 0 if incompressible; the moduli are Ogden's for the energy of material.py.
+    """
+    lr, lt, h1, compliance = fields[LAMBDA_R], fields[LAMBDA_T], fields[PRESSURE], fields[COMPLIANCE]
+    r, rate = fields[RADIUS], fields[RATE]
+    m = mu * (lr * lt * lt) ** (-5.0 / 3.0)
+    rr, tt = m * lr * lr, m * lt * lt
+    mean = (rr + 2.0 * tt) / 3.0
+    c = mean - h1
+    al = 2.0 / 3.0 * (rr + mean) - (rr - mean)
+    be = 2.0 / 3.0 * (mean - rr - tt) + h1
+    ga = 2.0 / 3.0 * (mean - 2.0 * tt) + h1
+    de = tt + c
+    k = 1.0 / (1.0 + compliance * al)
+    # U. = k (compliance P/r - (1 + compliance be) S);   v. = (Q/r - c (n U - v)) / rr
+    uS, uP = -k * (1.0 + compliance * be), k * compliance / r
+    vU, vv, vQ = -c * n / rr, c / rr, 1.0 / (rr * r)
+    # be U. + bulk D + ga S, the moment of S, in S and P/r
+    gS, gP = be * uS + k * (al - be) + ga, be * uP * r + k
+    M[0, 0], M[0, 1], M[0, 2], M[0, 3] = 2.0 * uS, -n * uS, uP, 0.0
+    M[1, 0], M[1, 1], M[1, 2], M[1, 3] = vU, vv, 0.0, vQ
+    M[2, 0] = r * (4.0 * gS + 2.0 * de + tt * n * n + c * n * vU)
+    M[2, 1] = r * (-2.0 * n * gS - n * de - n * tt + c * n * vv)
+    M[2, 2], M[2, 3] = 2.0 * gP, c * n / rr
+    M[3, 0] = r * (-2.0 * n * gS - n * de - n * tt - c * vU)
+    M[3, 1] = r * (n * n * gS + (n * n - 1.0) * de + tt - c * vv)
+    M[3, 2], M[3, 3] = -n * gP, -c / rr
+    for i in range(4):
+        for j in range(4):
+            M[i, j] *= rate
+
+
+@njit(cache=True)
+def _interpolate(x, nodes, table, fields):
+    """Fields (5,) at x from a table (5, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
+    last = len(nodes) - 1
+    total, sign = 0.0, 1.0
+    fields[:] = 0.0
+    for k in range(last + 1):
+        distance = x - nodes[k]
+        if distance == 0.0:
+            fields[:] = table[:, k]
+            return
+        weight = sign / distance
+        if k == 0 or k == last:
+            weight *= 0.5
+        sign = -sign
+        total += weight
+        for i in range(len(fields)):
+            fields[i] += weight * table[i, k]
+    fields /= total
+
+
+@njit(cache=True)
+def _march(degree, y, table, mu):
+    """Least eigenvalue of Z at the free surface over n, in core shear moduli; and how often Z was infinite before."""
+    n = math.sqrt(degree * (degree + 1.0))
+    Y = np.zeros((4, 2))                        # two solutions (U, v, P, Q), fixed at the hole
+    Y[2, 0] = Y[3, 1] = 1.0
+    fields, M = np.empty(6), np.empty((3, 4, 4))
+    lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
+    poles, before = 0, 0.0
+    for layer in range(2):
+        start = y[layer, 0] if layer else max(y[0, 0], y[0, -1] - DEPTH / degree)
+        length = y[layer, -1] - start
+        steps = max(LEAST_STEPS, math.ceil(length * n * max(1.0, table[layer, RATE].max()) / STEP))
+        h = length / steps
+        for step in range(steps):
+            for i in range(3):
+                _interpolate(start + (step + NODES[i]) * h, y[layer], table[layer], fields)
+                _coefficients(M[i], n, mu[layer], fields)
+            for i in range(3):
+                for j in range(3):
+                    lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * STAGES[i, j] * M[i]
+                for p in range(4):
+                    lhs[4 * i + p, 4 * i + p] += 1.0
+                rhs[4 * i : 4 * i + 4] = M[i] @ Y
+            slope = np.linalg.solve(lhs, rhs)
+            for i in range(3):
+                Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
+            # orthonormal columns span the same solutions; without it both turn into the faster one
+            Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
+            Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
+            Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())
+            now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+            if now * before < 0.0:
+                poles += 1
+            before = now
+    zUU = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
+    zUv = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before
+    zvv = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before
+    return ((zUU + zvv) / 2.0 - math.sqrt((zUU - zvv) ** 2 / 4.0 + zUv**2)) / n, poles

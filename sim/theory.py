@@ -1,0 +1,282 @@
+"""What can be known of the growing bilayer sphere without simulating it: radius, stress, critical growth.
+
+Reference radii: a fixed hole A, the core/cortex interface B, the outer surface C; r is the deformed radius of R.
+Both layers are incompressible and neo-Hookean, F = A.G (Razavi et al. 2015, Eqs. 1-5); the cortex grows by g, the
+core by g_core. Radii with a bar are over B, as in Eqs. (11) to (13). Where a fold begins without a crease is the
+subject of :func:`bifurcation`, which the paper does not have.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphofold.sim.growth import LAWS
+from morphofold.sim.radial import stress_primitive
+from morphofold.sim.stability import Bifurcation, bifurcation
+
+__all__ = [
+    "BIOT", "CREASE", "Bifurcation", "Stresses", "bifurcation",
+    "critical_growth", "deformed_radius", "stresses", "thickest_creasing",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+#: lambda_r/lambda_theta at which a smooth neo-Hookean surface can crease (Razavi et al. 2015, Eq. 7)
+CREASE = 2.4
+#: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); equibiaxial stretch 0.6661
+BIOT = 3.382975767906237
+
+
+class Stresses(NamedTuple):
+    """Cauchy stresses along a radius: deformed radius r, sigma_r and sigma_theta = sigma_phi, each (n,)."""
+
+    r: Array
+    sigma_r: Array
+    sigma_theta: Array
+
+
+def deformed_radius(
+    g: ArrayLike,
+    C_bar: ArrayLike,
+    law: str = "isotropic",
+    *,
+    R_bar: ArrayLike | None = None,
+    g_core: ArrayLike = 1.0,
+    A_bar: ArrayLike | None = None,
+) -> Array:
+    """Deformed radius over B of the grown bilayer sphere; of its outer surface if no other is named.
+
+    Parameters
+    ----------
+    g : (...) float
+        Growth stretch of the cortex, g_s in the paper; a ratio of lengths, 1 is none.
+    C_bar : (...) float
+        Outer radius C/B > 1.
+    law : {"isotropic", "tangential"}
+        Growth of the cortex: the same in all directions, or none along the radius.
+    R_bar : (...) float, optional
+        Reference radius R/B asked for, from A_bar to C_bar; C_bar if None.
+    g_core : (...) float
+        Growth stretch of the core, isotropic under both laws; g_c of Eq. (9).
+    A_bar : (...) float, optional
+        Radius A/B of the fixed hole; half of C_bar if None, as in the paper. It matters if the core grows, or for
+        radii inside the core.
+
+    Returns
+    -------
+    r_bar : (...) float64
+        r/B. With g_core = 1 it is r/B of Eq. (11); times B/A it is Eq. (10).
+
+    Raises
+    ------
+    ValueError
+        For growth that is not positive, radii out of order, or another law.
+
+    Notes
+    -----
+    Incompressible growth takes r^2 dr to det(G) R^2 dR (Eq. 8). Integrated outwards from the fixed hole, through
+    the core and then the cortex (Eqs. 9 and 10)::
+
+        r^3 = A^3 + g_core^3 (R^3 - A^3)            in the core; b^3 its value at B
+        r^3 = b^3 + det(G) (R^3 - B^3)              in the cortex; det(G) = g^3, or g^2 if tangential
+
+    The paper prints the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
+    system": that holds with the volumes of the cortex alone, since the core keeps its own.
+    """
+    growth, outer, core = _growth(g, "g"), _outer(C_bar), _growth(g_core, "g_core")
+    hole = _hole(A_bar, outer)
+    R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
+    if not np.all((R >= hole) & (R <= outer)):
+        raise ValueError(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
+    in_core = hole**3 + core**3 * (np.minimum(R, 1) ** 3 - hole**3)
+    return np.cbrt(in_core + _volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
+
+
+def stresses(
+    g: float,
+    B: float,
+    C: float,
+    law: str = "isotropic",
+    *,
+    mu_cortex: float = 1.0,
+    n: int = 101,
+    part: str = "cortex",
+    mu_core: float = 1.0,
+    A: float | None = None,
+    g_core: float = 1.0,
+) -> Stresses:
+    """Stress through the grown cortex, or through the core, in closed form (Fig. 3b).
+
+    Parameters
+    ----------
+    g : float
+        Growth stretch of the cortex.
+    B, C : float
+        Reference radii of the interface and of the outer surface, in any one unit of length.
+    law : {"isotropic", "tangential"}
+    mu_cortex, mu_core : float
+        Shear moduli; stresses are in their unit.
+    n : int
+        Number of points, equally spaced in the reference radius from B to C (cortex) or from A to B (core).
+    part : {"cortex", "core"}
+        sigma_r is the same on both sides of the interface, sigma_theta jumps there.
+    A : float, optional
+        Radius of the fixed hole; C/2 if None.
+    g_core : float
+        Isotropic growth stretch of the core.
+
+    Returns
+    -------
+    Stresses
+        r (n,) in the unit of B and C, sigma_r and sigma_theta (n,) in the unit of the moduli; tension positive.
+
+    Raises
+    ------
+    ValueError
+        For growth or moduli that are not positive, radii out of order, n < 2, another law or part.
+
+    Notes
+    -----
+    With lambda = r/(R g) and lambda_r = 1/lambda^2 (incompressible), Eqs. (4) to (6) are::
+
+        d sigma_r / dr = 2 (sigma_theta - sigma_r) / r,   sigma_theta - sigma_r = mu (lambda^2 - lambda^-4)
+
+    with sigma_r = 0 at C and continuous at B. Under isotropic growth dr/r = d lambda / (lambda (1 - lambda^3)), and
+    the integral is ``sigma_r = f(lambda) - f(lambda at C)``, ``f = mu (lambda^-4/2 + 2/lambda)``. Under tangential
+    growth, with q = r/R, it is the same with ::
+
+        f = 2 mu [(1 - g^2) Q + g^4/(4 q^4) + g^2/q],     dQ = q dq / (g^2 - q^3)
+
+    whose logarithm of |g^2 - q^3| is one of R, since R^3 (g^2 - q^3) is constant: it stays exact where q^3 nears g^2.
+    A core that doesn't grow doesn't deform: it carries the one pressure that the cortex exerts on it. The stress
+    in the cortex doesn't depend on the core's modulus.
+    """
+    hole = C / 2 if A is None else A
+    if not (np.isfinite([B, C, hole]).all() and 0 <= hole < B < C):
+        raise ValueError(f"radii must be ordered 0 <= A < B < C, got A = {hole:g}, B = {B:g}, C = {C:g}.")
+    if not (np.isfinite([mu_cortex, mu_core]).all() and mu_cortex > 0 and mu_core > 0):
+        raise ValueError(f"shear moduli must be positive, got mu_cortex = {mu_cortex:g}, mu_core = {mu_core:g}.")
+    if n < 2:
+        raise ValueError(f"n must be at least 2 points, got {n}.")
+    if part not in ("cortex", "core"):
+        raise ValueError(f"part must be cortex or core, got {part!r}.")
+    if part == "core" and hole == 0 and g_core != 1:
+        raise ValueError("a growing core with no hole (A = 0) has no finite stress at its centre: give A > 0.")
+
+    def layer(R: Array, growth: float, kind: str, mu: float) -> tuple[Array, Array, Array]:
+        r = B * deformed_radius(g, C / B, law, R_bar=R / B, g_core=g_core, A_bar=hole / B)
+        q = np.divide(r, R, out=np.full(len(R), g_core), where=R > 0)
+        stretch = q / growth
+        return r, mu * stress_primitive(q, R, growth, kind), mu * (stretch**2 - stretch**-4)
+
+    r, f, difference = layer(np.linspace(B, C, n), g, law, mu_cortex)
+    sigma_r = f - f[-1]
+    if part == "core":
+        at_interface = sigma_r[0]
+        r, f, difference = layer(np.linspace(hole, B, n), g_core, "isotropic", mu_core)
+        sigma_r = at_interface + f - f[-1]
+    return Stresses(r, sigma_r, sigma_r + difference)
+
+
+def critical_growth(
+    C_bar: ArrayLike,
+    law: str = "isotropic",
+    *,
+    ratio: float = CREASE,
+    g_core: ArrayLike = 1.0,
+    A_bar: ArrayLike | None = None,
+) -> Array:
+    """Growth at which the outer surface reaches lambda_r/lambda_theta = ratio: the crease criterion, Eq. (7).
+
+    Parameters
+    ----------
+    C_bar : (...) float
+        Outer radius C/B > 1.
+    law : {"isotropic", "tangential"}
+    ratio : float
+        2.4 for creases (Hong, Zhao and Suo 2009, as in Eq. 7); :data:`BIOT` for wrinkles of vanishing length.
+    g_core, A_bar
+        As for :func:`deformed_radius`.
+
+    Returns
+    -------
+    g_crit : (...) float64
+        NaN where the surface never reaches the ratio: under isotropic growth, where C_bar is not below
+        :func:`thickest_creasing`. Under tangential growth there is always one.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`deformed_radius`, and for a ratio not above 1.
+
+    Notes
+    -----
+    At R = C, incompressible: lambda_r/lambda_theta = lambda_theta^-3 with lambda_theta = c/(g C). Isotropic, with c
+    from Eq. (10) and b the deformed radius of the interface (b = B if the core doesn't grow)::
+
+        g^3 = b_bar^3 / (1 - C_bar^3 (1 - 1/ratio))                                      Eq. (12) at 2.4: 7/12
+        g^3 C_bar^3 - ratio g^2 (C_bar^3 - 1) - ratio b_bar^3 = 0                        Eq. (13), tangential
+
+    The cubic has one positive root (one change of sign). Both tend to 2.4^(1/3) = 1.339 for a thin cortex, the
+    paper's 1.34; Eq. (12) ends at C_bar = (12/7)^(1/3) = 1.197, the paper's "about 1.2". The caption of Fig. 4 has
+    inner and outer the wrong way round: C is the outer radius. The stiffness of the cortex doesn't enter; whether
+    the criterion is met before the surface wrinkles does depend on it, see :func:`bifurcation`.
+    """
+    outer, core = _outer(C_bar), _growth(g_core, "g_core")
+    if not ratio > 1:
+        raise ValueError(f"ratio of radial to tangential stretch must be above 1, got {ratio:g}.")
+    b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer) ** 3)
+    _volume(outer, law)
+    if law == "isotropic":
+        left = 1 - outer**3 * (1 - 1 / ratio)
+        return np.cbrt(np.divide(b3, left, out=np.full(np.broadcast(b3, left).shape, np.nan), where=left > 0))
+    # Newton from above: right of its one positive root the cubic is positive, rising and convex
+    g = np.maximum(ratio, np.sqrt(b3)) * np.ones(np.broadcast(b3, outer).shape)
+    for _ in range(60):
+        value = g**3 * outer**3 - ratio * g**2 * (outer**3 - 1) - ratio * b3
+        step = value / (3 * g**2 * outer**3 - 2 * ratio * g * (outer**3 - 1))
+        g = g - step
+        if np.all(np.abs(step) <= 1e-15 * g):
+            break
+    return g
+
+
+def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
+    """C_bar from which on the outer surface never reaches the ratio: (12/7)^(1/3) for creases; inf if tangential.
+
+    As g grows without bound, isotropic growth takes lambda_theta^3 at C to 1 - 1/C_bar^3, not to 0: the swollen
+    outer cortex rests on swollen inner cortex. That has to stay above 1/ratio for no crease to form.
+    """
+    _volume(np.ones(1), law)
+    return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
+
+
+def _volume(g: Array, law: str) -> Array:
+    """det(G)."""
+    if law not in LAWS:
+        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+    return g**3 if law == "isotropic" else g**2
+
+
+def _growth(g: ArrayLike, name: str) -> Array:
+    g = np.asarray(g, dtype=np.float64)
+    if not np.all((g > 0) & np.isfinite(g)):
+        raise ValueError(f"{name} is a ratio of lengths and must be positive, got {g}.")
+    return g
+
+
+def _outer(C_bar: ArrayLike) -> Array:
+    C_bar = np.asarray(C_bar, dtype=np.float64)
+    if not np.all((C_bar > 1) & np.isfinite(C_bar)):
+        raise ValueError(f"C_bar is the outer radius over the interface's and must be above 1, got {C_bar}.")
+    return C_bar
+
+
+def _hole(A_bar: ArrayLike | None, outer: Array) -> Array:
+    hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
+    if not np.all((hole >= 0) & (hole <= 1)):
+        raise ValueError(f"A_bar is the hole's radius over the interface's, from 0 to 1, got {hole}.")
+    return hole
