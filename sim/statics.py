@@ -33,19 +33,11 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import brentq
 from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
-from morphofold.sim.growth import LAWS
+from morphofold.sim.radial import ConvergenceError, Sphere
 
 Array = NDArray[np.float64]
 Growth = tuple[float, float]
 LAYERS = ("core", "cortex")
-
-
-class ConvergenceError(RuntimeError):
-    """Newton's method found no radial equilibrium; ``reached`` is the last growth (g, g_core) that has one."""
-
-    def __init__(self, message: str, reached: tuple[float, float]):
-        super().__init__(message)
-        self.reached = reached
 
 
 @dataclass(frozen=True)
@@ -216,14 +208,7 @@ class _Sphere:
 
     def __init__(self, T: float, mu_ratio: float, law: str, kappa_ratio: float, A: float, l: int,
                  elements: int | None, order: int):  # fmt: skip
-        if not 0 < A < 1:
-            raise ValueError(f"A_over_C must lie between 0 and 1, got {A}.")
-        if not 0 < T < 1 - A:
-            raise ValueError(f"T_over_C must lie between 0 and 1 - A_over_C = {1 - A:g}, got {T}.")
-        if law not in LAWS:
-            raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
-        if not kappa_ratio > 0:
-            raise ValueError(f"kappa_ratio must be positive (inf is incompressible), got {kappa_ratio}.")
+        Sphere(T, mu_ratio, law, kappa_ratio, A)        # refuses what is none
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise ValueError(f"{name} must be a whole number of at least {least}, got {value}.")
@@ -231,7 +216,7 @@ class _Sphere:
         self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements)}
         self.mesh = MeshLine(np.concatenate([self.edges["core"], self.edges["cortex"][1:]]))
         self.cortex = np.arange(self.mesh.nelements) >= len(self.edges["core"]) - 1
-        self.mu = np.where(self.cortex, _positive("mu_ratio", mu_ratio), 1.0)
+        self.mu = np.where(self.cortex, mu_ratio, 1.0)
         self.compliance = 1 / (kappa_ratio * self.mu)
         self.u, self.q = (Basis(self.mesh, e, intorder=2 * order + 2) for e in _shapes(order))
         self.held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
@@ -295,7 +280,7 @@ class _Sphere:
                 if step < 1e-4:
                     g, g_core = np.exp(begin + done * way).tolist()
                     message = f"no radial equilibrium found beyond g = {g:.6g}, g_core = {g_core:.6g}: {error}."
-                    raise ConvergenceError(message, (g, g_core)) from None
+                    raise ConvergenceError(message) from None
         return x
 
     def newton(self, x: Array, growth: Growth) -> Array:

@@ -307,10 +307,10 @@ def test_a_degree_that_stays_stable_gives_nan():
         ({"g": 0.0}, "g must be positive and finite, got 0.0"),
         ({"g": np.nan}, "g must be positive and finite, got nan"),
         ({"g_core": -1.0}, "g_core must be positive and finite, got -1.0"),
-        ({"T_over_C": 0.5}, "T_over_C must lie between 0 and 1 - A_over_C = 0.5, got 0.5"),
-        ({"A_over_C": 0.0}, "A_over_C must lie between 0 and 1, got 0.0"),
-        ({"mu_ratio": INF}, "mu_ratio must be positive and finite, got inf"),
-        ({"kappa_ratio": 0.0}, "kappa_ratio must be positive .inf is incompressible., got 0.0"),
+        ({"T_over_C": 0.5}, "must leave a core between them.*got A/C = 0.5, T/C = 0.5"),
+        ({"A_over_C": 0.0}, "must leave a core between them.*got A/C = 0, T/C = 0.04"),
+        ({"mu_ratio": INF}, "mu_ratio, shear modulus of cortex over core, must be positive, got inf"),
+        ({"kappa_ratio": 0.0}, "kappa_ratio, bulk over shear modulus, must be at least 1, .* got 0.0"),
         ({"law": "radial"}, "growth law must be one of isotropic, tangential, got 'radial'"),
         ({"order": 1}, "order must be a whole number of at least 2, got 1"),
         ({"elements": 0}, "elements must be a whole number of at least 1, got 0"),
@@ -347,6 +347,5 @@ def test_a_path_without_end_says_how_far_it_was_followed(monkeypatch):
         return x
 
     monkeypatch.setattr(statics._Sphere, "newton", newton)
-    with pytest.raises(ConvergenceError, match=r"no radial equilibrium found beyond g = 1.2") as caught:
+    with pytest.raises(ConvergenceError, match=r"no radial equilibrium found beyond g = 1\.24\d*, g_core = 1: no"):
         radial_equilibrium(2.0, 0.04)
-    assert 1.2 < caught.value.reached[0] <= 1.25

@@ -1,0 +1,306 @@
+"""Linear stability of the growing sphere: two routes, the full second variation, and the limits that are known."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.special import sph_harm_y
+
+from morphofold.sim import stability, statics, theory
+from morphofold.sim.material import energy
+from morphofold.sim.radial import Sphere, smooth_state
+
+LAWS = ("isotropic", "tangential")
+
+
+# -- two routes -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
+@pytest.mark.parametrize(
+    ("T_over_C", "mu_ratio", "degree"),
+    [
+        *[(1 / 50, 1, 37), (2 / 50, 1, 18), (2 / 50, 2, 17), (3 / 50, 4, 11)],      # the paper's, near their minima
+        *[(0.001, 1, 700), (0.25, 10, 3), (0.3, 1, 40), (2 / 50, 1, 2)],
+    ],
+)
+def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, law, kappa_ratio):
+    sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
+    marched = stability.critical_growth_of_degree(sphere, degree)
+    elements = statics.critical_growth_of_mode(degree, T_over_C, mu_ratio, law, kappa_ratio)
+    assert marched == pytest.approx(elements, rel=1e-8)             # asked: 1e-6
+
+
+@pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
+def test_both_routes_agree_for_other_holes(A_over_C, degree):
+    marched = stability.critical_growth_of_degree(Sphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
+    elements = statics.critical_growth_of_mode(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
+    assert marched == pytest.approx(elements, rel=1e-8)
+    assert marched != pytest.approx(stability.critical_growth_of_degree(Sphere(0.04, 2.0), degree), rel=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("T_over_C", [1 / 50, 2 / 50, 3 / 50])
+def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, mu_ratio, law):
+    """By counting negative eigenvalues of the finite-element tangent: nothing hides between the degrees marched."""
+    found = theory.bifurcation(T_over_C, mu_ratio, law)
+    near = (1, *range(int(found.mode) - 1, int(found.mode) + 2), 3 * int(found.mode))
+    below, above = 1 + (found.g_crit - 1) * 0.9999, 1 + (found.g_crit - 1) * 1.0001
+    assert all(statics.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
+    assert statics.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
+
+
+def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
+    for law, (T_over_C, mu_ratio) in itertools.product(LAWS, [(1 / 50, 1), (3 / 50, 4), (0.3, 1)]):
+        found = theory.bifurcation(T_over_C, mu_ratio, law)
+        for degree in (1, 2, 5, 20, 80):
+            assert statics.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
+
+
+# -- the equations, from the energy ---------------------------------------------------------------------------------
+
+
+def second_variation_on_the_sphere(A, degree, r, U, V, dU, dV, mu, kappa):
+    """d2/de2 of the energy per current volume of A + e L A, integrated over the unit sphere, by central differences.
+
+    L is the gradient of U Y e_r + V r grad Y for the zonal harmonic, in (r, theta, phi) components.
+    """
+    x, weights = np.polynomial.legendre.leggauss(40)
+    angle = np.arccos(x)
+    # zonal harmonic and its derivatives by theta
+    Y = sph_harm_y(degree, 0, angle, 0).real
+    norm = math.sqrt((2 * degree + 1) / (4 * math.pi))
+    P = np.polynomial.legendre.Legendre.basis(degree)
+    dY = norm * P.deriv(1)(x) * -np.sin(angle)
+    ddY = norm * (P.deriv(2)(x) * np.sin(angle) ** 2 - P.deriv(1)(x) * x)
+    np.testing.assert_allclose(norm * P(x), Y, rtol=1e-10, atol=1e-12)
+    L = np.zeros((len(x), 3, 3))
+    L[:, 0, 0] = dU * Y
+    L[:, 0, 1] = (U - V) / r * dY
+    L[:, 1, 0] = dV * dY
+    L[:, 1, 1] = (U * Y + V * ddY) / r
+    L[:, 2, 2] = (U * Y + V * dY * x / np.sin(angle)) / r
+    e = 1e-3 / np.abs(L).max()
+    at = [energy(A + s * e * L @ A, mu, kappa) for s in (-2, -1, 0, 1, 2)]
+    second = (-at[0] + 16 * at[1] - 30 * at[2] + 16 * at[3] - at[4]) / (12 * e * e)
+    return 2 * math.pi * np.sum(weights * second) / np.linalg.det(A)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 7])
+@pytest.mark.parametrize(("lr", "lt", "kappa"), [(1.0, 1.0, 5.0), (1.7, 0.8, 20.0), (0.7, 1.25, 3.0), (1.4, 0.95, 9.0)])
+def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, lr, lt, kappa, rng):
+    """2 L = momenta . velocities + forces . displacements, from the matrix; against finite differences in 3-D."""
+    mu, r = 1.3, 0.8
+    J = lr * lt * lt
+    n = math.sqrt(degree * (degree + 1))
+    M = np.empty((4, 4))
+    stability._coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
+    for _ in range(5):
+        u, velocity = rng.standard_normal(2), rng.standard_normal(2)        # (U, n V) and r d/dr of it
+        momenta = np.linalg.solve(M[:2, 2:], velocity - M[:2, :2] @ u)
+        forces = M[2:, :2] @ u + M[2:, 2:] @ momenta
+        got = (momenta @ velocity + forces @ u) / r                         # E = 1/2 int (...) ds = 1/2 int w r^2 dr
+        U, V, dU, dV = u[0], u[1] / n, velocity[0] / r, velocity[1] / n / r
+        want = second_variation_on_the_sphere(np.diag([lr, lt, lt]), degree, r, U, V, dU, dV, mu, kappa)
+        assert got == pytest.approx(want * r**2, rel=1e-6)
+
+
+def test_the_linear_equations_have_hamiltons_form(rng):
+    """M = [[a, b], [c, -a^T]] with b, c symmetric: what keeps Z symmetric on the way."""
+    M = np.empty((4, 4))
+    stability._coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
+    np.testing.assert_allclose(M[:2, :2], -M[2:, 2:].T, rtol=1e-13)
+    np.testing.assert_allclose(M[:2, 2:], M[:2, 2:].T, rtol=1e-13)
+    np.testing.assert_allclose(M[2:, :2], M[2:, :2].T, rtol=1e-13)
+
+
+# -- smooth states --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("T_over_C", "g", "kappa_ratio"), [(0.04, 1.5, 20.0), (0.3, 2.0, 5.0), (0.001, 1.3, 1e3)])
+def test_nearly_incompressible_state_is_that_of_finite_elements(law, T_over_C, g, kappa_ratio):
+    sphere = Sphere(T_over_C, 3.0, law, kappa_ratio)
+    fields = smooth_state(sphere, g).fields
+    state = statics.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio)
+    for layer, (name, R) in enumerate((("core", sphere.B), ("cortex", 1.0))):
+        outer = state.at(R, name)
+        lr, lt, h1, _, r, _ = fields[layer, :, -1]
+        m = sphere.mu[layer] * (lr * lt * lt) ** (-5 / 3)
+        sigma = [m * (v * v - (lr * lr + 2 * lt * lt) / 3) + h1 for v in (lr, lt)]
+        want = [outer.r[0], outer.sigma_r[0], outer.sigma_theta[0]]
+        np.testing.assert_allclose([r, *sigma], want, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_stress_in_closed_form_is_the_limit_of_finite_elements_at_rate_one_over_kappa(law):
+    g, T = 1.6, 0.06
+    R = np.linspace(1 - T, 1, 7)
+    closed = theory.stresses(g, 1 - T, 1.0, law, mu_cortex=2.0, n=7)
+    error = []
+    for kappa_ratio in (1e3, 1e4, 1e5):
+        s = statics.radial_equilibrium(g, T, 2.0, law, kappa_ratio, elements=8).at(R, "cortex")
+        error.append(max(np.abs(s.sigma_r - closed.sigma_r).max(), np.abs(s.sigma_theta - closed.sigma_theta).max()))
+        assert np.abs(s.r - closed.r).max() < 2 * g / kappa_ratio
+    rate = np.polyfit([3, 4, 5], np.log10(error), 1)[0]
+    assert rate == pytest.approx(-1, abs=0.02)
+    assert error[-1] < 1e-3
+    exact = statics.radial_equilibrium(g, T, 2.0, law, elements=8).at(R, "cortex")
+    np.testing.assert_allclose(exact.sigma_r, closed.sigma_r, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(exact.sigma_theta, closed.sigma_theta, rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("g_core", [0.9, 1.2])
+def test_stress_in_a_growing_core_is_that_of_finite_elements(law, g_core):
+    g, T, A = 1.5, 0.1, 0.4
+    state = statics.radial_equilibrium(g, T, 2.0, law, A_over_C=A, g_core=g_core, elements=16)
+    for part, ends in (("core", (A, 1 - T)), ("cortex", (1 - T, 1.0))):
+        s = theory.stresses(g, 1 - T, 1.0, law, mu_cortex=2.0, n=6, part=part, A=A, g_core=g_core)
+        fe = state.at(np.linspace(*ends, 6), part)
+        np.testing.assert_allclose([*s], [fe.r, fe.sigma_r, fe.sigma_theta], rtol=1e-8, atol=1e-8)
+
+
+def test_a_growth_without_a_smooth_state_is_said():
+    with pytest.raises(ArithmeticError, match=r"no smooth state found at g = 9, kappa_ratio = 1, T/C = 0\.02"):
+        smooth_state(Sphere(0.02, 1.0, "isotropic", 1.0), 9.0)
+
+
+# -- limits that are known ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("T_over_C", [0.001, 0.02])
+def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
+    found = theory.bifurcation(T_over_C, 1.0, law)
+    biot = float(theory.critical_growth(1 / (1 - T_over_C), law, ratio=theory.BIOT))
+    assert found.short_wave == pytest.approx(biot, rel=1e-10)
+    sphere = Sphere(T_over_C, 1.0, law)
+    gap = [stability.critical_growth_of_degree(sphere, round(k / T_over_C)) - biot for k in (50, 100, 200)]
+    assert np.polyfit(np.log([50, 100, 200]), np.log(np.abs(gap)), 1)[0] == pytest.approx(-1, abs=0.1)
+    assert abs(gap[-1]) < 0.01
+
+
+def test_a_thin_soft_cortex_wrinkles_at_the_equibiaxial_stretch_of_biot():
+    found = theory.bifurcation(1e-5, 0.1)
+    assert found.mode == math.inf
+    assert found.wavelength == found.wavelength_deformed == 0
+    assert 1 / found.g_crit == pytest.approx(0.6661, abs=5e-5)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_thin_stiff_cortex_wrinkles_as_a_film_on_a_soft_substrate(law):
+    """Chen and Hutchinson 2004: 2 pi T (mu_f/3 mu_s)^(1/3) at (3 mu_s/mu_f)^(2/3)/6, in the limit of a stiff film."""
+    strain_error, wave_error, stiffness = [], [], (1e2, 1e3, 1e4)
+    for mu_ratio in stiffness:
+        found = theory.bifurcation(1e-6, mu_ratio, law)
+        strain_error.append((found.g_crit - 1) / ((3 / mu_ratio) ** (2 / 3) / 6) - 1)
+        wave_error.append(found.wavelength / (2 * math.pi * 1e-6 * (mu_ratio / 3) ** (1 / 3)) - 1)
+    assert np.all(np.diff(np.abs(strain_error)) < 0)
+    assert abs(strain_error[-1]) < 1e-4
+    assert abs(wave_error[-1]) < 2e-3
+    # the formula's next term is of the order of the critical strain, mu_ratio^(-2/3)
+    assert np.polyfit(np.log(stiffness), np.log(np.abs(wave_error)), 1)[0] == pytest.approx(-2 / 3, abs=0.02)
+
+
+def test_thin_cortices_of_both_laws_wrinkle_alike():
+    """A layer that cannot spread only feels the growth along the surface; along the radius it is free."""
+    for mu_ratio in (1.0, 10.0):
+        iso, tan = (theory.bifurcation(1e-5, mu_ratio, law) for law in LAWS)
+        assert iso.g_crit == pytest.approx(tan.g_crit, rel=1e-4)
+        assert iso.wavelength == pytest.approx(tan.wavelength * iso.g_crit, rel=0.01)   # it is g times as thick
+
+
+def test_incompressible_is_the_limit_at_rate_one_over_kappa():
+    limit = theory.bifurcation(0.04, 2.0).g_crit
+    error = [theory.bifurcation(0.04, 2.0, kappa_ratio=k).g_crit - limit for k in (1e2, 1e3, 1e4)]
+    assert np.polyfit([2, 3, 4], np.log10(error), 1)[0] == pytest.approx(-1, abs=0.02)
+    assert theory.bifurcation(0.04, 2.0, kappa_ratio=1e9).g_crit == pytest.approx(limit, rel=1e-8)
+
+
+# -- what a result says ---------------------------------------------------------------------------------------------
+
+
+def test_the_paper_cortices_wrinkle_before_the_crease_criterion_is_met():
+    """The paper (sec. III D) has creases first at equal stiffness; linear stability of its own model says otherwise."""
+    for law, T, mu_ratio in itertools.product(LAWS, (1, 2, 3), (1.0, 2.0, 4.0)):
+        wrinkle = theory.bifurcation(T / 50, mu_ratio, law).g_crit
+        crease = float(theory.critical_growth(50 / (50 - T), law))
+        assert 1.1 < wrinkle < crease - 0.03
+
+
+def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
+    found = [theory.bifurcation(0.04, m) for m in (1.0, 2.0, 4.0, 20.0, 100.0)]
+    assert np.all(np.diff([f.g_crit for f in found]) < 0)
+    assert np.all(np.diff([f.wavelength for f in found]) > 0)
+
+
+def test_critical_mode_is_the_lowest_of_all_degrees():
+    found = theory.bifurcation(0.06, 2.0)
+    sphere = Sphere(0.06, 2.0)
+    every = [stability.critical_growth_of_degree(sphere, degree) for degree in range(1, 41)]
+    assert found.mode == 1 + np.nanargmin(every)
+    assert found.g_crit == np.nanmin(every)
+    both = dict(zip(*found.curve))
+    common = [d for d in both if d <= 40]
+    np.testing.assert_allclose([both[d] for d in common], [every[d - 1] for d in common], rtol=1e-11)
+    assert np.all(np.diff(found.curve.degree) > 0)
+
+
+def test_wavelengths_are_those_of_the_harmonic_on_both_spheres():
+    found = theory.bifurcation(0.04, 2.0)
+    assert found.wavelength == pytest.approx(2 * math.pi / math.sqrt(found.mode * (found.mode + 1)))
+    c = theory.deformed_radius(found.g_crit, 1 / 0.96) * 0.96
+    assert found.wavelength_deformed == pytest.approx(found.wavelength * c)
+
+
+def test_a_sphere_that_stays_stable_is_nan_with_the_reason():
+    found = theory.bifurcation(0.04, 1.0, g_max=1.2)
+    assert math.isnan(found.g_crit)
+    assert math.isnan(found.mode)
+    assert found.reason == "the smooth sphere is stable up to g = 1.2"
+    assert np.isnan(found.curve.g).all()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_one_growth(law):
+    """At the interface lambda_theta is 1/g whatever the thickness, and half-spaces know no other length."""
+    short = [theory.bifurcation(T_over_C, 1.0, law).short_wave for T_over_C in (0.2, 0.3, 0.45)]
+    np.testing.assert_allclose(short, short[0], rtol=1e-9)
+    assert short[0] < theory.critical_growth(1 / 0.8, law, ratio=theory.BIOT) or law == "isotropic"
+    elements = statics.critical_growth_of_mode(400, 0.2, 1.0, law)
+    assert stability.critical_growth_of_degree(Sphere(0.2, 1.0, law), 400) == pytest.approx(elements, rel=1e-6)
+    assert elements == pytest.approx(short[0], abs=0.01)
+
+
+def test_thick_cortex_wrinkles_on_its_interface_where_the_surface_never_can():
+    """Isotropic growth of C_bar > 1.124 can't bring the surface to Biot's ratio; the interface is compressed more."""
+    found = theory.bifurcation(0.3, 0.02)
+    assert np.isnan(theory.critical_growth(1 / 0.7, ratio=theory.BIOT))
+    assert np.isfinite(found.short_wave)
+    assert found.g_crit <= found.short_wave
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"T_over_C": 0.6}, "hole and cortex must leave a core between them.*got A/C = 0.5, T/C = 0.6"),
+        ({"T_over_C": -0.1}, "hole and cortex"),
+        ({"T_over_C": 0.04, "A_over_C": 0.0}, "hole and cortex"),
+        ({"T_over_C": 0.04, "mu_ratio": 0.0}, "mu_ratio, shear modulus of cortex over core, must be positive"),
+        ({"T_over_C": 0.04, "kappa_ratio": 0.1}, "kappa_ratio, bulk over shear modulus, must be at least 1"),
+        ({"T_over_C": 0.04, "law": "radial"}, "growth law must be one of"),
+        ({"T_over_C": 0.04, "g_max": 1.0}, "g_max is the growth up to which to look"),
+    ],
+)
+def test_bifurcation_refuses_what_is_no_sphere(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        theory.bifurcation(**arguments)
+
+
+def test_a_degree_below_one_is_refused():
+    with pytest.raises(ValueError, match="at least 1, got 0"):
+        stability.critical_growth_of_degree(Sphere(0.04), 0)
