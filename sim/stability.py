@@ -36,6 +36,9 @@ from morphofold.sim.radial import (
 
 Array = NDArray[np.float64]
 
+#: lambda_r/lambda_theta at which a smooth neo-Hookean surface can crease (Razavi et al. 2015, Eq. 7)
+CREASE = 2.4
+
 _R15 = math.sqrt(15)
 #: Gauss collocation of three stages (Butcher 1964): order 6, A-stable, and keeps Z symmetric
 NODES = np.array([0.5 - _R15 / 10, 0.5, 0.5 + _R15 / 10])
@@ -81,6 +84,10 @@ class Bifurcation:
     short_wave : float
         Limit of the curve for l -> inf: waves much shorter than the cortex is thick, on its surface (Biot) or
         on the interface, whichever come first. NaN if none below g_max.
+    creasing_amplitude : float
+        Amplitude of the critical mode at which its troughs meet the crease criterion of Eq. (7), while g is g_crit:
+        an estimate, with the linear mode at finite amplitude and in rolls. 0 if the smooth surface meets the
+        criterion already, NaN for a mode of vanishing wavelength or none.
     reason : str
         Empty, or why there is no g_crit.
     """
@@ -91,7 +98,13 @@ class Bifurcation:
     wavelength_deformed: float
     curve: Curve
     short_wave: float
+    creasing_amplitude: float
     reason: str = ""
+
+    @property
+    def wrinkles_first(self) -> bool:
+        """Whether the smooth surface wrinkles before it meets the crease criterion; False if it does neither."""
+        return not math.isnan(self.g_crit) and self.creasing_amplitude != 0
 
 
 def bifurcation(
@@ -156,10 +169,11 @@ def bifurcation(
     if np.isnan(g_crit):
         nan, end = math.nan, growths[-1]
         reason = f"the smooth sphere is stable up to g = {end:g}" + (", the last one found" if end < g_max else "")
-        return Bifurcation(nan, nan, nan, nan, curve, short_wave, reason)
+        return Bifurcation(nan, nan, nan, nan, curve, short_wave, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
-    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave)
+    amplitude = math.nan if math.isinf(mode) else _creasing_amplitude(sphere, int(mode), g_crit)
+    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, amplitude)
 
 
 def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) -> float:
@@ -238,8 +252,25 @@ def _surface_stiffness(sphere: Sphere, degree: int, g: float) -> float:
     if g <= 1:
         return 1.0
     y, fields = smooth_state(sphere, g)
-    lowest, poles = _march(float(degree), y, fields, sphere.mu)
-    return -2.0 if poles else 2 / math.pi * math.atan(lowest)
+    Z, poles = _march(float(degree), y, fields, sphere.mu)
+    return -2.0 if poles else 2 / math.pi * math.atan(np.linalg.eigvalsh(Z)[0])
+
+
+def _creasing_amplitude(sphere: Sphere, degree: int, g: float) -> float:
+    """Amplitude of the critical mode, over C, at which its troughs meet the crease criterion; see ``Bifurcation``.
+
+    Along a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
+    """
+    y, fields = smooth_state(sphere, g)
+    lr, lt, r = fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
+    if lr / lt >= CREASE:
+        return 0.0
+    Z, _ = _march(float(degree), y, fields, sphere.mu)
+    U, v = np.linalg.eigh(Z)[1][:, 0]
+    across = (1 - math.sqrt(degree * (degree + 1)) * v / U) / r
+    return float(
+        brentq(lambda a: (1 - a * across) ** 2 * (1 - a / r) - lr / lt / CREASE, 0, 1 / max(across, 1 / r), xtol=1e-13)
+    )
 
 
 def _short_wave_stiffness(sphere: Sphere, g: float) -> float:
@@ -334,7 +365,7 @@ def _interpolate(x, nodes, table, fields):
 
 @njit(cache=True)
 def _march(degree, y, table, mu):
-    """Least eigenvalue of Z at the free surface over n, in core shear moduli; and how often Z was infinite before."""
+    """Z (2, 2) of (U, v) at the free surface over n, in core shear moduli; and how often it was infinite before."""
     n = math.sqrt(degree * (degree + 1.0))
     Y = np.zeros((4, 2))                        # two solutions (U, v, P, Q), fixed at the hole
     Y[2, 0] = Y[3, 1] = 1.0
@@ -367,7 +398,8 @@ def _march(degree, y, table, mu):
             if now * before < 0.0:
                 poles += 1
             before = now
-    zUU = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
-    zUv = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before
-    zvv = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before
-    return ((zUU + zvv) / 2.0 - math.sqrt((zUU - zvv) ** 2 / 4.0 + zUv**2)) / n, poles
+    Z = np.empty((2, 2))
+    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
+    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before
+    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before
+    return Z / n, poles

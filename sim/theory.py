@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphofold.sim.growth import LAWS
 from morphofold.sim.radial import stress_primitive
-from morphofold.sim.stability import Bifurcation, bifurcation
+from morphofold.sim.stability import CREASE, Bifurcation, bifurcation
 
 __all__ = [
     "BIOT", "CREASE", "Bifurcation", "Stresses", "bifurcation",
@@ -24,9 +24,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: lambda_r/lambda_theta at which a smooth neo-Hookean surface can crease (Razavi et al. 2015, Eq. 7)
-CREASE = 2.4
-#: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); equibiaxial stretch 0.6661
+#: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); 0.6661 in equibiaxial stretch
 BIOT = 3.382975767906237
 
 

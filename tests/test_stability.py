@@ -60,6 +60,32 @@ def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
             assert statics.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
 
 
+@pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(1 / 50, 1.0), (3 / 50, 4.0)])
+def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_ratio):
+    """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
+    found = theory.bifurcation(T_over_C, mu_ratio)
+    body = statics._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, int(found.mode), None, 8)
+    x = body.grow((found.g_crit, 1.0))
+    values, vectors = np.linalg.eigh(body.second_variation(x, (found.g_crit, 1.0)))
+    null = vectors[:, np.argmin(np.abs(values))]
+    outer = np.flatnonzero(np.isin(body.free, body.u.get_dofs(lambda R: np.isclose(R[0], 1.0)).flatten()))
+    U, V = null[outer][0], null[len(body.free) + outer][0]
+    c = float(theory.deformed_radius(found.g_crit, 1 / (1 - T_over_C))) * (1 - T_over_C)
+    stretch = c / found.g_crit
+    a, N = found.creasing_amplitude, found.mode * (found.mode + 1)
+    across = stretch * (1 - a * (U - N * V) / U / c)            # u_theta,theta of u = U Y e_r + V grad Y, Y = -1
+    along = stretch * (1 - a / c)
+    assert 1 / (across * along) / across == pytest.approx(theory.CREASE, rel=1e-6)
+    assert found.wrinkles_first
+
+
+def test_creasing_needs_no_amplitude_where_the_smooth_surface_creases_first():
+    found = theory.bifurcation(1e-3, 0.5)                       # soft enough for wrinkles to come late
+    assert found.g_crit > theory.critical_growth(1 / 0.999)
+    assert found.creasing_amplitude == 0
+    assert not found.wrinkles_first
+
+
 # -- the equations, from the energy ---------------------------------------------------------------------------------
 
 
