@@ -87,7 +87,7 @@ class Bifurcation:
     creasing_amplitude : float
         Amplitude of the critical mode at which its troughs meet the crease criterion of Eq. (7), while g is g_crit:
         an estimate, with the linear mode at finite amplitude and in rolls. 0 if the smooth surface meets the
-        criterion already, NaN for a mode of vanishing wavelength or none.
+        criterion already, NaN for a mode of vanishing wavelength on the interface, or none.
     reason : str
         Empty, or why there is no g_crit.
     """
@@ -172,7 +172,7 @@ def bifurcation(
         return Bifurcation(nan, nan, nan, nan, curve, short_wave, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
-    amplitude = math.nan if math.isinf(mode) else _creasing_amplitude(sphere, int(mode), g_crit)
+    amplitude = _creasing_amplitude(sphere, mode, g_crit)
     return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, amplitude)
 
 
@@ -256,7 +256,7 @@ def _surface_stiffness(sphere: Sphere, degree: int, g: float) -> float:
     return -2.0 if poles else 2 / math.pi * math.atan(np.linalg.eigvalsh(Z)[0])
 
 
-def _creasing_amplitude(sphere: Sphere, degree: int, g: float) -> float:
+def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
     """Amplitude of the critical mode, over C, at which its troughs meet the crease criterion; see ``Bifurcation``.
 
     Along a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
@@ -265,7 +265,9 @@ def _creasing_amplitude(sphere: Sphere, degree: int, g: float) -> float:
     lr, lt, r = fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
     if lr / lt >= CREASE:
         return 0.0
-    Z, _ = _march(float(degree), y, fields, sphere.mu)
+    if math.isinf(degree):                      # on the interface: the surface doesn't feel it
+        return math.nan
+    Z, _ = _march(degree, y, fields, sphere.mu)
     U, v = np.linalg.eigh(Z)[1][:, 0]
     across = (1 - math.sqrt(degree * (degree + 1)) * v / U) / r
     return float(

@@ -1,5 +1,8 @@
 """Speed, by pytest-benchmark: ``pytest tests/test_benchmarks.py --benchmark-only``. Skipped by default."""
 
+import itertools
+import math
+
 import numba
 import numpy as np
 import pytest
@@ -7,10 +10,12 @@ import pytest
 from morphofold import analysis
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import irregular_sphere
+from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.radial import smooth_state
 
 
 @pytest.fixture(params=[1, 2])
@@ -55,3 +60,21 @@ def test_cortical_thickness_of_an_individual(benchmark):
 def test_gyral_thickness_of_an_individual(benchmark):
     cortex = read_cortex(sample_path("S1"))
     benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=2, warmup_rounds=0)
+
+
+@pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
+def test_bifurcation(benchmark, kappa_ratio):
+    """Asked: below 2 s."""
+    smooth_state.cache_clear()
+    benchmark.pedantic(theory.bifurcation, (0.04, 2.0, "isotropic", kappa_ratio), rounds=5, warmup_rounds=1)
+
+
+def test_map_of_critical_growth(benchmark):
+    """40 thicknesses, both laws, four ratios; asked: below 5 minutes."""
+
+    def whole_map():
+        for law, mu_ratio in itertools.product(("isotropic", "tangential"), (1.0, 2.0, 4.0, 8.0)):
+            for T_over_C in np.linspace(0.005, 0.2, 40):
+                theory.bifurcation(T_over_C, mu_ratio, law)
+
+    benchmark.pedantic(whole_map, rounds=1)
