@@ -16,6 +16,8 @@ COMMANDS = {
     "simulate": "grow a scene into folds",
     "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
     "compare": "put analyses side by side",
+    "theory": "radius, stress, creases and wrinkles of the growing sphere, without simulating it",
+    "reproduce": "draw figures of the paper anew",
     "scenes": "list the built-in scenes",
     "bench": "measure speed on this machine",
 }
@@ -62,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             raise
-        if type(error).__name__ == "UnstableError":                    # not imported for the sake of --help
+        if type(error).__name__ in ("UnstableError", "ConvergenceError"):      # not imported for the sake of --help
             return _fail(args.command, error, 1)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 

@@ -1,0 +1,47 @@
+"""Draw figures of the paper anew (Razavi et al. 2015), each with the table of its points, and an index of them all."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+#: figure -> what it shows; report/paper.py draws them
+FIGURES = {
+    "fig3": "outer radius against growth, tangential stress through the cortex (theory)",
+    "fig4": "growth at which creases can form (theory)",
+}
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    shown = "; ".join(f"{name}: {words}" for name, words in FIGURES.items())
+    parser.add_argument("figures", metavar="FIGURE", nargs="+", help=shown)
+    parser.add_argument("-o", "--out", metavar="DIR", default="reproduce", help="folder to write (default: reproduce)")
+    parser.add_argument("--json", action="store_true", help="print summary.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    figures = list(dict.fromkeys(args.figures))
+    for name in figures:
+        if name not in FIGURES:
+            raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
+    from morphofold import __version__
+    from morphofold.io import atomic_folder
+    from morphofold.report.paper import REPRODUCTIONS
+    from morphofold.results import strict_json
+
+    out = Path(args.out)
+    with atomic_folder(out) as folder:
+        index = {
+            "morphofold": __version__,
+            "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
+            "lengths": "mm; the paper gives none, and only ratios matter",
+            "figures": {name: REPRODUCTIONS[name](folder) for name in figures},
+        }
+        (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
+    if args.json:
+        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        return 0
+    for name in figures:
+        print(f"{name}: {FIGURES[name]}")
+    print(f"-> {out / 'summary.json'}")
+    return 0

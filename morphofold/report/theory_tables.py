@@ -1,0 +1,218 @@
+"""Tables of the theory, one row per point: what ``morphofold theory`` prints and what paper.py draws.
+
+Lengths are in mm; only their ratios matter (the paper's 50 and 2 have no unit). Growth stretches are ratios of lengths,
+stresses are over a shear modulus, and the names of the columns say which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from morphofold.sim import theory
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sphere's first wrinkles beside its first creases.
+
+    Attributes
+    ----------
+    thickness, radius : float
+        Of the cortex, and of the outer surface [mm].
+    mu_ratio : float
+        Shear modulus of the cortex over the core's.
+    law : {"isotropic", "tangential"}
+    bifurcation : Bifurcation
+        Of :func:`morphofold.sim.theory.bifurcation`.
+    g_crease : float
+        Growth at the crease criterion, Eqs. (12) and (13), of the incompressible sphere; NaN if no crease forms.
+    """
+
+    thickness: float
+    radius: float
+    mu_ratio: float
+    law: str
+    bifurcation: theory.Bifurcation
+    g_crease: float
+
+    @property
+    def first(self) -> str | None:
+        """Which of the two needs less growth: "wrinkle" or "crease"; None if neither comes."""
+        wrinkle, crease = self.bifurcation.g_crit, self.g_crease
+        if np.isnan(wrinkle) and np.isnan(crease):
+            return None
+        return "crease" if np.isnan(wrinkle) or crease < wrinkle else "wrinkle"
+
+    def row(self) -> Row:
+        """Critical growth, mode and wavelength; what is NaN or infinite has its reason in ``reason``."""
+        b, T = self.bifurcation, self.thickness / self.radius
+        reasons = [b.reason] if b.reason else []
+        if np.isinf(b.mode):
+            reasons.append("the shortest waves come first: their degree has no bound")
+        if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
+            reasons.append("waves of vanishing length on the interface have no creasing amplitude")
+        if np.isnan(self.g_crease):
+            reasons.append(no_crease(self.law))
+        return {
+            **self._named(), "g_crit": b.g_crit, "degree": b.mode,
+            "wavelength_over_T": b.wavelength / T, "wavelength_deformed_over_T": b.wavelength_deformed / T,
+            "creasing_amplitude_over_T": b.creasing_amplitude / T,
+            "g_crease": self.g_crease, "first": self.first, "reason": "; ".join(reasons) or None,
+        }  # fmt: skip
+
+    def curve_rows(self) -> list[Row]:
+        """Critical growth of each degree that was looked at; NaN, with the reason, where it stays stable."""
+        stable = "stable at any growth looked at"
+        return [
+            {**self._named(), "degree": int(degree), "g_crit": g, "reason": stable if np.isnan(g) else None}
+            for degree, g in zip(*self.bifurcation.curve)
+        ]
+
+    def _named(self) -> Row:
+        return {
+            "law": self.law, "thickness_mm": self.thickness, "T_over_C": self.thickness / self.radius,
+            "mu_ratio": self.mu_ratio,
+        }  # fmt: skip
+
+
+def radius_rows(
+    growth: Iterable[float],
+    thickness: float = 2.0,
+    radius: float = 50.0,
+    laws: Sequence[str] = ("isotropic",),
+    *,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+) -> list[Row]:
+    """Outer radius c of the smooth grown sphere over B and over C, Eqs. (9) to (11); one row per law and growth."""
+    growth = np.asarray(list(growth), dtype=np.float64)
+    C_bar = outer_ratio(thickness, radius, A_over_C)
+    rows = []
+    for law in laws:
+        c_bar = theory.deformed_radius(growth, C_bar, law, g_core=g_core, A_bar=A_over_C * C_bar)
+        rows += [
+            {
+                "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": float(g),
+                "c_over_B": float(c), "c_over_C": float(c / C_bar),
+            }
+            for g, c in zip(growth, c_bar)
+        ]  # fmt: skip
+    return rows
+
+
+def stress_rows(
+    growth: float = 2.0,
+    thicknesses: Iterable[float] = (1.0, 2.0, 3.0),
+    radius: float = 50.0,
+    laws: Sequence[str] = ("isotropic",),
+    *,
+    mu_ratio: float = 1.0,
+    points: int = 11,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+    layers: Sequence[str] = ("core", "cortex"),
+) -> list[Row]:
+    """Cauchy stress along a radius, tension positive; ``points`` rows per law, thickness and layer.
+
+    ``position`` goes from 0 at the inner to 1 at the outer side of the grown layer: (r - b)/(c - b) in the cortex.
+    """
+    rows = []
+    for law in laws:
+        for thickness in thicknesses:
+            B = radius / outer_ratio(thickness, radius, A_over_C)
+            for layer in layers:
+                R = np.linspace(*((B, radius) if layer == "cortex" else (A_over_C * radius, B)), points)
+                s = theory.stresses(
+                    growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A_over_C * radius, g_core=g_core
+                )
+                rows += [
+                    {
+                        "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": growth,
+                        "mu_ratio": mu_ratio, "layer": layer, "R_mm": R[i], "r_mm": s.r[i],
+                        "position": (s.r[i] - s.r[0]) / (s.r[-1] - s.r[0]),
+                        "sigma_r_over_mu_core": s.sigma_r[i], "sigma_theta_over_mu_core": s.sigma_theta[i],
+                        "sigma_theta_over_mu_cortex": s.sigma_theta[i] / mu_ratio,
+                    }
+                    for i in range(points)
+                ]  # fmt: skip
+    return rows
+
+
+def critical_rows(
+    C_bar: Iterable[float],
+    laws: Sequence[str] = ("isotropic", "tangential"),
+    *,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+) -> list[Row]:
+    """Growth at which the outer surface can crease, Eqs. (12) and (13), and at which it is unstable by Biot."""
+    C_bar = np.asarray(list(C_bar), dtype=np.float64)
+    if g_core != 1 and not 0 <= A_over_C * C_bar.max() <= 1:
+        raise ValueError(f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}.")
+    hole = A_over_C * C_bar if g_core != 1 else None            # it matters only if the core grows
+    rows = []
+    for law in laws:
+        crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
+        biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
+        rows += [
+            {
+                "law": law, "C_over_B": float(C), "T_over_C": float(1 - 1 / C),
+                "g_crease": float(g), "g_biot": float(g_biot), "reason": _out_of_reach(law, g, g_biot),
+            }
+            for C, g, g_biot in zip(C_bar, crease, biot)
+        ]  # fmt: skip
+    return rows
+
+
+def bifurcation_cases(
+    thicknesses: Iterable[float] = (1.0, 2.0, 3.0),
+    radius: float = 50.0,
+    mu_ratios: Iterable[float] = (1.0, 2.0, 4.0),
+    laws: Sequence[str] = ("isotropic", "tangential"),
+    *,
+    kappa_ratio: float = np.inf,
+    A_over_C: float = 0.5,
+    progress: Any = None,
+) -> list[Case]:
+    """Wrinkles and creases of every law, shear modulus ratio and thickness; ``progress(share, text)`` after each."""
+    wanted = [(law, mu, T) for law in laws for mu in mu_ratios for T in thicknesses]
+    for _, _, thickness in wanted:
+        outer_ratio(thickness, radius, A_over_C)                # before the first of them takes its time
+    cases = []
+    for law, mu_ratio, thickness in wanted:
+        found = theory.bifurcation(thickness / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
+        crease = float(theory.critical_growth(outer_ratio(thickness, radius), law))
+        cases.append(Case(thickness, radius, mu_ratio, law, found, crease))
+        if progress is not None:
+            progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {thickness:g}")
+    return cases
+
+
+def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
+    """C/B of a cortex of thickness T = C - B; ``ValueError`` unless 0 < T < C and the hole is inside the interface."""
+    if not (np.isfinite(radius) and 0 < thickness < radius):
+        raise ValueError(f"thickness must lie between 0 and the outer radius {radius:g} mm, got {thickness:g} mm.")
+    if not 0 <= A_over_C < 1 - thickness / radius:
+        raise ValueError(
+            f"the fixed hole must lie inside the interface B = {radius - thickness:g} mm: its radius is {A_over_C:g} C "
+            f"= {A_over_C * radius:g} mm. Give a thinner cortex or a smaller hole."
+        )
+    return radius / (radius - thickness)
+
+
+def no_crease(law: str) -> str:
+    """Why the crease criterion has no growth."""
+    return f"no crease if {law} from C/B = {theory.thickest_creasing(law):.3f} on"
+
+
+def _out_of_reach(law: str, crease: float, biot: float) -> str | None:
+    reasons = [no_crease(law)] if np.isnan(crease) else []
+    if np.isnan(biot):
+        reasons.append(f"Biot's stretch not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f} on")
+    return "; ".join(reasons) or None

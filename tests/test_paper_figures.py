@@ -1,0 +1,199 @@
+import csv
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from morphofold.cli.reproduce import FIGURES
+from morphofold.report import paper
+from morphofold.report.theory_tables import Case, bifurcation_cases, outer_ratio
+from morphofold.sim import theory
+
+KINDS = sorted(paper.FORMATS)
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """Two thicknesses, two mu ratios, both laws."""
+    return bifurcation_cases((2.0, 3.0), 50.0, (1.0, 2.0))
+
+
+def lines(ax):
+    """The curves of an axes by the words of the legend."""
+    return {line.get_label(): line for line in ax.get_lines() if not line.get_label().startswith("_")}
+
+
+def looks(ax):
+    """Colour and dashes of every curve in the legend."""
+    return [(line.get_color(), str(line._unscaled_dash_pattern)) for line in lines(ax).values()]
+
+
+def test_figure_3a_is_equation_11():
+    left, _ = paper.fig3().axes
+    ((label, line),) = lines(left).items()
+    g, c = line.get_data()
+    assert "theory" in label
+    np.testing.assert_allclose(np.asarray(c) ** 3, 1 + np.asarray(g) ** 3 * ((50 / 48) ** 3 - 1), rtol=1e-12)
+    assert (g[0], g[-1]) == (1, 2)
+
+
+def test_figure_3b_has_the_highest_compression_in_the_thinnest_cortex():
+    _, right = paper.fig3().axes
+    curves = [line.get_data() for line in lines(right).values()]
+    assert len(curves) == 3
+    for x, sigma in curves:
+        assert (x[0], x[-1]) == (0, 1)
+        assert max(sigma) < 0
+    thin, middle, thick = (np.interp(np.linspace(0, 1, 50), *curve) for curve in curves)
+    assert (thin < middle).all()
+    assert (middle < thick).all()
+
+
+def test_figure_3b_ends_in_the_stress_of_a_free_surface():
+    """sigma_r = 0 there, so sigma_theta/mu = lambda^2 - lambda^-4 with lambda = c/(g C)."""
+    _, right = paper.fig3().axes
+    for T, line in zip((1, 2, 3), lines(right).values()):
+        C_bar = 50 / (50 - T)
+        stretch = (1 + 8 * (C_bar**3 - 1)) ** (1 / 3) / (2 * C_bar)
+        assert line.get_ydata()[-1] == pytest.approx(stretch**2 - stretch**-4, rel=1e-12)
+
+
+def test_figure_4_is_equations_12_and_13():
+    (ax,) = paper.fig4().axes
+    isotropic, tangential = (np.array(line.get_data()) for line in lines(ax).values())
+    C, g = isotropic[:, np.isfinite(isotropic[1])]
+    np.testing.assert_allclose(g**3 * (1 - 7 / 12 * C**3), 1, rtol=1e-9)
+    assert C[-1] == pytest.approx((12 / 7) ** (1 / 3), abs=1e-3)
+    C, g = tangential
+    np.testing.assert_allclose(g**3 * C**3 - 2.4 * g**2 * (C**3 - 1), 2.4, rtol=1e-12)
+    assert np.isfinite(g).all()
+
+
+def test_figure_4_marks_the_limits_that_the_paper_names():
+    (ax,) = paper.fig4().axes
+    words = " ".join(text.get_text() for text in ax.texts)
+    assert "1.34" in words
+    assert "1.20" in words
+
+
+@pytest.mark.parametrize("draw", [paper.fig3, paper.fig4])
+def test_no_curve_of_the_paper_leaves_its_axes_unannounced(draw):
+    for ax in draw().axes:
+        low, high = ax.get_ylim()
+        for label, line in lines(ax).items():
+            y = np.asarray(line.get_ydata())
+            assert np.nanmin(y) >= low
+            assert np.nanmax(y) <= high or "Eq. (12)" in label          # which has no bound
+
+
+def test_curves_differ_in_colour_and_in_dashes_too():
+    for ax in [*paper.fig3().axes, *paper.fig4().axes]:
+        colours, dashes = zip(*looks(ax))
+        assert len(set(colours)) == len(set(dashes)) == len(colours)
+
+
+def test_every_axis_is_labelled(cases):
+    figures = (paper.fig3(), paper.fig4(), paper.bifurcation_curves(cases), paper.crease_or_wrinkle(cases))
+    for figure in figures:
+        assert any(ax.get_ylabel() for ax in figure.axes)
+        assert any(ax.get_xlabel() for ax in figure.axes)
+        for ax in figure.axes:
+            shared = ax.get_shared_x_axes().joined(ax, figure.axes[-1]) or ax.get_shared_y_axes().joined(
+                ax, figure.axes[0]
+            )
+            assert shared or (ax.get_xlabel() and ax.get_ylabel())
+
+
+def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
+    figure = paper.bifurcation_curves(cases)
+    assert len(figure.axes) == 4                                        # two laws, two mu ratios
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    for case in cases:
+        ax = next(a for a, t in zip(figure.axes, titles) if case.law in t and t.endswith(f"= {case.mu_ratio:g}"))
+        drawn = [np.array(line.get_data()) for line in ax.get_lines()]
+        assert any(np.array_equal(d, [[case.bifurcation.mode], [case.bifurcation.g_crit]]) for d in drawn)
+        assert any(d.shape == (2, 2) and (d[1] == case.g_crease).all() for d in drawn)
+
+
+def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
+    for ax, law in zip(paper.crease_or_wrinkle(cases).axes, paper.LAWS):
+        crease, one, two = (np.array(line.get_data()) for line in ax.get_lines()[:3])
+        mine = [c for c in cases if c.law == law]
+        np.testing.assert_array_equal(one[1], [c.bifurcation.g_crit for c in mine if c.mu_ratio == 1])
+        np.testing.assert_array_equal(two[0], [0.04, 0.06])
+        assert np.interp(0.04, *crease) == pytest.approx(mine[0].g_crease, rel=1e-5)
+        assert crease[1, 0] == pytest.approx(2.4 ** (1 / 3), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("wrinkle", "crease", "first"),
+    [(1.2, 1.4, "wrinkle"), (1.4, 1.2, "crease"), (1.2, np.nan, "wrinkle"), (np.nan, 1.2, "crease"),
+     (np.nan, np.nan, None)],
+)  # fmt: skip
+def test_what_comes_first_needs_the_least_growth(wrinkle, crease, first):
+    found = replace(theory.bifurcation(0.06), g_crit=wrinkle, reason="" if np.isfinite(wrinkle) else "stable")
+    case = Case(3.0, 50.0, 1.0, "isotropic", found, crease)
+    assert case.first == first
+    assert bool(case.row()["reason"]) == bool(np.isnan(wrinkle) or np.isnan(crease))
+
+
+def test_a_cortex_as_thick_as_the_sphere_is_refused():
+    assert outer_ratio(2, 50) == pytest.approx(50 / 48)
+    for thickness in (0, -1, 50, np.nan):
+        with pytest.raises(ValueError, match="between 0 and the outer radius 50 mm"):
+            outer_ratio(thickness, 50)
+
+
+def test_no_case_is_no_figure():
+    with pytest.raises(ValueError, match="no case to draw"):
+        paper.crease_or_wrinkle([])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_figure_is_the_same_file(tmp_path, kind):
+    for name in ("a", "b"):
+        paper.save(paper.fig4(), tmp_path / f"{name}{kind}")
+    first = (tmp_path / f"a{kind}").read_bytes()
+    assert first == (tmp_path / f"b{kind}").read_bytes()
+    assert b"Date" not in first
+
+
+def test_a_figure_of_another_kind_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"picture\.bmp: a figure is written as \.png, \.svg, \.pdf"):
+        paper.save(paper.fig4(), tmp_path / "picture.bmp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_heed_neither_nor_change_the_users_settings(tmp_path):
+    import matplotlib
+
+    paper.save(paper.fig4(), tmp_path / "plain.png")
+    with matplotlib.rc_context({"axes.linewidth": 9, "font.family": "monospace", "xtick.major.size": 20}):
+        before = {key: value for key, value in matplotlib.rcParams.items() if key != "backend"}
+        paper.save(paper.fig4(), tmp_path / "mine.png")
+        assert {key: matplotlib.rcParams[key] for key in before} == before
+    assert (tmp_path / "mine.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
+
+
+def test_drawing_needs_no_window_and_no_global_state():
+    code = "import sys; from morphofold.report import paper; paper.fig4(); sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_command_knows_the_figures_that_can_be_drawn():
+    assert list(FIGURES) == list(paper.REPRODUCTIONS)
+
+
+@pytest.mark.parametrize(("name", "draw", "y"), [
+    ("fig3", paper.fig3, {"a": "c_over_B", "b": "sigma_theta_over_mu_cortex"}), ("fig4", paper.fig4, "g_crease"),
+])  # fmt: skip
+def test_the_table_holds_the_points_of_the_figure(tmp_path, name, draw, y):
+    paper.REPRODUCTIONS[name](tmp_path)
+    with (tmp_path / f"{name}.tsv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    assert {row["source"] for row in rows} == {"theory"}
+    told = [row[y if isinstance(y, str) else y[row["panel"]]] for row in rows]
+    drawn = np.concatenate([line.get_ydata() for ax in draw().axes for line in lines(ax).values()])
+    np.testing.assert_allclose([np.nan if t == "n/a" else float(t) for t in told], drawn, rtol=1e-6)

@@ -1,0 +1,260 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from morphofold.cli import main
+from morphofold.cli import theory as command
+from morphofold.sim import theory
+from morphofold.sim.growth import LAWS
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def asked(capsys, *words):
+    """The answer to a question as strict JSON."""
+    assert main(["theory", *words, "--json"]) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    return json.loads(told.out, parse_constant=pytest.fail)
+
+
+def table(capsys, *words):
+    """The answer as printed: words before the table, then one list of cells per row."""
+    assert main(["theory", *words]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("law "))
+    return " ".join(lines[:start]), [line.split() for line in lines[start + 1 :]]
+
+
+def refused(capsys, *argv):
+    """The one line that a refused command says."""
+    assert main(list(argv)) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1
+    return told.err
+
+
+def test_the_laws_offered_are_the_laws_there_are():
+    assert command.LAWS == LAWS
+
+
+def test_radius_prints_equation_11_for_the_papers_sphere(capsys):
+    words, rows = table(capsys, "radius")
+    assert "T = 2 mm, C = 50 mm" in words
+    assert [row[1] for row in rows] == [f"{1 + i / 10:.4f}" for i in range(11)]
+    for _, g, c_over_B, c_over_C in rows:
+        want = (1 + float(g) ** 3 * ((50 / 48) ** 3 - 1)) ** (1 / 3)
+        assert float(c_over_B) == pytest.approx(want, abs=1e-6)
+        assert float(c_over_C) == pytest.approx(want * 48 / 50, abs=1e-6)
+
+
+def test_a_core_that_grows_like_an_isotropic_cortex_leaves_the_hole_alone(capsys):
+    """Eq. (10) with one growth throughout: r^3 - A^3 grows by g^3."""
+    row = asked(capsys, "radius", "--growth", "1.5", "--core-growth", "1.5", "--hole-ratio", "0.4")["rows"][0]
+    assert row["c_over_C"] ** 3 == pytest.approx(0.4**3 + 1.5**3 * (1 - 0.4**3), rel=1e-12)
+
+
+def test_stress_is_continuous_and_vanishes_outside_whatever_the_mu_ratio(capsys):
+    rows = asked(capsys, "stress", "--mu-ratio", "3", "--points", "5", "--law", "both", "--thickness", "1", "4")["rows"]
+    assert len(rows) == 2 * 2 * 2 * 5
+    for core, cortex in zip(*(rows[i::10] for i in (4, 5))):
+        assert (core["layer"], core["position"], cortex["layer"], cortex["position"]) == ("core", 1, "cortex", 0)
+        assert core["sigma_r_over_mu_core"] == pytest.approx(cortex["sigma_r_over_mu_core"], rel=1e-12)
+    for row in rows[9::10]:
+        assert row["sigma_r_over_mu_core"] == 0
+        stretch = row["r_mm"] / (2 * row["R_mm"])
+        assert row["sigma_theta_over_mu_cortex"] == pytest.approx(stretch**2 - stretch**-4, rel=1e-12)
+        assert row["sigma_theta_over_mu_core"] == pytest.approx(3 * row["sigma_theta_over_mu_cortex"], rel=1e-12)
+
+
+def test_critical_says_why_there_is_no_number(capsys):
+    first, second, third = asked(capsys, "critical", "--ratio", "1.1", "1.15", "1.2", "--law", "isotropic")["rows"]
+    assert first["g_crease"] ** 3 * (1 - 7 / 12 * 1.1**3) == pytest.approx(1, rel=1e-12)
+    assert first["reason"] is None
+    assert second["g_biot"] is None
+    assert "Biot's stretch not reached from C/B = 1.124" in second["reason"]
+    assert third["g_crease"] is None
+    assert "no crease if isotropic from C/B = 1.197" in third["reason"]
+
+
+def test_critical_prints_a_dash_where_no_crease_forms(capsys):
+    _, rows = table(capsys, "critical", "--ratio", "1.25")
+    (_, _, _, crease, biot, *reason), tangential = rows
+    assert (crease, biot) == ("–", "–")
+    assert " ".join(reason).startswith("no crease")
+    g = float(tangential[3])
+    assert g**3 * 1.25**3 - 2.4 * g**2 * (1.25**3 - 1) - 2.4 == pytest.approx(0, abs=1e-3)      # four decimals
+
+
+def test_critical_takes_a_thickness_for_a_ratio(capsys):
+    by_thickness = asked(capsys, "critical", "--thickness", "2", "--radius", "50")["rows"]
+    by_ratio = asked(capsys, "critical", "--ratio", str(50 / 48))["rows"]
+    assert by_thickness == by_ratio
+
+
+def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(capsys):
+    rows = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.5", "2", "--law", "isotropic")["rows"]
+    assert [row["mu_ratio"] for row in rows] == [0.5, 2.0]
+    for row in rows:
+        found = theory.bifurcation(2 / 50, row["mu_ratio"], "isotropic")
+        assert row["g_crit"] == pytest.approx(found.g_crit, rel=1e-12)
+        assert row["degree"] == found.mode
+        assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(found.mode * (found.mode + 1)) * 25)
+        assert row["wavelength_deformed_over_T"] > row["wavelength_over_T"]
+        assert row["g_crease"] == pytest.approx(float(theory.critical_growth(50 / 48)), rel=1e-12)
+        assert row["first"] == ("wrinkle" if row["g_crit"] < row["g_crease"] else "crease")
+    assert [row["first"] for row in rows] == ["crease", "wrinkle"]
+
+
+def test_bifurcation_gives_no_degree_where_the_shortest_waves_come_first(capsys):
+    answer = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.1", "--law", "isotropic")
+    (row,) = answer["rows"]
+    assert row["degree"] is None
+    assert row["g_crit"] == pytest.approx(row_of_biot(capsys)["g_biot"], rel=1e-6)
+    assert "shortest waves" in row["reason"]
+    assert answer["parameters"]["kappa_ratio"] == "inf"                 # which strict JSON has no number for
+
+
+def row_of_biot(capsys):
+    return asked(capsys, "critical", "--thickness", "2", "--law", "isotropic")["rows"][0]
+
+
+def test_the_curve_has_its_least_growth_where_the_answer_is(capsys):
+    words = ("bifurcation", "--thickness", "3", "--mu-ratio", "2", "--law", "tangential")
+    (answer,) = asked(capsys, *words)["rows"]
+    curve = asked(capsys, *words, "--curve")["rows"]
+    least = min((row for row in curve if row["g_crit"] is not None), key=lambda row: row["g_crit"])
+    assert (least["degree"], least["g_crit"]) == (answer["degree"], answer["g_crit"])
+    assert all(row["reason"] for row in curve if row["g_crit"] is None)
+
+
+def test_numbers_come_one_by_one_or_as_a_range():
+    assert command._numbers(["1:2:11", "3"], "--growth") == [*(round(1 + i / 10, 1) for i in range(11)), 3.0]
+    assert command._numbers(["2:1:3"], "--growth") == [2.0, 1.5, 1.0]
+    assert command._numbers(["1", "1.0", "2"], "--growth") == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
+def test_what_is_no_number_and_no_range_is_refused(capsys, word):
+    assert "--growth" in refused(capsys, "theory", "radius", "--growth", word)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("radius --thickness 60", "between 0 and the outer radius 50 mm, got 60 mm"),
+        ("radius --thickness nan", "got nan mm"),
+        ("radius --thickness 30", "inside the interface B = 20 mm: its radius is 0.5 C = 25 mm"),
+        ("radius --radius inf", "--radius must be above 0"),
+        ("stress --points 1", "--points must be from 2 to 10,000, got 1"),
+        ("stress --growth -1", "--growth must be above 0"),
+        ("stress --mu-ratio 0", "--mu-ratio must be above 0"),
+        ("critical --ratio 1", "--ratio must be above 1"),
+        ("critical --ratio 3 --core-growth 1.1", "A/C = 0.5, must lie inside the interface: C/B = 3"),
+        ("bifurcation --kappa-ratio 0.5", "kappa_ratio"),
+        ("bifurcation --hole-ratio 0.99", "must lie inside the interface"),
+    ],
+)
+def test_a_sphere_that_cannot_be_is_refused(capsys, words, said):
+    assert said in refused(capsys, "theory", *words.split())
+
+
+@pytest.mark.parametrize("name", ["picture.gif", "picture", "nowhere/picture.png", "folder.png"])
+def test_a_plot_that_cannot_be_written_is_refused_before_anything_is_computed(here, capsys, monkeypatch, name):
+    (here / "folder.png").mkdir()
+    monkeypatch.setattr(theory, "bifurcation", pytest.fail)
+    assert name.split("/")[0] in refused(capsys, "theory", "bifurcation", "--plot", name)
+    assert [p.name for p in here.iterdir()] == ["folder.png"]
+
+
+@pytest.mark.parametrize(
+    ("words", "start"),
+    [
+        ("radius --plot it.svg", b"<?xml"),
+        ("stress --plot it.pdf --law both", b"%PDF"),
+        ("critical --plot it.png", b"\x89PNG"),
+        ("bifurcation --thickness 2 3 --mu-ratio 2 --plot it.png", b"\x89PNG"),
+        ("bifurcation --thickness 3 --mu-ratio 0.1 2 --law isotropic --curve --plot it.PNG", b"\x89PNG"),
+    ],
+)
+def test_every_question_can_be_drawn(here, capsys, words, start):
+    name = words.split("--plot ")[1].split()[0]
+    assert main(["theory", *words.split()]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"-> {name}"
+    assert (here / name).read_bytes().startswith(start)
+    assert [p.name for p in here.iterdir()] == [name]
+
+
+def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
+    (here / "old.png").write_bytes(b"old")
+    monkeypatch.setattr("morphofold.report.paper.save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+    assert "No space left" in refused(capsys, "theory", "radius", "--plot", "old.png")
+    assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
+
+
+def test_quiet_and_debug_count_on_either_side_of_the_question(capsys):
+    for words in (["theory", "-q", "radius"], ["theory", "radius", "-q"]):
+        assert main(words) == 0
+    for words in (["theory", "--debug", "radius"], ["theory", "radius", "--debug"]):
+        with pytest.raises(ValueError, match="--growth"):
+            main([*words, "--growth", "none"])
+
+
+def test_a_solver_that_finds_no_state_ends_with_1_and_its_own_words(capsys, monkeypatch):
+    from morphofold.sim.radial import ConvergenceError
+
+    def lost(*_, **__):
+        raise ConvergenceError("no smooth state found at g = 9")
+
+    monkeypatch.setattr(theory, "bifurcation", lost)
+    assert main(["theory", "bifurcation"]) == 1
+    assert capsys.readouterr().err == "morphofold theory: no smooth state found at g = 9\n"
+
+
+def test_a_question_that_is_not_drawn_loads_no_plotting():
+    code = (
+        "import sys; from morphofold.cli import main; main(['theory', 'critical']); "
+        "sys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def test_reproduce_writes_figures_tables_and_an_index(here, capsys):
+    assert main(["reproduce", "fig4", "fig3", "fig4", "-o", "out", "--json"]) == 0
+    index = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    files = {f for figure in index["figures"].values() for f in figure["files"]}
+    assert list(index["figures"]) == ["fig4", "fig3"]
+    assert files == {"fig3.png", "fig3.tsv", "fig4.png", "fig4.tsv"}
+    assert {p.name for p in (here / "out").iterdir()} == {*files, "summary.json", ".morphofold"}
+    assert index["morphofold"]
+    assert "Eq. (12)" in index["figures"]["fig4"]["equations"]
+
+
+def test_reproduce_writes_the_same_bytes_again(here, capsys):
+    for out in ("a", "b"):
+        assert main(["reproduce", "fig3", "fig4", "-o", out]) == 0
+    for file in (here / "a").iterdir():
+        assert file.read_bytes() == (here / "b" / file.name).read_bytes()
+
+
+def test_reproduce_refuses_a_figure_that_it_does_not_know_before_it_writes(here, capsys):
+    said = refused(capsys, "reproduce", "fig3", "fig33")
+    assert "'fig33'" in said
+    assert "fig3, fig4" in said
+    assert list(here.iterdir()) == []
+
+
+def test_reproduce_leaves_a_folder_of_someone_else_alone(here, capsys):
+    (here / "reproduce").mkdir()
+    (here / "reproduce" / "thesis.txt").write_text("mine")
+    assert "thesis.txt" in refused(capsys, "reproduce", "fig4")
+    assert [p.name for p in (here / "reproduce").iterdir()] == ["thesis.txt"]
