@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct
 
 from morphofold.sim.growth import LAWS
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 #: Chebyshev points per layer
 POINTS = 24
+#: largest share of the last Chebyshev coefficients in a stretch for it to count as resolved; 1e-16 in ordinary cases
+UNRESOLVED = 1e-6
 #: fields of a state, in this order
 LAMBDA_R, LAMBDA_T, PRESSURE, COMPLIANCE, RADIUS, RATE = range(6)
 
@@ -55,7 +58,7 @@ class Sphere:
     T_over_C : float
         Thickness of the cortex over the outer radius.
     mu_ratio : float
-        Shear modulus of the cortex over the core's.
+        Shear modulus of the cortex over the core's, 1e-4 to 1e4.
     law : {"isotropic", "tangential"}
         Growth of the cortex.
     kappa_ratio : float
@@ -78,8 +81,10 @@ class Sphere:
     def __post_init__(self) -> None:
         if self.law not in LAWS:
             raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {self.law!r}.")
-        if not (np.isfinite(self.mu_ratio) and self.mu_ratio > 0):
-            raise ValueError(f"mu_ratio, shear modulus of cortex over core, must be positive, got {self.mu_ratio}.")
+        if not 1e-4 <= self.mu_ratio <= 1e4:            # beyond, rounding in the stiff layer hides the soft one
+            raise ValueError(
+                f"mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got {self.mu_ratio}."
+            )
         if not self.kappa_ratio >= 1:
             raise ValueError(
                 f"kappa_ratio, bulk over shear modulus, must be at least 1, or inf for incompressible, "
@@ -180,7 +185,9 @@ def _nearly_incompressible(sphere: Sphere, g: float, y: Array, R: Array, r: Arra
             a, b = w / radial, q / tangential
             J = a * b * b
             kappa = sphere.kappa_ratio * sphere.mu[:, None]
-            return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
+            if max(_tail(np.log(a)), _tail(np.log(b))) < UNRESOLVED:
+                return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
+            break
     raise ConvergenceError(
         f"no smooth state found at g = {g:g}, kappa_ratio = {sphere.kappa_ratio:g}, T/C = {sphere.T_over_C:g}: "
         "take less growth or a larger kappa_ratio."
@@ -229,6 +236,12 @@ def _newton(
         if part == 1 and max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
             return q, w
     return None
+
+
+def _tail(values: Array) -> float:
+    """Largest of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
+    coefficients = np.abs(dct(values, type=1, axis=-1))
+    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * POINTS))
 
 
 def _derivative(x: Array) -> Array:

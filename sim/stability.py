@@ -2,7 +2,7 @@
 
 The smooth state (radial.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m doesn't
 matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
-linear ones in ln R, for U, V and their tractions. Two solutions are marched outwards from the fixed hole. With Z
+linear ones of first order, for U, V and their tractions. Two solutions are marched outwards from the fixed hole. With Z
 the ratio of traction to displacement, the sphere is stable against degree l as long as Z is positive definite at the
 free surface and was never infinite on the way (Jacobi's condition). docs/theory.md has the derivation.
 """
@@ -61,7 +61,7 @@ SHORT = 1e12
 
 
 class Curve(NamedTuple):
-    """Critical growth by degree: degree (K,) int64 rising; g (K,) float64, NaN where the degree stays stable."""
+    """Critical growth by degree: degree (K,) int64 rising; g (K,) float64, NaN where none was found."""
 
     degree: NDArray[np.int64]
     g: Array
@@ -168,7 +168,8 @@ def bifurcation(
     curve = Curve(np.array(sorted(found)), np.array([found[d] for d in sorted(found)]))
     if np.isnan(g_crit):
         nan, end = math.nan, growths[-1]
-        reason = f"the smooth sphere is stable up to g = {end:g}" + (", the last one found" if end < g_max else "")
+        reason = f"the smooth sphere is stable up to g = {end:g}"
+        reason += "; beyond it no smooth state was found" if end < g_max else ""
         return Bifurcation(nan, nan, nan, nan, curve, short_wave, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
@@ -233,17 +234,21 @@ def _refine(found: dict[int, float], look: Callable[..., float]) -> int:
 
 
 def _first_root(stiffness: Callable[[float], float], growths: list[float], near: float = math.nan) -> float:
-    """Least growth in a rising list's range at which a stiffness falls through zero; NaN if it stays positive.
+    """Least growth in a rising list's range at which a stiffness falls through zero.
 
-    From ``near`` the bracket is widened until it holds the root; without it the whole list is walked.
+    NaN if it stays positive, or if the smooth state can't be followed that far. From ``near`` the bracket is widened
+    until it holds the root; without it the whole list is walked.
     """
-    for width in (0.02, 0.1, 0.5) if math.isfinite(near) else ():
-        low, high = 1 + (near - 1) * (1 - width), min(1 + (near - 1) / (1 - width), growths[-1])
-        if stiffness(low) > 0 >= stiffness(high):
-            return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
-    for low, high in pairwise(growths):
-        if stiffness(high) <= 0:
-            return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+    try:
+        for width in (0.02, 0.1, 0.5) if math.isfinite(near) else ():
+            low, high = 1 + (near - 1) * (1 - width), min(1 + (near - 1) / (1 - width), growths[-1])
+            if stiffness(low) > 0 >= stiffness(high):
+                return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+        for low, high in pairwise(growths):
+            if stiffness(high) <= 0:
+                return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+    except ConvergenceError:
+        pass
     return math.nan
 
 
@@ -292,20 +297,21 @@ def _short_wave_stiffness(sphere: Sphere, g: float) -> float:
 def _half_space(fields: Array, mu: float, side: str) -> Array | None:
     """Z (2, 2) of a half-space in one state, waves of unit number; None where it has lost its ellipticity."""
     M = np.empty((4, 4))
-    _coefficients(M, SHORT, mu, np.append(fields[:RADIUS], [1.0, 1.0]))
+    _coefficients(M, SHORT, 1.0, np.array([fields[LAMBDA_R], fields[LAMBDA_T], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0]))
     M[:2, :2] /= SHORT
     M[2:, 2:] /= SHORT
     M[2:, :2] /= SHORT**2
     _, basis, dying = schur(M, sort=side)
     if dying != 2:
         return None
-    Z = basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
-    return (Z + Z.T) / 2
+    Z = mu * basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
+    # the work of a uniform pressure is one of the boundary: kept out of M, where it would drown the rest
+    return (Z + Z.T) / 2 - fields[PRESSURE] * np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
 @njit(cache=True)
 def _coefficients(M, n, mu, fields):
-    """Fill M (4, 4) of d(U, v, P, Q)/d ln R = M (U, v, P, Q) at one radius; n = sqrt(l (l + 1)).
+    """Fill M (4, 4) of d(U, v, P, Q)/dy = M (U, v, P, Q) at one point of a smooth state; n = sqrt(l (l + 1)).
 
     v = n V; P and Q are r times the moments conjugate to U and v. E = 1/2 int L ds, s = ln r, with S = 2U - n v,
     D = dU/ds + S and a dot for d/ds::
