@@ -334,7 +334,7 @@ def test_thick_cortex_wrinkles_on_its_interface_where_the_surface_never_can():
         ({"T_over_C": 0.6}, "hole and cortex must leave a core between them.*got A/C = 0.5, T/C = 0.6"),
         ({"T_over_C": -0.1}, "hole and cortex"),
         ({"T_over_C": 0.04, "A_over_C": 0.0}, "hole and cortex"),
-        ({"T_over_C": 0.04, "mu_ratio": 0.0}, "mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4"),
+        ({"T_over_C": 0.04, "mu_ratio": 0.0}, "mu_ratio, shear modulus of cortex over core, must lie between 1e-4"),
         ({"T_over_C": 0.04, "kappa_ratio": 0.1}, "kappa_ratio, bulk over shear modulus, must be at least 1"),
         ({"T_over_C": 0.04, "law": "radial"}, "growth law must be one of"),
         ({"T_over_C": 0.04, "g_max": 1.0}, "g_max is the growth up to which to look"),

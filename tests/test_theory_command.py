@@ -258,3 +258,15 @@ def test_reproduce_leaves_a_folder_of_someone_else_alone(here, capsys):
     (here / "reproduce" / "thesis.txt").write_text("mine")
     assert "thesis.txt" in refused(capsys, "reproduce", "fig4")
     assert [p.name for p in (here / "reproduce").iterdir()] == ["thesis.txt"]
+
+
+def test_check_prints_the_same_growth_by_finite_elements(capsys):
+    words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
+    assert main(words) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    for row in rows:
+        if row["degree"] is None:                       # shortest waves first: no mesh resolves them
+            assert row["g_elements"] is None
+        else:
+            assert row["g_elements"] == pytest.approx(row["g_crit"], rel=1e-8)
+    assert {row["degree"] is None for row in rows} == {True, False}

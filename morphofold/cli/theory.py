@@ -88,6 +88,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
                              help="shear modulus, cortex over core (default: 1 2 4)")  # fmt: skip
     bifurcation.add_argument("--kappa-ratio", type=float, default=float("inf"), metavar="K",
                              help="bulk over shear modulus (default: inf, incompressible)")  # fmt: skip
+    bifurcation.add_argument("--check", action="store_true", help="find each g_crit again, by finite elements")
     bifurcation.add_argument("--curve", action="store_true", help="critical growth by degree, not the least alone")
     _add_common(bifurcation, "both")
 
@@ -216,11 +217,11 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     args.thickness = _numbers(args.thickness, "--thickness")
     args.mu_ratio = _numbers(args.mu_ratio, "--mu-ratio")
     laws = _laws(args.law)
-    short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18
+    short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
         cases = theory_tables.bifurcation_cases(
             args.thickness, args.radius, args.mu_ratio, laws,
-            kappa_ratio=args.kappa_ratio, A_over_C=args.hole_ratio, progress=tell,
+            kappa_ratio=args.kappa_ratio, A_over_C=args.hole_ratio, check=args.check, progress=tell,
         )  # fmt: skip
     named = (LAW, THICKNESS, Column("T_over_C", "T/C", ".4f"), MU)
     if args.curve:
@@ -235,8 +236,9 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         "Over the undeformed T: wavelength on the undeformed and on the grown sphere, and the amplitude at which the\n"
         "troughs of these wrinkles crease (creasing, an estimate)."
     )
+    elements = (Column("g_elements", "by elements", ".9f"),) if args.check else ()
     columns = (
-        *named, Column("g_crit", "g_crit", ".5f"), Column("degree", "l", ".0f"),
+        *named, Column("g_crit", "g_crit", ".9f" if args.check else ".5f"), *elements, Column("degree", "l", ".0f"),
         Column("wavelength_over_T", "wavelength/T", ".3f"), Column("wavelength_deformed_over_T", "grown", ".3f"),
         Column("creasing_amplitude_over_T", "creasing", ".3f"), Column("g_crease", "g crease", ".5f"),
         Column("first", "first"), REASON,

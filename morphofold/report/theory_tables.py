@@ -32,6 +32,8 @@ class Case:
         Of :func:`morphofold.sim.theory.bifurcation`.
     g_crease : float
         Growth at the crease criterion, Eqs. (12) and (13), of the incompressible sphere; NaN if no crease forms.
+    g_elements : float, optional
+        g_crit of the same mode by finite elements (:mod:`morphofold.sim.statics`), if asked for; NaN for none.
     """
 
     thickness: float
@@ -40,6 +42,7 @@ class Case:
     law: str
     bifurcation: theory.Bifurcation
     g_crease: float
+    g_elements: float | None = None
 
     @property
     def first(self) -> str | None:
@@ -64,7 +67,7 @@ class Case:
             "wavelength_over_T": b.wavelength / T, "wavelength_deformed_over_T": b.wavelength_deformed / T,
             "creasing_amplitude_over_T": b.creasing_amplitude / T,
             "g_crease": self.g_crease, "first": self.first, "reason": "; ".join(reasons) or None,
-        }  # fmt: skip
+        } | ({} if self.g_elements is None else {"g_elements": self.g_elements})  # fmt: skip
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was looked at; NaN, with the reason, where it stays stable."""
@@ -178,9 +181,13 @@ def bifurcation_cases(
     *,
     kappa_ratio: float = np.inf,
     A_over_C: float = 0.5,
+    check: bool = False,
     progress: Any = None,
 ) -> list[Case]:
-    """Wrinkles and creases of every law, shear modulus ratio and thickness; ``progress(share, text)`` after each."""
+    """Wrinkles and creases of every law, shear modulus ratio and thickness; ``progress(share, text)`` after each.
+
+    ``check`` finds every g_crit a second time, by finite elements.
+    """
     wanted = [(law, mu, T) for law in laws for mu in mu_ratios for T in thicknesses]
     for _, _, thickness in wanted:
         outer_ratio(thickness, radius, A_over_C)                # before the first of them takes its time
@@ -188,10 +195,20 @@ def bifurcation_cases(
     for law, mu_ratio, thickness in wanted:
         found = theory.bifurcation(thickness / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
         crease = float(theory.critical_growth(outer_ratio(thickness, radius), law))
-        cases.append(Case(thickness, radius, mu_ratio, law, found, crease))
+        again = _by_elements(found, thickness / radius, mu_ratio, law, kappa_ratio, A_over_C) if check else None
+        cases.append(Case(thickness, radius, mu_ratio, law, found, crease, again))
         if progress is not None:
             progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {thickness:g}")
     return cases
+
+
+def _by_elements(found: theory.Bifurcation, T_over_C: float, *sphere: Any) -> float:
+    from morphofold.sim.statics import critical_growth_of_mode
+
+    *rest, A_over_C = sphere
+    if not np.isfinite(found.mode):
+        return np.nan                                               # no mode, or none that a mesh can resolve
+    return critical_growth_of_mode(int(found.mode), T_over_C, *rest, A_over_C=A_over_C, g_max=10.0)
 
 
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
