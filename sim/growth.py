@@ -8,6 +8,18 @@ from numpy.typing import NDArray
 LAWS = ("isotropic", "tangential")
 
 
+def check_law(law: str) -> None:
+    """Raise ``ValueError`` for what is no growth law."""
+    if law not in LAWS:
+        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+
+
+def volume(g: NDArray[np.float64], law: str) -> NDArray[np.float64]:
+    """det G: g^3 under isotropic, g^2 under tangential growth."""
+    check_law(law)
+    return g**3 if law == "isotropic" else g**2
+
+
 def growth_tensor(g: NDArray[np.float64] | float, radial: NDArray[np.float64], law: str) -> NDArray[np.float64]:
     """Growth tensor G of F = A G (Razavi et al. 2015, Eq. 1).
 
@@ -29,8 +41,7 @@ def growth_tensor(g: NDArray[np.float64] | float, radial: NDArray[np.float64], l
     ValueError
         For another law.
     """
-    if law not in LAWS:
-        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+    check_law(law)
     g = np.asarray(g, dtype=np.float64)[..., None, None]
     if law == "isotropic":
         return g * np.broadcast_to(np.eye(3), radial.shape + (3,))

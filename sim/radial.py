@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from morphofold.sim.growth import LAWS
+from morphofold.sim.growth import check_law
 
 Array = NDArray[np.float64]
 
@@ -56,15 +56,15 @@ class Sphere:
     Attributes
     ----------
     T_over_C : float
-        Thickness of the cortex over the outer radius.
+        Thickness of the cortex over the outer radius, at least 1e-6.
     mu_ratio : float
         Shear modulus of the cortex over the core's, 1e-4 to 1e4.
     law : {"isotropic", "tangential"}
         Growth of the cortex.
     kappa_ratio : float
-        Bulk over shear modulus, the same in both layers, at least 1; inf is incompressible.
+        Bulk over shear modulus, the same in both layers, 1 to 1e8; inf is incompressible.
     A_over_C : float
-        Radius of the fixed hole over the outer radius.
+        Radius of the fixed hole over the outer radius, at least 0.001.
 
     Raises
     ------
@@ -79,20 +79,19 @@ class Sphere:
     A_over_C: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.law not in LAWS:
-            raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {self.law!r}.")
+        check_law(self.law)
         if not 1e-4 <= self.mu_ratio <= 1e4:            # beyond, rounding in the stiff layer hides the soft one
             raise ValueError(
                 f"mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got {self.mu_ratio}."
             )
-        if not self.kappa_ratio >= 1:
+        if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):        # and kappa (J - 1) in J - 1
             raise ValueError(
-                f"kappa_ratio, bulk over shear modulus, must be at least 1, or inf for incompressible, "
+                f"kappa_ratio, bulk over shear modulus, must lie between 1 and 1e8, or be inf for incompressible, "
                 f"got {self.kappa_ratio}."
             )
-        if not (self.A_over_C > 0 and self.T_over_C > 0 and self.A_over_C + self.T_over_C < 1):
+        if not (self.A_over_C >= 1e-3 and self.T_over_C >= 1e-6 and self.A_over_C + self.T_over_C < 1):
             raise ValueError(
-                f"hole and cortex must leave a core between them: need A/C > 0, T/C > 0 and A/C + T/C < 1, "
+                f"hole and cortex must leave a core between them: need A/C >= 0.001, T/C >= 1e-6 and A/C + T/C < 1, "
                 f"got A/C = {self.A_over_C:g}, T/C = {self.T_over_C:g}."
             )
 
@@ -135,12 +134,18 @@ def smooth_state(sphere: Sphere, g: float) -> State:
     R = np.cbrt(sphere.B**3 + (r**3 - sphere.B**3) / (radial * tangential**2))
     lambda_t = r / (R * tangential)
     if np.isfinite(sphere.kappa_ratio):
-        return State(y, _nearly_incompressible(sphere, g, y, R, r))
+        return _state(y, _nearly_incompressible(sphere, g, y, R, r))
     lambda_r = lambda_t**-2
     f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
     sigma_r = np.stack([np.full(POINTS, f[0] - f[-1]), f - f[-1]])
     shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
-    return State(y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1))
+    return _state(y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1))
+
+
+def _state(y: Array, fields: Array) -> State:
+    """A state that callers of the cached function share, and so can't write to."""
+    y.flags.writeable = fields.flags.writeable = False
+    return State(y, fields)
 
 
 def deformed(sphere: Sphere, g: float, R: Array) -> Array:
@@ -179,8 +184,9 @@ def _nearly_incompressible(sphere: Sphere, g: float, y: Array, R: Array, r: Arra
     for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):      # straight from the incompressible state, or step by step
         found: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
-            found = found and _newton(D, *found, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
-        if found:
+            if found is not None:
+                found = _newton(D, *found, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
+        if found is not None:
             q, w = found
             a, b = w / radial, q / tangential
             J = a * b * b
@@ -201,7 +207,7 @@ def _newton(
     n, det = q.shape[1], radial * tangential**2
     mu = moduli[:, None]
     kappa = kappa_ratio * mu
-    hole, joined, pushed, free = rows = [0, 2 * n, 2 * n - 1, 4 * n - 1]    # equations that boundary conditions replace
+    hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1        # equations that boundary conditions replace
     for _ in range(15):
         a, b = w / radial, q / tangential
         J = a * b * b
@@ -221,19 +227,19 @@ def _newton(
             lhs[q_k, q_k], lhs[q_k, w_k] = D[k] + np.eye(n), -np.eye(n)
             lhs[w_k, q_k] = D[k] * P_q[k] + 2 * np.diag(P_q[k] - P_tq[k])
             lhs[w_k, w_k] = D[k] * P_w[k] + 2 * np.diag(P_w[k] - P_q[k] / 2)
-        lhs[rows] = 0
+        lhs[[hole, joined, pushed, free]] = 0
         lhs[hole, 0] = 1
         lhs[joined, [n - 1, 2 * n]] = -1, 1
         lhs[pushed, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
         lhs[free, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
-        rhs.flat[rows] = q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1]
+        rhs.flat[[hole, joined, pushed, free]] = q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1]
         try:
             step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
         except np.linalg.LinAlgError:
             return None
         part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))          # a stretch halves at most
         q, w = q - part * step_q, w - part * step_w
-        if part == 1 and max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
+        if max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
             return q, w
     return None
 

@@ -4,7 +4,8 @@ The smooth state (radial.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_l
 matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
 linear ones of first order, for U, V and their tractions. Two solutions are marched outwards from the fixed hole. With Z
 the ratio of traction to displacement, the sphere is stable against degree l as long as Z is positive definite at the
-free surface and was never infinite on the way (Jacobi's condition). docs/theory.md has the derivation.
+free surface and was never infinite on the way (Jacobi's condition). Modes that live on the interface are seen better
+there, where a second pair comes in from the free surface. docs/theory.md has the derivation.
 """
 
 from __future__ import annotations
@@ -84,10 +85,13 @@ class Bifurcation:
     short_wave : float
         Limit of the curve for l -> inf: waves much shorter than the cortex is thick, on its surface (Biot) or
         on the interface, whichever come first. NaN if none below g_max.
+    g_crease : float
+        Growth at which the smooth surface meets the crease criterion, lambda_r/lambda_theta = 2.4 (Eq. 7); Eqs. (12)
+        and (13) if incompressible. NaN if it doesn't up to g_max.
     creasing_amplitude : float
-        Amplitude of the critical mode at which its troughs meet the crease criterion of Eq. (7), while g is g_crit:
-        an estimate, with the linear mode at finite amplitude and in rolls. 0 if the smooth surface meets the
-        criterion already, NaN for a mode of vanishing wavelength on the interface, or none.
+        Amplitude of the critical mode at which its troughs meet the crease criterion, while g is g_crit: an estimate,
+        with the linear mode at finite amplitude and in rolls; beyond the thickness of the cortex it only says
+        "not soon". 0 if the smooth surface meets the criterion already, NaN for a mode that lives on the interface.
     reason : str
         Empty, or why there is no g_crit.
     """
@@ -98,13 +102,16 @@ class Bifurcation:
     wavelength_deformed: float
     curve: Curve
     short_wave: float
+    g_crease: float
     creasing_amplitude: float
     reason: str = ""
 
     @property
-    def wrinkles_first(self) -> bool:
-        """Whether the smooth surface wrinkles before it meets the crease criterion; False if it does neither."""
-        return not math.isnan(self.g_crit) and self.creasing_amplitude != 0
+    def first(self) -> str:
+        """What needs less growth, "wrinkle" or "crease"; empty if neither comes."""
+        if math.isnan(self.g_crit):
+            return "" if math.isnan(self.g_crease) else "crease"
+        return "crease" if self.g_crease < self.g_crit else "wrinkle"
 
 
 def bifurcation(
@@ -154,27 +161,21 @@ def bifurcation(
     sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
     growths = _smooth_growths(sphere, g_max)
     short_wave = _first_root(partial(_short_wave_stiffness, sphere), growths)
-    look = partial(_critical_growth, sphere, growths=growths)
-    found: dict[int, float] = {}
-    near = np.nan
-    for degree in np.unique(np.geomspace(1, math.ceil(12 / T_over_C), 32).round().astype(int)):
-        near = found[int(degree)] = look(int(degree), near=near)
-    # the curve ends on its limit; while it is still falling below that, its minimum lies further on
-    while _lowest(found) == max(found) and found[max(found)] < short_wave:
-        found[math.ceil(1.3 * max(found))] = look(math.ceil(1.3 * max(found)), near=found[max(found)])
-    lowest = _refine(found, look)
-    mode = float(lowest) if found[lowest] < short_wave or np.isnan(short_wave) else np.inf
-    g_crit = short_wave if np.isinf(mode) else found[lowest]
-    curve = Curve(np.array(sorted(found)), np.array([found[d] for d in sorted(found)]))
-    if np.isnan(g_crit):
+    g_crease = _first_root(partial(_short_of_crease, sphere), growths)
+    curve = _search(partial(_critical_growth, sphere, growths), short_wave, math.ceil(12 / T_over_C))
+    g_crit, mode = short_wave, math.inf
+    if not (np.isnan(curve.g).all() or short_wave <= np.nanmin(curve.g)):
+        at = int(np.nanargmin(curve.g))
+        g_crit, mode = float(curve.g[at]), float(curve.degree[at])
+    if math.isnan(g_crit):
         nan, end = math.nan, growths[-1]
         reason = f"the smooth sphere is stable up to g = {end:g}"
-        reason += "; beyond it no smooth state was found" if end < g_max else ""
-        return Bifurcation(nan, nan, nan, nan, curve, short_wave, nan, reason)
+        reason += "; beyond that its state could not be solved for" if end < g_max else ""
+        return Bifurcation(nan, nan, nan, nan, curve, short_wave, g_crease, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
     amplitude = _creasing_amplitude(sphere, mode, g_crit)
-    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, amplitude)
+    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, g_crease, amplitude)
 
 
 def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) -> float:
@@ -195,11 +196,11 @@ def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) 
     """
     if degree < 1:
         raise ValueError(f"the degree of a spherical harmonic that changes the shape is at least 1, got {degree}.")
-    return _critical_growth(sphere, degree, _smooth_growths(sphere, g_max))
+    return _critical_growth(sphere, _smooth_growths(sphere, g_max), degree)
 
 
-def _critical_growth(sphere: Sphere, degree: int, growths: list[float], near: float = math.nan) -> float:
-    return _first_root(partial(_surface_stiffness, sphere, degree), growths, near)
+def _critical_growth(sphere: Sphere, growths: list[float], degree: int, near: float = math.nan) -> float:
+    return _first_root(partial(_stiffness, sphere, degree), growths, near)
 
 
 def _smooth_growths(sphere: Sphere, g_max: float) -> list[float]:
@@ -216,21 +217,42 @@ def _smooth_growths(sphere: Sphere, g_max: float) -> list[float]:
     return growths
 
 
-def _lowest(found: dict[int, float]) -> int:
-    """Degree of least growth."""
-    return min(found, key=lambda degree: (math.isnan(found[degree]), found[degree], degree))
+def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
+    """Critical growth of degrees from 1 on, about 25 % apart, and of all those next to the lowest.
 
+    It goes on beyond ``last`` while the curve still falls and hasn't settled to its limit, as limit + a/l: thick
+    soft cortices have their minimum there.
+    """
+    found: dict[int, float] = {}
 
-def _refine(found: dict[int, float], look: Callable[..., float]) -> int:
-    """Degree of least growth, looked for between the degrees found until its neighbours are next to it."""
-    while True:
-        lowest, degrees = _lowest(found), sorted(found)
+    def add(degree: int, near: float) -> float:
+        if degree not in found:
+            found[degree] = look(degree, near)
+        return found[degree]
+
+    near = math.nan
+    for degree in np.unique(np.geomspace(1, last, 32).round().astype(int)).tolist():
+        near = add(degree, near)
+    for _ in range(24):
+        (d, g), (e, h) = ((degree, found[degree]) for degree in sorted(found)[-2:])
+        if not (h < g and (math.isnan(limit) or e * (h - limit) < 0.97 * d * (g - limit))):
+            break
+        add(math.ceil(1.25 * e), h)
+    while not all(map(math.isnan, found.values())):
+        lowest, degrees = min((g, degree) for degree, g in found.items() if not math.isnan(g))[1], sorted(found)
         at = degrees.index(lowest)
-        between = {(lowest + d) // 2 for d in degrees[max(at - 1, 0) : at + 2]} - found.keys()
-        if not between or math.isnan(found[lowest]):
-            return lowest
+        between = {(lowest + degree) // 2 for degree in degrees[max(at - 1, 0) : at + 2]} - found.keys()
+        if not between:
+            break
         for degree in sorted(between):
-            found[degree] = look(degree, near=found[lowest])
+            add(degree, found[lowest])
+    return Curve(np.array(sorted(found)), np.array([found[degree] for degree in sorted(found)]))
+
+
+def _short_of_crease(sphere: Sphere, g: float) -> float:
+    """What lambda_r/lambda_theta of the smooth outer surface lacks of the crease criterion."""
+    fields = smooth_state(sphere, g).fields
+    return CREASE - float(fields[1, LAMBDA_R, -1] / fields[1, LAMBDA_T, -1])
 
 
 def _first_root(stiffness: Callable[[float], float], growths: list[float], near: float = math.nan) -> float:
@@ -252,13 +274,29 @@ def _first_root(stiffness: Callable[[float], float], growths: list[float], near:
     return math.nan
 
 
-def _surface_stiffness(sphere: Sphere, degree: int, g: float) -> float:
-    """Least eigenvalue of Z at the free surface, bent into (-1, 1) by atan; -2 if the sphere was unstable before."""
+def _stiffness(sphere: Sphere, degree: int, g: float) -> float:
+    """Least eigenvalue of Z at the free surface and of its jump at the interface, bent into (-1, 1) by atan.
+
+    Both are positive as long as the sphere is stable and vanish at the same growth. The one near which the mode lives
+    gets there gradually, the other at the last moment: the smaller of the two is fit for a root finder. -2 where
+    only the infinities on the way tell that the sphere is unstable.
+    """
     if g <= 1:
         return 1.0
+    surface, interface, poles = _impedances(sphere, degree, g)
+    lowest = 2 / math.pi * math.atan(min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(interface)[0]))
+    return -2.0 if poles and lowest > 0 else lowest
+
+
+def _impedances(sphere: Sphere, degree: float, g: float) -> tuple[Array, Array, int]:
+    """Z (2, 2) at the free surface, its jump at the interface, and how often it was infinite on the way to either."""
     y, fields = smooth_state(sphere, g)
-    Z, poles = _march(float(degree), y, fields, sphere.mu)
-    return -2.0 if poles else 2 / math.pi * math.atan(np.linalg.eigvalsh(Z)[0])
+    free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
+    start = max(y[0, 0], y[0, -1] - DEPTH / degree)
+    below, poles_core = _march(fixed, degree, start, y[0, -1], y[0], fields[0], sphere.mu[0])
+    surface, poles_out = _march(fixed, degree, y[1, 0], y[1, -1], y[1], fields[1], sphere.mu[1])
+    above, poles_in = _march(free, degree, y[1, -1], y[1, 0], y[1], fields[1], sphere.mu[1])
+    return surface, below - above, poles_core + poles_out + poles_in
 
 
 def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
@@ -266,15 +304,15 @@ def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
 
     Along a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
     """
-    y, fields = smooth_state(sphere, g)
-    lr, lt, r = fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
+    lr, lt, r = smooth_state(sphere, g).fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
     if lr / lt >= CREASE:
         return 0.0
-    if math.isinf(degree):                      # on the interface: the surface doesn't feel it
+    if math.isinf(degree):
         return math.nan
-    Z, _ = _march(degree, y, fields, sphere.mu)
-    U, v = np.linalg.eigh(Z)[1][:, 0]
-    across = (1 - math.sqrt(degree * (degree + 1)) * v / U) / r
+    stiffness, modes = np.linalg.eigh(_impedances(sphere, degree, g)[0])
+    if abs(stiffness[0]) > 1e-3 * stiffness[1]:             # lives on the interface and doesn't reach the surface
+        return math.nan
+    across = (1 - math.sqrt(degree * (degree + 1)) * modes[1, 0] / modes[0, 0]) / r
     return float(
         brentq(lambda a: (1 - a * across) ** 2 * (1 - a / r) - lr / lt / CREASE, 0, 1 / max(across, 1 / r), xtol=1e-13)
     )
@@ -285,13 +323,11 @@ def _short_wave_stiffness(sphere: Sphere, g: float) -> float:
     if g <= 1:
         return 1.0
     fields = smooth_state(sphere, g).fields
-    inside, above, outside = fields[0, :, -1], fields[1, :, 0], fields[1, :, -1]
-    surface = _half_space(outside, sphere.mu_ratio, "rhp")
-    below, over = _half_space(inside, 1.0, "rhp"), _half_space(above, sphere.mu_ratio, "lhp")
-    if surface is None or below is None or over is None:
+    surface = _half_space(fields[1, :, -1], sphere.mu[1], "rhp")
+    below, above = _half_space(fields[0, :, -1], sphere.mu[0], "rhp"), _half_space(fields[1, :, 0], sphere.mu[1], "lhp")
+    if surface is None or below is None or above is None:
         return -2.0
-    lowest = min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(below - over)[0])
-    return 2 / math.pi * math.atan(lowest)
+    return 2 / math.pi * math.atan(min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(below - above)[0]))
 
 
 def _half_space(fields: Array, mu: float, side: str) -> Array | None:
@@ -313,8 +349,8 @@ def _half_space(fields: Array, mu: float, side: str) -> Array | None:
 def _coefficients(M, n, mu, fields):
     """Fill M (4, 4) of d(U, v, P, Q)/dy = M (U, v, P, Q) at one point of a smooth state; n = sqrt(l (l + 1)).
 
-    v = n V; P and Q are r times the moments conjugate to U and v. E = 1/2 int L ds, s = ln r, with S = 2U - n v,
-    D = dU/ds + S and a dot for d/ds::
+    v = n V; P and Q are the momenta of U and v, r^2 times the tractions. E = 1/2 int L ds, s = ln r, with
+    S = 2U - n v, D = dU/ds + S and a dot for d/ds::
 
         L = r [al U.^2 + 2 be U. S + ga S^2 + bulk D^2 + de ((n^2 - 1) v^2 + 2 U^2 - 2 n U v)
                + b_rt v.^2 + b_tr (n U - v)^2 + 2 c v. (n U - v)]
@@ -352,7 +388,7 @@ def _coefficients(M, n, mu, fields):
 
 @njit(cache=True)
 def _interpolate(x, nodes, table, fields):
-    """Fields (5,) at x from a table (5, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
+    """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
     last = len(nodes) - 1
     total, sign = 0.0, 1.0
     fields[:] = 0.0
@@ -372,40 +408,38 @@ def _interpolate(x, nodes, table, fields):
 
 
 @njit(cache=True)
-def _march(degree, y, table, mu):
-    """Z (2, 2) of (U, v) at the free surface over n, in core shear moduli; and how often it was infinite before."""
+def _march(Y, degree, start, end, nodes, table, mu):
+    """Carry two solutions Y (4, 2) of (U, v, P, Q) from one end of a layer to the other.
+
+    Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and how often it was infinite on the way.
+    """
     n = math.sqrt(degree * (degree + 1.0))
-    Y = np.zeros((4, 2))                        # two solutions (U, v, P, Q), fixed at the hole
-    Y[2, 0] = Y[3, 1] = 1.0
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
-    poles, before = 0, 0.0
-    for layer in range(2):
-        start = y[layer, 0] if layer else max(y[0, 0], y[0, -1] - DEPTH / degree)
-        length = y[layer, -1] - start
-        steps = max(LEAST_STEPS, math.ceil(length * n * max(1.0, table[layer, RATE].max()) / STEP))
-        h = length / steps
-        for step in range(steps):
-            for i in range(3):
-                _interpolate(start + (step + NODES[i]) * h, y[layer], table[layer], fields)
-                _coefficients(M[i], n, mu[layer], fields)
-            for i in range(3):
-                for j in range(3):
-                    lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * STAGES[i, j] * M[i]
-                for p in range(4):
-                    lhs[4 * i + p, 4 * i + p] += 1.0
-                rhs[4 * i : 4 * i + 4] = M[i] @ Y
-            slope = np.linalg.solve(lhs, rhs)
-            for i in range(3):
-                Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
-            # orthonormal columns span the same solutions; without it both turn into the faster one
-            Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
-            Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
-            Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())
-            now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
-            if now * before < 0.0:
-                poles += 1
-            before = now
+    steps = max(LEAST_STEPS, math.ceil(abs(end - start) * n * max(1.0, table[RATE].max()) / STEP))
+    h = (end - start) / steps
+    poles, before = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+    for step in range(steps):
+        for i in range(3):
+            _interpolate(start + (step + NODES[i]) * h, nodes, table, fields)
+            _coefficients(M[i], n, mu, fields)
+        for i in range(3):
+            for j in range(3):
+                lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * STAGES[i, j] * M[i]
+            for p in range(4):
+                lhs[4 * i + p, 4 * i + p] += 1.0
+            rhs[4 * i : 4 * i + 4] = M[i] @ Y
+        slope = np.linalg.solve(lhs, rhs)
+        for i in range(3):
+            Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
+        # orthonormal columns span the same solutions; without it both turn into the faster one
+        Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
+        Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
+        Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())
+        now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+        if now * before < 0.0:
+            poles += 1
+        before = now
     Z = np.empty((2, 2))
     Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
     Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before

@@ -100,7 +100,7 @@ def radial_equilibrium(
     A_over_C, g_core : float
         Radius of the hole over C; growth stretch of the core.
     elements : int, optional
-        Elements in each layer, graded; by default as many as keep the error of a mode near round-off.
+        Elements in each layer, graded; by default as many as keep the error in g of a degree below about 1e-8.
     order : int
         Degree of the displacement, 2 or more.
 
@@ -116,8 +116,8 @@ def radial_equilibrium(
     ConvergenceError
         If the path of equilibria from no growth could not be followed to g.
     """
-    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order)
     growth = (_positive("g", g), _positive("g_core", g_core))
+    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
     return sphere.state(sphere.grow(growth), growth, sphere.quadrature)
 
 
@@ -130,15 +130,15 @@ def unstable_modes(
     Parameters and errors are those of :func:`radial_equilibrium`. Counted are the functions of R; each comes with
     2 l + 1 harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
     """
-    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order)
     growth = (_positive("g", g), _positive("g_core", g_core))
+    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
     x = sphere.grow(growth)
     if toroidal:
         return int(np.sum(eigvalsh(sphere.toroidal(x, growth)) < 0))
     return int(np.sum(sphere.spheroidal(x, growth) < 0) - sphere.q.N)
 
 
-def critical_growth_of_mode(
+def critical_growth_of_degree(
     l: int, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
     A_over_C: float = 0.5, g_core: float = 1.0, g_max: float = 4.0, step: float = 0.05,
     elements: int | None = None, order: int = 8,
@@ -169,24 +169,16 @@ def critical_growth_of_mode(
     ConvergenceError
         If the radial path ends before g_max and before the instability.
     """
-    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order)
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
         raise ValueError(f"g_max must exceed 1 and step 0, got g_max = {g_max}, step = {step}.")
-    start = (1.0, _positive("g_core", g_core))
-    x = sphere.grow(start)
-
-    def softest(g: float) -> float:
-        return sphere.softest(sphere.grow((g, g_core), x, start), (g, g_core))    # x, start: the last stable step
-
-    if softest(1.0) <= 0:
-        raise ValueError(f"degree {l} is unstable at g = 1 already, by core growth of {g_core} alone.")
-    while start[0] < g_max:
-        end = (min(start[0] * (1 + step), g_max), g_core)
-        ahead = sphere.grow(end, x, start)
-        if sphere.softest(ahead, end) < 0:
-            return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
-        x, start = ahead, end
-    return float("nan")
+    g_core, graded = _positive("g_core", g_core), min(1.5, g_max)
+    while True:
+        sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
+        g = sphere.first_instability(g_core, g_max, step)
+        need = g_max if np.isnan(g) else g
+        if need <= 1.2 * graded:
+            return g
+        graded = need                                   # once more, on a mesh for the state that it met
 
 
 @dataclass(frozen=True)
@@ -203,17 +195,19 @@ class _Points:
 class _Sphere:
     """Mesh, shape functions and moduli of one sphere, and what is assembled on them.
 
-    The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures.
+    The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures. The mesh is
+    graded for growth g, at which a mode of degree l is to be resolved.
     """
 
     def __init__(self, T: float, mu_ratio: float, law: str, kappa_ratio: float, A: float, l: int,
-                 elements: int | None, order: int):  # fmt: skip
+                 elements: int | None, order: int, g: float):  # fmt: skip
         Sphere(T, mu_ratio, law, kappa_ratio, A)        # refuses what is none
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise ValueError(f"{name} must be a whole number of at least {least}, got {value}.")
         self.law, self.order, self.n = law, order, l * (l + 1)
-        self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements)}
+        swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
+        self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements, swelling)}
         self.mesh = MeshLine(np.concatenate([self.edges["core"], self.edges["cortex"][1:]]))
         self.cortex = np.arange(self.mesh.nelements) >= len(self.edges["core"]) - 1
         self.mu = np.where(self.cortex, mu_ratio, 1.0)
@@ -282,6 +276,24 @@ class _Sphere:
                     message = f"no radial equilibrium found beyond g = {g:.6g}, g_core = {g_core:.6g}: {error}."
                     raise ConvergenceError(message) from None
         return x
+
+    def first_instability(self, g_core: float, g_max: float, step: float) -> float:
+        """Least growth at which a mode is lost, followed from none in steps; NaN if none is."""
+        start = (1.0, g_core)
+        x = self.grow(start)
+
+        def softest(g: float) -> float:
+            return self.softest(self.grow((g, g_core), x, start), (g, g_core))    # x, start: the last stable step
+
+        if softest(1.0) <= 0:
+            raise ValueError(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
+        while start[0] < g_max:
+            end = (min(start[0] * (1 + step), g_max), g_core)
+            ahead = self.grow(end, x, start)
+            if self.softest(ahead, end) < 0:
+                return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
+            x, start = ahead, end
+        return float("nan")
 
     def newton(self, x: Array, growth: Growth) -> Array:
         free = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
@@ -442,17 +454,19 @@ def _assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) ->
     return M
 
 
-def _edges(inner: float, outer: float, l: int, elements: int | None) -> Array:
+def _edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
     """Edges of the elements of a layer, finest at the interface and the surface.
 
-    A mode of degree l decays within C/l or faster from where it lives, and as a power of R. The edges
-    therefore divide the integral of 1/(1/l + distance) + 1/R evenly; the distance is from R = B and R = C.
+    A mode of degree l decays within r/l or faster from where it lives, and as a power of the deformed radius r. The
+    edges therefore divide the integral of 1/(1/l + distance) + 1/r evenly; the distance is from the interface and
+    the outer surface. r is that of a layer whose volume grew by ``swelling`` and whose inner radius stayed.
     """
-    R = np.linspace(inner, outer, 4001)
-    ends = (outer,) if outer < 1 else (inner, outer)
-    total = np.log(R / inner)
+    R = np.linspace(inner**3, outer**3, 40001) ** (1 / 3)
+    r = np.cbrt(inner**3 + swelling * (R**3 - inner**3))
+    ends = (r[-1],) if outer < 1 else (r[0], r[-1])
+    total = np.log(r / inner)
     for end in ends:
-        total += np.sign(R - end) * np.log1p(l * np.abs(R - end))
+        total += np.sign(r - end) * np.log1p(l * np.abs(r - end))
     total -= total[0]
     number = 1 + int(np.ceil(1.5 * total[-1])) if elements is None else elements
     edges = np.interp(np.linspace(0, total[-1], number + 1), total, R)

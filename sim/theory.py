@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.sim.growth import LAWS
+from morphofold.sim.growth import check_law, volume
 from morphofold.sim.radial import stress_primitive
 from morphofold.sim.stability import CREASE, Bifurcation, bifurcation
 
@@ -60,8 +60,7 @@ def deformed_radius(
     g_core : (...) float
         Growth stretch of the core, isotropic under both laws; g_c of Eq. (9).
     A_bar : (...) float, optional
-        Radius A/B of the fixed hole; half of C_bar if None, as in the paper. It matters if the core grows, or for
-        radii inside the core.
+        Radius A/B of the fixed hole; half of C_bar if None, as in the paper. It matters only if the core grows.
 
     Returns
     -------
@@ -85,12 +84,12 @@ def deformed_radius(
     system": that holds with the volumes of the cortex alone, since the core keeps its own.
     """
     growth, outer, core = _growth(g, "g"), _outer(C_bar), _growth(g_core, "g_core")
-    hole = _hole(A_bar, outer)
+    hole = _hole(A_bar, outer, core)
     R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
     if not np.all((R >= hole) & (R <= outer)):
         raise ValueError(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
     in_core = hole**3 + core**3 * (np.minimum(R, 1) ** 3 - hole**3)
-    return np.cbrt(in_core + _volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
+    return np.cbrt(in_core + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
 
 
 def stresses(
@@ -226,8 +225,8 @@ def critical_growth(
     outer, core = _outer(C_bar), _growth(g_core, "g_core")
     if not ratio > 1:
         raise ValueError(f"ratio of radial to tangential stretch must be above 1, got {ratio:g}.")
-    b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer) ** 3)
-    _volume(outer, law)
+    b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer, core) ** 3)
+    check_law(law)
     if law == "isotropic":
         left = 1 - outer**3 * (1 - 1 / ratio)
         return np.cbrt(np.divide(b3, left, out=np.full(np.broadcast(b3, left).shape, np.nan), where=left > 0))
@@ -248,15 +247,8 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
     As g grows without bound, isotropic growth takes lambda_theta^3 at C to 1 - 1/C_bar^3, not to 0: the swollen
     outer cortex rests on swollen inner cortex. That has to stay above 1/ratio for no crease to form.
     """
-    _volume(np.ones(1), law)
+    check_law(law)
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
-
-
-def _volume(g: Array, law: str) -> Array:
-    """det(G)."""
-    if law not in LAWS:
-        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
-    return g**3 if law == "isotropic" else g**2
 
 
 def _growth(g: ArrayLike, name: str) -> Array:
@@ -273,7 +265,9 @@ def _outer(C_bar: ArrayLike) -> Array:
     return C_bar
 
 
-def _hole(A_bar: ArrayLike | None, outer: Array) -> Array:
+def _hole(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
+    if A_bar is None and np.any((outer >= 2) & (core != 1)):
+        raise ValueError(f"half of C_bar = {outer.max():g} is no radius inside the core: give A_bar, below 1.")
     hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
     if not np.all((hole >= 0) & (hole <= 1)):
         raise ValueError(f"A_bar is the hole's radius over the interface's, from 0 to 1, got {hole}.")

@@ -14,7 +14,7 @@ from morphofold.sim.growth import LAWS
 from morphofold.sim.material import energy
 from morphofold.sim.statics import (
     ConvergenceError,
-    critical_growth_of_mode,
+    critical_growth_of_degree,
     radial_equilibrium,
     unstable_modes,
 )
@@ -29,7 +29,7 @@ def observed_order(h, error):
 
 def sphere(law="isotropic", kappa_ratio=INF, l=3, *, g=(1.3, 1.1), mu_ratio=2.0, T=0.2, A=0.4, elements=2, order=3):
     """A coarse body, its radial equilibrium and its growth."""
-    body = statics._Sphere(T, mu_ratio, law, kappa_ratio, A, l, elements, order)
+    body = statics._Sphere(T, mu_ratio, law, kappa_ratio, A, l, elements, order, 1.0)
     return body, body.grow(g), g
 
 
@@ -238,8 +238,8 @@ def test_state_at_its_own_quadrature_points_is_the_same():
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_critical_growth_converges_at_twice_the_order_of_the_elements(order):
     elements = np.array([6, 8, 12])
-    exact = critical_growth_of_mode(30, 0.04, elements=10, order=9)
-    error = [abs(critical_growth_of_mode(30, 0.04, elements=n, order=order) - exact) for n in elements]
+    exact = critical_growth_of_degree(30, 0.04, elements=10, order=9)
+    error = [abs(critical_growth_of_degree(30, 0.04, elements=n, order=order) - exact) for n in elements]
     assert observed_order(1 / elements, error) == pytest.approx(2 * order, abs=0.1)
     assert error[-1] < 1e-5
 
@@ -247,19 +247,19 @@ def test_critical_growth_converges_at_twice_the_order_of_the_elements(order):
 @pytest.mark.parametrize("l", [5, 60, 1000])
 @pytest.mark.parametrize("law", LAWS)
 def test_critical_growth_does_not_depend_on_the_mesh(l, law):
-    got = critical_growth_of_mode(l, 0.04, 2.0, law)
-    assert got == pytest.approx(critical_growth_of_mode(l, 0.04, 2.0, law, order=10), rel=1e-9)
+    got = critical_growth_of_degree(l, 0.04, 2.0, law)
+    assert got == pytest.approx(critical_growth_of_degree(l, 0.04, 2.0, law, order=10), rel=1e-9)
 
 
 def test_number_of_unstable_modes_changes_at_the_critical_growth():
-    g = critical_growth_of_mode(20, 0.06, 2.0, kappa_ratio=20.0)
+    g = critical_growth_of_degree(20, 0.06, 2.0, kappa_ratio=20.0)
     assert unstable_modes(g * (1 - 1e-9), 20, 0.06, 2.0, kappa_ratio=20.0) == 0
     assert unstable_modes(g * (1 + 1e-9), 20, 0.06, 2.0, kappa_ratio=20.0) == 1
 
 
 def test_critical_growth_tends_to_the_incompressible_one():
-    kappa, limit = np.array([1e2, 1e3, 1e4]), critical_growth_of_mode(20, 0.04, 2.0)
-    error = [abs(critical_growth_of_mode(20, 0.04, 2.0, kappa_ratio=k) - limit) for k in kappa]
+    kappa, limit = np.array([1e2, 1e3, 1e4]), critical_growth_of_degree(20, 0.04, 2.0)
+    error = [abs(critical_growth_of_degree(20, 0.04, 2.0, kappa_ratio=k) - limit) for k in kappa]
     assert observed_order(1 / kappa, error) == pytest.approx(1.0, abs=0.05)
 
 
@@ -271,7 +271,7 @@ def test_surface_loses_stability_at_the_stretch_of_biot(law):
     biot = np.real(np.roots([1, -3, -1, -1])[0])
     excess = []
     for l, T_over_C in ((2000, 0.01), (4000, 0.005)):
-        g = critical_growth_of_mode(l, T_over_C, law=law, step=0.2)
+        g = critical_growth_of_degree(l, T_over_C, law=law, step=0.2)
         excess.append((g / radial_equilibrium(g, T_over_C, law=law).at(1.0, "cortex").r[0]) ** 3 - biot)
     assert 0 < excess[1] < 2.5e-3
     assert excess[0] == pytest.approx(2 * excess[1], rel=0.03)
@@ -281,21 +281,21 @@ def test_surface_loses_stability_at_the_stretch_of_biot(law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kappa_ratio", [5.0, INF])
 def test_toroidal_modes_stay_stable_until_the_spheroidal_ones_are_lost(law, kappa_ratio):
-    g = min(critical_growth_of_mode(l, 0.04, law=law, kappa_ratio=kappa_ratio) for l in (10, 20, 30, 40))
+    g = min(critical_growth_of_degree(l, 0.04, law=law, kappa_ratio=kappa_ratio) for l in (10, 20, 30, 40))
     degrees = (1, 2, 5, 20, 100)
     assert [unstable_modes(g, l, 0.04, law=law, kappa_ratio=kappa_ratio, toroidal=True) for l in degrees] == [0] * 5
 
 
 def test_growth_of_core_and_cortex_alike_by_a_common_factor_changes_only_the_hole():
     """With the hole far away, g and g_core in the same ratio give the same instability: growth has no scale."""
-    alone = critical_growth_of_mode(30, 0.02, A_over_C=0.05)
-    both = critical_growth_of_mode(30, 0.02, A_over_C=0.05, g_core=1.3, step=0.2) / 1.3
+    alone = critical_growth_of_degree(30, 0.02, A_over_C=0.05)
+    both = critical_growth_of_degree(30, 0.02, A_over_C=0.05, g_core=1.3, step=0.2) / 1.3
     assert both == pytest.approx(alone, rel=1e-3)
 
 
 def test_a_degree_that_stays_stable_gives_nan():
-    assert np.isnan(critical_growth_of_mode(1, 0.04, g_max=2.0))
-    assert np.isnan(critical_growth_of_mode(30, 0.04, g_max=1.3))
+    assert np.isnan(critical_growth_of_degree(1, 0.04, g_max=2.0))
+    assert np.isnan(critical_growth_of_degree(30, 0.04, g_max=1.3))
 
 
 # refusals
@@ -310,7 +310,7 @@ def test_a_degree_that_stays_stable_gives_nan():
         ({"T_over_C": 0.5}, "must leave a core between them.*got A/C = 0.5, T/C = 0.5"),
         ({"A_over_C": 0.0}, "must leave a core between them.*got A/C = 0, T/C = 0.04"),
         ({"mu_ratio": INF}, "mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got inf"),
-        ({"kappa_ratio": 0.0}, "kappa_ratio, bulk over shear modulus, must be at least 1, .* got 0.0"),
+        ({"kappa_ratio": 0.0}, "kappa_ratio, bulk over shear modulus, must lie between 1 and 1e8, .* got 0.0"),
         ({"law": "radial"}, "growth law must be one of isotropic, tangential, got 'radial'"),
         ({"order": 1}, "order must be a whole number of at least 2, got 1"),
         ({"elements": 0}, "elements must be a whole number of at least 1, got 0"),
@@ -332,12 +332,12 @@ def test_points_outside_of_a_layer_are_refused():
 
 def test_a_search_without_room_is_refused():
     with pytest.raises(ValueError, match="g_max must exceed 1 and step 0"):
-        critical_growth_of_mode(5, 0.04, g_max=1.0)
+        critical_growth_of_degree(5, 0.04, g_max=1.0)
 
 
 def test_a_sphere_folded_by_core_growth_alone_is_refused():
-    with pytest.raises(ValueError, match=r"unstable at g = 1 already, by core growth of 0.6 alone"):
-        critical_growth_of_mode(30, 0.04, g_core=0.6)
+    with pytest.raises(ValueError, match=r"the degree is unstable at g = 1 already, by core growth of 0.6 alone"):
+        critical_growth_of_degree(30, 0.04, g_core=0.6)
 
 
 def test_a_path_without_end_says_how_far_it_was_followed(monkeypatch):

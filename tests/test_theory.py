@@ -71,6 +71,15 @@ def test_without_growth_nothing_moves(law):
     np.testing.assert_allclose(theory.deformed_radius(1.0, 1.1, law, R_bar=R, A_bar=0.55), R, rtol=1e-15)
 
 
+def test_the_hole_is_at_half_the_outer_radius_unless_said():
+    half = theory.deformed_radius(1.5, 1.2, g_core=1.2, A_bar=0.6)
+    assert theory.deformed_radius(1.5, 1.2, g_core=1.2) == half
+    assert theory.critical_growth(1.1, g_core=1.2) == theory.critical_growth(1.1, g_core=1.2, A_bar=0.55)
+    with pytest.raises(ValueError, match=r"half of C_bar = 2\.5 is no radius inside the core"):
+        theory.deformed_radius(1.5, 2.5, g_core=1.2)
+    assert theory.deformed_radius(1.5, 2.5) > 2.5               # a core at rest needs none
+
+
 def test_radii_broadcast():
     assert theory.deformed_radius(np.ones((3, 1)), [1.1, 1.2]).shape == (3, 2)
 
