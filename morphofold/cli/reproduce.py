@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
+import shutil
 from pathlib import Path
+from typing import Any
 
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
@@ -15,7 +18,8 @@ FIGURES = {
 def add_args(parser: argparse.ArgumentParser) -> None:
     shown = "; ".join(f"{name}: {words}" for name, words in FIGURES.items())
     parser.add_argument("figures", metavar="FIGURE", nargs="+", help=shown)
-    parser.add_argument("-o", "--out", metavar="DIR", default="reproduce", help="folder to write (default: reproduce)")
+    parser.add_argument("-o", "--out", metavar="DIR", default="reproduce",
+                        help="folder to write; figures that are there already stay (default: reproduce)")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
@@ -24,6 +28,8 @@ def run(args: argparse.Namespace) -> int:
     for name in figures:
         if name not in FIGURES:
             raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
+    if not args.out:
+        raise ValueError("-o: no folder is named; give one to write, such as -o reproduce.")
     from morphofold import __version__
     from morphofold.io import atomic_folder
     from morphofold.report.paper import REPRODUCTIONS
@@ -31,11 +37,13 @@ def run(args: argparse.Namespace) -> int:
 
     out = Path(args.out)
     with atomic_folder(out) as folder:
+        kept = _keep(out, folder, figures)
+        drawn = {name: {"morphofold": __version__, **REPRODUCTIONS[name](folder)} for name in figures}
         index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
             "lengths": "mm; the paper gives none, and only ratios matter",
-            "figures": {name: REPRODUCTIONS[name](folder) for name in figures},
+            "figures": {**kept, **drawn},
         }
         (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
     if args.json:
@@ -43,5 +51,24 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for name in figures:
         print(f"{name}: {FIGURES[name]}")
+    for name in kept:
+        print(f"{name}: kept from an earlier run")
     print(f"-> {out / 'summary.json'}")
     return 0
+
+
+def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:
+    """Copy what an earlier run wrote into ``out`` and isn't drawn again; its entries of the index."""
+    try:
+        index = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise ValueError(f"{out / 'summary.json'}: is no index of figures ({error}). Delete it.") from None
+    kept = {}
+    for name, entry in index.get("figures", {}).items():
+        if name in FIGURES and name not in figures and all((out / file).is_file() for file in entry["files"]):
+            for file in entry["files"]:
+                shutil.copy2(out / file, folder / file)
+            kept[name] = entry
+    return kept
