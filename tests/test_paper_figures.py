@@ -8,7 +8,7 @@ import pytest
 
 from morphofold.cli.reproduce import FIGURES
 from morphofold.report import paper
-from morphofold.report.theory_tables import Case, bifurcation_cases, outer_ratio
+from morphofold.report.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.sim import theory
 
 KINDS = sorted(paper.FORMATS)
@@ -114,7 +114,7 @@ def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
         ax = next(a for a, t in zip(figure.axes, titles) if case.law in t and t.endswith(f"= {case.mu_ratio:g}"))
         drawn = [np.array(line.get_data()) for line in ax.get_lines()]
         assert any(np.array_equal(d, [[case.bifurcation.mode], [case.bifurcation.g_crit]]) for d in drawn)
-        assert any(d.shape == (2, 2) and (d[1] == case.g_crease).all() for d in drawn)
+        assert any(d.shape == (2, 2) and (d[1] == case.bifurcation.g_crease).all() for d in drawn)
 
 
 def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
@@ -123,8 +123,101 @@ def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
         mine = [c for c in cases if c.law == law]
         np.testing.assert_array_equal(one[1], [c.bifurcation.g_crit for c in mine if c.mu_ratio == 1])
         np.testing.assert_array_equal(two[0], [0.04, 0.06])
-        assert np.interp(0.04, *crease) == pytest.approx(mine[0].g_crease, rel=1e-5)
+        assert np.interp(0.04, *crease) == pytest.approx(mine[0].bifurcation.g_crease, rel=1e-5)
         assert crease[1, 0] == pytest.approx(2.4 ** (1 / 3), abs=1e-5)
+
+
+def test_the_map_draws_creases_at_the_compressibility_of_the_wrinkles(cases):
+    """They depend on the mu ratio then: the core gives way too."""
+    soft = bifurcation_cases((2.0, 3.0), 50.0, (1.0, 2.0), ("tangential",), kappa_ratio=20.0, A_over_C=0.4)
+    figure = paper.crease_or_wrinkle(soft)
+    drawn = [np.asarray(line.get_ydata()) for line in figure.axes[0].get_lines()]
+    for mu_ratio in (1.0, 2.0):
+        creases = [c.bifurcation.g_crease for c in soft if c.mu_ratio == mu_ratio]
+        assert any(np.array_equal(y, creases) for y in drawn)
+        assert creases[0] != pytest.approx(float(theory.critical_growth(50 / 48, "tangential")), rel=1e-3)
+    assert figure.get_suptitle() == "$A/C$ = 0.4, $\\kappa/\\mu$ = 20"
+    assert paper.crease_or_wrinkle(cases).get_suptitle() == ""
+
+
+def test_titles_say_every_parameter_that_is_not_the_papers():
+    figure = paper.stress_figure(1.5, (2.0,), 40.0, g_core=1.1, mu_ratio=3.0, A_over_C=0.5)
+    assert figure.get_suptitle() == (
+        "$C$ = 40 mm, $g_\\mathrm{core}$ = 1.1, $\\mu_\\mathrm{cortex}/\\mu_\\mathrm{core}$ = 3"
+    )
+    assert paper.stress_figure().get_suptitle() == ""
+
+
+def test_shortest_waves_have_their_own_mark_in_both_figures():
+    cases = bifurcation_cases((2.0,), 50.0, (0.1, 2.0), ("isotropic",))
+    for figure, mark in ((paper.crease_or_wrinkle(cases), "^"), (paper.bifurcation_curves(cases), ">")):
+        marks = [line for ax in figure.axes for line in ax.get_lines() if line.get_marker() == mark]
+        assert any(cases[0].bifurcation.g_crit in line.get_ydata() for line in marks)
+        assert "shortest waves first" in words_of(figure)
+
+
+def test_a_panel_says_where_no_wrinkles_were_found(cases):
+    nan = float("nan")
+    stable = replace(cases[0].bifurcation, g_crit=nan, mode=nan, reason="stable")
+    some = [replace(cases[0], bifurcation=stable), *cases[1:]]
+    for draw in (paper.crease_or_wrinkle, paper.bifurcation_curves):
+        said = [text.get_text() for ax in draw(some).axes for text in ax.texts]
+        assert len(said) == 1
+        assert "without wrinkles\nup to $g$ = 10: $T/C$ = 0.04" in said[0]
+        assert not any(ax.texts for ax in draw(cases).axes)
+
+
+def words_of(figure):
+    """The legend under the panels."""
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_a_map_of_one_thickness_has_its_marks_in_the_legend(cases):
+    figure = paper.crease_or_wrinkle([case for case in cases if case.thickness == 2])
+    marks = [handle.get_marker() for handle in figure.legends[0].legend_handles]
+    assert marks == ["None", "o", "o"]
+
+
+def dots(ax):
+    """The points drawn as dots, (2, n)."""
+    return np.concatenate([line.get_data() for line in ax.get_lines() if line.get_linestyle() == "None"], axis=1)
+
+
+def test_growths_asked_for_are_dots_on_a_curve_of_a_sensible_range():
+    (ax,) = paper.radius_figure([1.5, 2.5]).axes
+    ((_, curve),) = lines(ax).items()
+    assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == (1, 2.5)
+    g, c = dots(ax)
+    np.testing.assert_array_equal(g, [1.5, 2.5])
+    np.testing.assert_allclose(c**3, 1 + g**3 * ((50 / 48) ** 3 - 1), rtol=1e-12)
+
+
+def test_ratios_asked_for_are_dots_where_a_crease_forms_and_the_axes_reach():
+    (ax,) = paper.critical_figure([1.1, 1.19, 1.25], ["isotropic"]).axes
+    np.testing.assert_allclose(dots(ax), [[1.1], theory.critical_growth([1.1])], rtol=1e-12)
+    assert ax.get_xlim() == (1, 1.3)
+
+
+@pytest.mark.parametrize("growth", [1.0, 1.01, 1.3, 2.0, 5.0])
+def test_limits_of_the_stress_follow_the_stress_in_round_steps(growth):
+    (ax,) = paper.stress_figure(growth).axes
+    low, high = ax.get_ylim()
+    sigma = np.concatenate([line.get_ydata() for line in lines(ax).values()])
+    assert high == 0
+    assert low <= sigma.min() <= (0.6 * low if growth > 1 else 0)
+
+
+def test_what_is_not_found_has_its_reason(cases):
+    nan, inf = float("nan"), float("inf")
+    whole = cases[0].bifurcation
+    assert cases[0].row()["reason"] is None
+    for change, said in (
+        ({"g_crit": nan, "mode": nan, "creasing_amplitude": nan, "reason": "stable"}, "stable"),
+        ({"mode": inf}, "their degree has no bound"),
+        ({"creasing_amplitude": nan}, "these wrinkles live on the interface: no creasing amplitude"),
+        ({"g_crease": nan}, "no crease found up to g = 10"),
+    ):
+        assert replace(cases[0], bifurcation=replace(whole, **change)).row()["reason"].endswith(said)
 
 
 @pytest.mark.parametrize(
@@ -132,11 +225,9 @@ def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
     [(1.2, 1.4, "wrinkle"), (1.4, 1.2, "crease"), (1.2, np.nan, "wrinkle"), (np.nan, 1.2, "crease"),
      (np.nan, np.nan, None)],
 )  # fmt: skip
-def test_what_comes_first_needs_the_least_growth(wrinkle, crease, first):
-    found = replace(theory.bifurcation(0.06), g_crit=wrinkle, reason="" if np.isfinite(wrinkle) else "stable")
-    case = Case(3.0, 50.0, 1.0, "isotropic", found, crease)
-    assert case.first == first
-    assert bool(case.row()["reason"]) == bool(np.isnan(wrinkle) or np.isnan(crease))
+def test_a_row_says_what_needs_the_least_growth(cases, wrinkle, crease, first):
+    found = replace(cases[0].bifurcation, g_crit=wrinkle, g_crease=crease)
+    assert replace(cases[0], bifurcation=found).row()["first"] == first
 
 
 def test_a_cortex_as_thick_as_the_sphere_is_refused():
@@ -186,14 +277,14 @@ def test_the_command_knows_the_figures_that_can_be_drawn():
     assert list(FIGURES) == list(paper.REPRODUCTIONS)
 
 
-@pytest.mark.parametrize(("name", "draw", "y"), [
-    ("fig3", paper.fig3, {"a": "c_over_B", "b": "sigma_theta_over_mu_cortex"}), ("fig4", paper.fig4, "g_crease"),
+@pytest.mark.parametrize(("table", "draw", "panel", "y"), [
+    ("fig3a", paper.fig3, 0, "c_over_B"), ("fig3b", paper.fig3, 1, "sigma_theta_over_mu_cortex"),
+    ("fig4", paper.fig4, 0, "g_crease"),
 ])  # fmt: skip
-def test_the_table_holds_the_points_of_the_figure(tmp_path, name, draw, y):
-    paper.REPRODUCTIONS[name](tmp_path)
-    with (tmp_path / f"{name}.tsv").open(encoding="utf-8", newline="") as file:
+def test_the_table_holds_the_points_of_the_panel(tmp_path, table, draw, panel, y):
+    paper.REPRODUCTIONS[table[:4]](tmp_path)
+    with (tmp_path / f"{table}.tsv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     assert {row["source"] for row in rows} == {"theory"}
-    told = [row[y if isinstance(y, str) else y[row["panel"]]] for row in rows]
-    drawn = np.concatenate([line.get_ydata() for ax in draw().axes for line in lines(ax).values()])
-    np.testing.assert_allclose([np.nan if t == "n/a" else float(t) for t in told], drawn, rtol=1e-6)
+    drawn = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
+    np.testing.assert_allclose([np.nan if r[y] == "n/a" else float(r[y]) for r in rows], drawn, rtol=1e-6)

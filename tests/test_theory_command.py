@@ -88,8 +88,9 @@ def test_critical_says_why_there_is_no_number(capsys):
 
 def test_critical_prints_a_dash_where_no_crease_forms(capsys):
     _, rows = table(capsys, "critical", "--ratio", "1.25")
-    (_, _, _, crease, biot, *reason), tangential = rows
+    (_, _, _, crease, biot, note), tangential, (number, *reason) = rows
     assert (crease, biot) == ("–", "–")
+    assert note == number == "[1]"
     assert " ".join(reason).startswith("no crease")
     g = float(tangential[3])
     assert g**3 * 1.25**3 - 2.4 * g**2 * (1.25**3 - 1) - 2.4 == pytest.approx(0, abs=1e-3)      # four decimals
@@ -110,18 +111,42 @@ def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(caps
         assert row["degree"] == found.mode
         assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(found.mode * (found.mode + 1)) * 25)
         assert row["wavelength_deformed_over_T"] > row["wavelength_over_T"]
-        assert row["g_crease"] == pytest.approx(float(theory.critical_growth(50 / 48)), rel=1e-12)
+        for name in ("wavelength", "wavelength_deformed"):
+            assert row[f"{name}_mm"] == pytest.approx(2 * row[f"{name}_over_T"], rel=1e-12)
+        assert (row["outer_radius_mm"], row["hole_ratio"], row["kappa_ratio"]) == (50, 0.5, "inf")
+        assert row["g_crease"] == pytest.approx(float(theory.critical_growth(50 / 48)), rel=1e-9)
         assert row["first"] == ("wrinkle" if row["g_crit"] < row["g_crease"] else "crease")
     assert [row["first"] for row in rows] == ["crease", "wrinkle"]
 
 
-def test_bifurcation_gives_no_degree_where_the_shortest_waves_come_first(capsys):
+def test_wrinkles_and_creases_are_compared_at_the_same_compressibility(capsys):
+    """Incompressible, this surface would crease before it wrinkles; at kappa/mu = 3 it doesn't crease at all."""
+    words = ("bifurcation", "--thickness", "5", "--mu-ratio", "0.6", "--law", "isotropic", "--kappa-ratio")
+    (soft,), (stiff,) = (asked(capsys, *words, kappa)["rows"] for kappa in ("3", "inf"))
+    found = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
+    assert (soft["kappa_ratio"], soft["first"]) == (3, found.first)
+    assert soft["g_crease"] != pytest.approx(stiff["g_crease"], rel=1e-2)
+
+
+def test_bifurcation_says_inf_where_the_shortest_waves_come_first(capsys):
     answer = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.1", "--law", "isotropic")
     (row,) = answer["rows"]
-    assert row["degree"] is None
+    assert row["degree"] == "inf"
     assert row["g_crit"] == pytest.approx(row_of_biot(capsys)["g_biot"], rel=1e-6)
     assert "shortest waves" in row["reason"]
     assert answer["parameters"]["kappa_ratio"] == "inf"                 # which strict JSON has no number for
+
+
+def test_the_table_of_bifurcations_is_no_wider_than_a_page(capsys):
+    assert main("theory bifurcation --thickness 2 20 --mu-ratio 0.1 --law isotropic".split()) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 130
+    (heading,) = (line for line in lines if line.startswith("law "))
+    assert "wavelength [mm]" in heading
+    thin, thick = (line.split() for line in lines[lines.index(heading) + 1 :][:2])
+    assert (thin[4], thin[-1]) == ("∞", "[1]")
+    assert thick[-1] == "[2]"
+    assert any(line.startswith("[1] the shortest waves") for line in lines)
 
 
 def row_of_biot(capsys):
@@ -134,41 +159,69 @@ def test_the_curve_has_its_least_growth_where_the_answer_is(capsys):
     curve = asked(capsys, *words, "--curve")["rows"]
     least = min((row for row in curve if row["g_crit"] is not None), key=lambda row: row["g_crit"])
     assert (least["degree"], least["g_crit"]) == (answer["degree"], answer["g_crit"])
-    assert all(row["reason"] for row in curve if row["g_crit"] is None)
+    assert {type(row["degree"]) for row in curve} == {int}
+    assert all("none found up to g = 10" in row["reason"] for row in curve if row["g_crit"] is None)
 
 
 def test_numbers_come_one_by_one_or_as_a_range():
-    assert command._numbers(["1:2:11", "3"], "--growth") == [*(round(1 + i / 10, 1) for i in range(11)), 3.0]
-    assert command._numbers(["2:1:3"], "--growth") == [2.0, 1.5, 1.0]
-    assert command._numbers(["1", "1.0", "2"], "--growth") == [1.0, 2.0]
+    limits = ("--growth", 0.5, 5.0)
+    assert command._numbers(["1:2:11", "3"], *limits) == [*(round(1 + i / 10, 1) for i in range(11)), 3.0]
+    assert command._numbers(["2:1:3"], *limits) == [2.0, 1.5, 1.0]
+    assert command._numbers(["1", "1.0", "2"], *limits) == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
 def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     assert "--growth" in refused(capsys, "theory", "radius", "--growth", word)
+    assert "--growth" in refused(capsys, "theory", "stress", "--growth", word)
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ("radius --thickness 60", "between 0 and the outer radius 50 mm, got 60 mm"),
-        ("radius --thickness nan", "got nan mm"),
+        ("radius --thickness nan", "--thickness must lie between 1e-06 and 1000000, got nan"),
         ("radius --thickness 30", "inside the interface B = 20 mm: its radius is 0.5 C = 25 mm"),
-        ("radius --radius inf", "--radius must be above 0"),
-        ("stress --points 1", "--points must be from 2 to 10,000, got 1"),
-        ("stress --growth -1", "--growth must be above 0"),
-        ("stress --mu-ratio 0", "--mu-ratio must be above 0"),
-        ("critical --ratio 1", "--ratio must be above 1"),
+        ("radius --thickness 1:2:3", "--thickness takes one number, got the range '1:2:3'"),
+        ("radius --thickness thin", "--thickness: 'thin' is neither a number"),
+        ("radius --radius inf", "--radius must lie between 1e-06 and 1000000, got inf"),
+        ("radius --hole-ratio nan", "--hole-ratio must lie between 0 and 0.999999, got nan"),
+        ("radius --hole-ratio -1", "--hole-ratio must lie between 0 and 0.999999, got -1"),
+        ("stress --points 1", "--points must lie between 2 and 10000, got 1"),
+        ("stress --points 2.5", "--points must be a whole number, got 2.5"),
+        ("stress --growth -1", "--growth must lie between 0.001 and 1000, got -1"),
+        ("stress --mu-ratio 0", "--mu-ratio must lie between 0.0001 and 10000, got 0"),
+        ("bifurcation --mu-ratio 1e7", "--mu-ratio must lie between 0.0001 and 10000, got 1e+07"),
+        ("critical --ratio 1", "--ratio must lie between 1.000001 and 1000, got 1"),
+        ("critical --ratio 1.1 --radius 40", "--radius makes a --thickness a ratio, and there is none"),
+        ("critical --radius 40", "--radius makes a --thickness a ratio, and there is none"),
         ("critical --ratio 3 --core-growth 1.1", "A/C = 0.5, must lie inside the interface: C/B = 3"),
-        ("bifurcation --kappa-ratio 0.5", "kappa_ratio"),
+        ("bifurcation --kappa-ratio 0.5", "--kappa-ratio must lie between 1 and inf, got 0.5"),
         ("bifurcation --hole-ratio 0.99", "must lie inside the interface"),
+        ("bifurcation --check --curve", "leave out --check or --curve"),
     ],
 )
-def test_a_sphere_that_cannot_be_is_refused(capsys, words, said):
+def test_a_question_that_makes_no_sense_is_refused(capsys, words, said):
     assert said in refused(capsys, "theory", *words.split())
 
 
-@pytest.mark.parametrize("name", ["picture.gif", "picture", "nowhere/picture.png", "folder.png"])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("stress --thickness 1:20:5000 --points 100", "1,000,000 rows, and 200,000 are the most"),
+        ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", "2,000,000 rows"),
+        ("stress --thickness 1:20:11 --plot it.png", "at most 10 numbers of --thickness, got 11"),
+        ("bifurcation --thickness 1:20:11 --curve --plot it.png", "at most 10 numbers of --thickness, got 11"),
+        ("bifurcation --mu-ratio 1:20:11 --plot it.png", "at most 10 numbers of --mu-ratio, got 11"),
+    ],
+)
+def test_a_question_too_large_to_read_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, said):
+    for name in ("bifurcation", "stresses"):
+        monkeypatch.setattr(theory, name, pytest.fail)
+    assert said in refused(capsys, "theory", *words.split())
+
+
+@pytest.mark.parametrize("name", ["picture.gif", "picture", ".png", "nowhere/picture.png", "folder.png"])
 def test_a_plot_that_cannot_be_written_is_refused_before_anything_is_computed(here, capsys, monkeypatch, name):
     (here / "folder.png").mkdir()
     monkeypatch.setattr(theory, "bifurcation", pytest.fail)
@@ -197,7 +250,8 @@ def test_every_question_can_be_drawn(here, capsys, words, start):
 def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
     (here / "old.png").write_bytes(b"old")
     monkeypatch.setattr("morphofold.report.paper.save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
-    assert "No space left" in refused(capsys, "theory", "radius", "--plot", "old.png")
+    said = refused(capsys, "theory", "radius", "--plot", "old.png")
+    assert said.startswith("morphofold theory: old.png: No space left")             # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
 
 
@@ -233,7 +287,7 @@ def test_reproduce_writes_figures_tables_and_an_index(here, capsys):
     index = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     files = {f for figure in index["figures"].values() for f in figure["files"]}
     assert list(index["figures"]) == ["fig4", "fig3"]
-    assert files == {"fig3.png", "fig3.tsv", "fig4.png", "fig4.tsv"}
+    assert files == {"fig3.png", "fig3a.tsv", "fig3b.tsv", "fig4.png", "fig4.tsv"}
     assert {p.name for p in (here / "out").iterdir()} == {*files, "summary.json", ".morphofold"}
     assert index["morphofold"]
     assert "Eq. (12)" in index["figures"]["fig4"]["equations"]
@@ -260,13 +314,63 @@ def test_reproduce_leaves_a_folder_of_someone_else_alone(here, capsys):
     assert [p.name for p in (here / "reproduce").iterdir()] == ["thesis.txt"]
 
 
+def test_reproduce_keeps_the_figures_that_are_there(here, capsys):
+    for figure in ("fig3", "fig4"):
+        assert main(["reproduce", figure, "-o", "out"]) == 0
+    assert "fig3: kept from an earlier run" in capsys.readouterr().out
+    assert main(["reproduce", "fig3", "fig4", "-o", "both"]) == 0
+    for file in (here / "both").iterdir():
+        assert file.read_bytes() == (here / "out" / file.name).read_bytes()
+
+
+def test_reproduce_keeps_no_figure_of_which_a_file_is_gone(here):
+    assert main(["reproduce", "fig3", "-o", "out"]) == 0
+    (here / "out" / "fig3b.tsv").unlink()
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert list(json.loads((here / "out" / "summary.json").read_text())["figures"]) == ["fig4"]
+    assert not (here / "out" / "fig3.png").exists()
+
+
+def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    (here / "out" / "summary.json").write_text("{")
+    capsys.readouterr()
+    assert "summary.json: is no index of figures" in refused(capsys, "reproduce", "fig3", "-o", "out")
+
+
+def test_reproduce_refuses_a_folder_without_a_name(here, capsys):
+    assert "-o: no folder is named" in refused(capsys, "reproduce", "fig4", "-o", "")
+    assert list(here.iterdir()) == []
+
+
 def test_check_prints_the_same_growth_by_finite_elements(capsys):
     words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
     assert main(words) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    told = capsys.readouterr()
+    assert told.err == ""
+    rows = json.loads(told.out)["rows"]
     for row in rows:
-        if row["degree"] is None:                       # shortest waves first: no mesh resolves them
+        if row["degree"] == "inf":                      # shortest waves first: no mesh resolves them
             assert row["g_elements"] is None
         else:
-            assert row["g_elements"] == pytest.approx(row["g_crit"], rel=1e-8)
-    assert {row["degree"] is None for row in rows} == {True, False}
+            assert row["difference"] == pytest.approx(row["g_elements"] / row["g_crit"] - 1, abs=1e-15)
+            assert abs(row["difference"]) < 1e-8
+    assert {row["degree"] == "inf" for row in rows} == {True, False}
+
+
+@pytest.mark.parametrize("wrong", [1.3, float("nan")])
+def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
+    monkeypatch.setattr("morphofold.sim.statics.critical_growth_of_degree", lambda *_, **__: wrong)
+    assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
+    told = capsys.readouterr()
+    assert "difference" in told.out
+    (line,) = told.err.splitlines()
+    assert line.startswith("morphofold: warning: --check: 2 of 2 growths differ by more than 1e-06")
+
+
+def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
+    found = theory.bifurcation(0.04, 2.0)
+    near = found.g_crit * (1 + 0.9e-6)
+    monkeypatch.setattr("morphofold.sim.statics.critical_growth_of_degree", lambda *_, **__: near)
+    assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
+    assert capsys.readouterr().err == ""

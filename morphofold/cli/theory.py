@@ -1,13 +1,16 @@
 """What can be known of the growing bilayer sphere without simulating it: radius, stress, creases and wrinkles.
 
 Without options each prints what the paper draws (Razavi et al. 2015, Figs. 3 and 4), and bifurcation what it leaves
-out: the exact growth at which the smooth sphere first wrinkles. Numbers may be ranges FROM:TO:COUNT. Lengths are in mm,
-but only their ratios matter.
+out: the exact growth at which the smooth sphere first wrinkles. Options that take ranges say so. Lengths are in mm, but
+only their ratios matter.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import textwrap
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,10 +19,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LAWS = ("isotropic", "tangential")
-#: values in one FROM:TO:COUNT, and points through a layer
+#: values in one FROM:TO:COUNT
 MOST = 10_000
-#: above every number that has a meaning here; far larger ones overflow
-LARGEST = 1e6
+#: rows of one answer, and curves of one kind that can be told apart in a figure
+MOST_ROWS, MOST_CURVES = 200_000, 10
+#: relative difference of the two routes to g_crit up to which --check is content
+AGREE = 1e-6
+RANGES = "numbers or FROM:TO:COUNT"
+#: option that takes numbers -> the least and the largest; beyond them lengths overflow or answers lose their digits
+LIMITS = {
+    "thickness": (1e-6, 1e6), "radius": (1e-6, 1e6), "ratio": (1 + 1e-6, 1e3), "hole_ratio": (0.0, 1 - 1e-6),
+    "growth": (1e-3, 1e3), "core_growth": (1e-3, 1e3), "mu_ratio": (1e-4, 1e4), "kappa_ratio": (1.0, math.inf),
+    "points": (2, MOST),
+}  # fmt: skip
 
 WORDS = {
     "radius": "outer radius of the smooth grown sphere, Eqs. (9) to (11); Fig. 3(a)",
@@ -27,6 +39,13 @@ WORDS = {
     "critical": "growth at which creases can form, Eqs. (12) and (13), and Biot's limit; Fig. 4",
     "bifurcation": "growth at which the smooth sphere first wrinkles, and how; beside the crease criterion",
 }
+BIFURCATION = """
+The cortex grows by the stretch g (a ratio of lengths, 1 is none): in all directions if isotropic, along the surface
+alone if tangential. Wrinkles are waves all over the sphere, spherical harmonics of degree l: about l around it, each
+2 pi C / sqrt(l (l + 1)) long. A crease is a sharp fold of the surface alone; it can form once lambda_r/lambda_theta of
+the smooth surface is 2.4, the paper's criterion. The mu ratio is the cortex's shear modulus over the core's. The
+defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressible.
+"""
 
 
 class Column(NamedTuple):
@@ -47,71 +66,74 @@ class Answer(NamedTuple):
 
 
 LAW, THICKNESS, MU = Column("law", "law"), Column("thickness_mm", "T [mm]", "g"), Column("mu_ratio", "mu ratio", "g")
-REASON = Column("reason", "")
+DEGREE, REASON = Column("degree", "l", "d"), Column("reason", "note")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
 
-    def question(name: str) -> argparse.ArgumentParser:
-        words = f"{WORDS[name][0].upper()}{WORDS[name][1:]}."
+    def question(name: str, more: str = "") -> argparse.ArgumentParser:
+        words = f"{WORDS[name][0].upper()}{WORDS[name][1:]}. {more}"
         return questions.add_parser(name, help=WORDS[name], description=words, formatter_class=parser.formatter_class)
 
     radius = question("radius")
-    radius.add_argument("--thickness", type=float, default=2.0, metavar="MM", help="cortex, T = C - B (default: 2)")
+    radius.add_argument("--thickness", default="2", metavar="MM", help="cortex, T = C - B (default: 2)")
     _add_sphere(radius)
-    radius.add_argument("--growth", nargs="+", default=["1:2:11"], metavar="G", help="of the cortex (default: 1:2:11)")
+    radius.add_argument("--growth", nargs="+", default=["1:2:11"], metavar="G",
+                        help=f"of the cortex; {RANGES} (default: 1:2:11)")  # fmt: skip
     _add_core_growth(radius)
     _add_common(radius, "isotropic")
 
     stress = question("stress")
     _add_thicknesses(stress)
     _add_sphere(stress)
-    stress.add_argument("--growth", type=float, default=2.0, metavar="G", help="of the cortex (default: 2)")
-    stress.add_argument("--mu-ratio", type=float, default=1.0, metavar="M", help="cortex over core (default: 1)")
-    stress.add_argument("--points", type=int, default=11, metavar="N", help="per layer (default: 11)")
+    stress.add_argument("--growth", default="2", metavar="G", help="of the cortex (default: 2)")
+    stress.add_argument("--mu-ratio", default="1", metavar="M", help="shear modulus, cortex over core (default: 1)")
+    stress.add_argument("--points", default="11", metavar="N", help="per layer (default: 11)")
     _add_core_growth(stress)
-    _add_common(stress, "isotropic")
+    _add_common(stress, "isotropic", "the tangential stress through the cortex")
 
     critical = question("critical")
     size = critical.add_mutually_exclusive_group()
-    size.add_argument("--ratio", nargs="+", metavar="C/B", help="outer radius over the interface's (1.02:1.3:15)")
-    size.add_argument("--thickness", nargs="+", metavar="MM", help="of the cortex, instead of --ratio")
-    _add_sphere(critical)
+    size.add_argument("--ratio", nargs="+", metavar="C/B",
+                      help=f"outer radius / interface radius; {RANGES} (default: 1.02:1.3:15)")  # fmt: skip
+    size.add_argument("--thickness", nargs="+", metavar="MM", help=f"of the cortex, instead of --ratio; {RANGES}")
+    _add_sphere(critical, radius=None)
     _add_core_growth(critical)
     _add_common(critical, "both")
 
-    bifurcation = question("bifurcation")
+    bifurcation = question("bifurcation", BIFURCATION)
     _add_thicknesses(bifurcation)
     _add_sphere(bifurcation)
     bifurcation.add_argument("--mu-ratio", nargs="+", default=["1", "2", "4"], metavar="M",
-                             help="shear modulus, cortex over core (default: 1 2 4)")  # fmt: skip
-    bifurcation.add_argument("--kappa-ratio", type=float, default=float("inf"), metavar="K",
+                             help=f"shear modulus, cortex over core; {RANGES} (default: 1 2 4)")  # fmt: skip
+    bifurcation.add_argument("--kappa-ratio", default="inf", metavar="K",
                              help="bulk over shear modulus (default: inf, incompressible)")  # fmt: skip
     bifurcation.add_argument("--check", action="store_true", help="find each g_crit again, by finite elements")
     bifurcation.add_argument("--curve", action="store_true", help="critical growth by degree, not the least alone")
-    _add_common(bifurcation, "both")
+    _add_common(bifurcation, "both", "critical growth by thickness (by degree with --curve)")
 
 
 def _add_thicknesses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--thickness", nargs="+", default=["1", "2", "3"], metavar="MM",
-                        help="of the cortex, T = C - B (default: 1 2 3)")  # fmt: skip
+                        help=f"of the cortex, T = C - B; {RANGES} (default: 1 2 3)")  # fmt: skip
 
 
-def _add_sphere(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--radius", type=float, default=50.0, metavar="MM", help="outer radius C (default: 50)")
-    parser.add_argument("--hole-ratio", type=float, default=0.5, metavar="A/C",
+def _add_sphere(parser: argparse.ArgumentParser, radius: str | None = "50") -> None:
+    where = "" if radius else ", with --thickness"
+    parser.add_argument("--radius", default=radius, metavar="MM", help=f"outer radius C{where} (default: 50)")
+    parser.add_argument("--hole-ratio", default="0.5", metavar="A/C",
                         help="radius of the fixed hole over C (default: 0.5)")  # fmt: skip
 
 
 def _add_core_growth(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--core-growth", type=float, default=1.0, metavar="G", help="of the core (default: 1, none)")
+    parser.add_argument("--core-growth", default="1", metavar="G", help="of the core (default: 1, none)")
 
 
-def _add_common(parser: argparse.ArgumentParser, law: str) -> None:
+def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") -> None:
     parser.add_argument("--law", choices=[*LAWS, "both"], default=law, help=f"growth of the cortex (default: {law})")
     parser.add_argument("--json", action="store_true", help="print as JSON")
-    parser.add_argument("--plot", metavar="FILE", help="draw it too: .png, .svg or .pdf")
+    parser.add_argument("--plot", metavar="FILE", help=f"also draw {drawn}: .png, .svg or .pdf")
     # the command's own; without a default, so that they count on either side of WHAT
     shared: Any = {"action": "store_true", "default": argparse.SUPPRESS}
     parser.add_argument("-q", "--quiet", help="no progress", **shared)
@@ -120,37 +142,34 @@ def _add_common(parser: argparse.ArgumentParser, law: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
-    from morphofold.io import atomic_file
     from morphofold.report import paper
     from morphofold.results import strict_json
 
     plot = None if args.plot is None else _writable(Path(args.plot), paper.check_format)
-    for option in ("growth", "mu_ratio", "radius", "core_growth"):
-        if isinstance(value := getattr(args, option, None), float):
-            _within(value, f"--{option.replace('_', '-')}")
+    _read_numbers(args)
+    _refuse_too_much(args)
     answer = {"radius": _radius, "stress": _stress, "critical": _critical, "bifurcation": _bifurcation}[args.what](args)
     if plot is not None:
-        with atomic_file(plot) as temporary:
-            paper.save(answer.draw(), temporary)
+        _write_plot(answer.draw(), plot)
     if args.json:
         left_out = ("command", "what", "run", "json", "plot", "quiet", "debug")
         asked = {key: value for key, value in vars(args).items() if key not in left_out}
-        if asked.get("kappa_ratio") == float("inf"):
+        if asked.get("kappa_ratio") == math.inf:
             asked["kappa_ratio"] = "inf"                    # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
         print(strict_json(content), end="")
-        return 0
-    print(answer.title)
-    print(_table(answer.columns, answer.rows))
-    if plot is not None:
-        print(f"-> {plot}")
+    else:
+        print(answer.title)
+        print(_table(answer.columns, answer.rows))
+        if plot is not None:
+            print(f"-> {plot}")
+    _warn_of_differences(answer.rows)
     return 0
 
 
 def _radius(args: argparse.Namespace) -> Answer:
     from morphofold.report import paper, theory_tables
 
-    args.growth = _numbers(args.growth, "--growth")
     sphere = (args.thickness, args.radius, _laws(args.law))
     options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
     rows = theory_tables.radius_rows(args.growth, *sphere, **options)
@@ -159,16 +178,15 @@ def _radius(args: argparse.Namespace) -> Answer:
         f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)"
     )
     columns = (LAW, Column("growth", "g", ".4f"), Column("c_over_B", "c/B", ".6f"), Column("c_over_C", "c/C", ".6f"))
-    ends = (min(args.growth), max(args.growth))
-    return Answer(title, columns, rows, lambda: paper.radius_figure(ends, *sphere, **options))
+    return Answer(title, columns, rows, lambda: paper.radius_figure(args.growth, *sphere, **options))
 
 
 def _stress(args: argparse.Namespace) -> Answer:
     from morphofold.report import paper, theory_tables
 
-    args.thickness = _numbers(args.thickness, "--thickness")
-    if not 2 <= args.points <= MOST:
-        raise ValueError(f"--points must be from 2 to {MOST:,}, got {args.points:,}.")
+    if args.points != int(args.points):
+        raise ValueError(f"--points must be a whole number, got {args.points:g}.")
+    args.points = int(args.points)
     sphere = (args.growth, args.thickness, args.radius, _laws(args.law))
     options = {"mu_ratio": args.mu_ratio, "g_core": args.core_growth, "A_over_C": args.hole_ratio}
     rows = theory_tables.stress_rows(*sphere, points=args.points, **options)
@@ -191,10 +209,12 @@ def _critical(args: argparse.Namespace) -> Answer:
     from morphofold.report import paper, theory_tables
 
     if args.thickness is not None:
-        args.thickness = _numbers(args.thickness, "--thickness")
+        args.radius = args.radius or 50.0
         args.ratio = [theory_tables.outer_ratio(T, args.radius) for T in args.thickness]
+    elif args.radius is not None:
+        raise ValueError("--radius makes a --thickness a ratio, and there is none: give --thickness, or --ratio alone.")
     else:
-        args.ratio = _numbers(args.ratio or ["1.02:1.3:15"], "--ratio", above=1.0)
+        args.ratio = args.ratio or _numbers(["1.02:1.3:15"], "--ratio", *LIMITS["ratio"])
     laws = _laws(args.law)
     options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
     rows = theory_tables.critical_rows(args.ratio, laws, **options)
@@ -206,16 +226,15 @@ def _critical(args: argparse.Namespace) -> Answer:
         LAW, Column("C_over_B", "C/B", ".4f"), Column("T_over_C", "T/C", ".4f"),
         Column("g_crease", "g crease", ".4f"), Column("g_biot", "g Biot", ".4f"), REASON,
     )  # fmt: skip
-    ends = (min(1.0, *args.ratio), max(1.3, *args.ratio))
-    return Answer(title, columns, rows, lambda: paper.critical_figure(ends, laws, **options))
+    return Answer(title, columns, rows, lambda: paper.critical_figure(args.ratio, laws, **options))
 
 
 def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.report import paper, theory_tables
 
-    args.thickness = _numbers(args.thickness, "--thickness")
-    args.mu_ratio = _numbers(args.mu_ratio, "--mu-ratio")
+    if args.check and args.curve:
+        raise ValueError("--check finds the least growth again, not the curve: leave out --check or --curve.")
     laws = _laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
@@ -223,26 +242,30 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
             args.thickness, args.radius, args.mu_ratio, laws,
             kappa_ratio=args.kappa_ratio, A_over_C=args.hole_ratio, check=args.check, progress=tell,
         )  # fmt: skip
-    named = (LAW, THICKNESS, Column("T_over_C", "T/C", ".4f"), MU)
     if args.curve:
         title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
-        columns: tuple[Column, ...] = (*named, Column("degree", "l", ".0f"), Column("g_crit", "g_crit", ".5f"), REASON)
+        columns: tuple[Column, ...] = (LAW, THICKNESS, MU, DEGREE, Column("g_crit", "g_crit", ".5f"), REASON)
         rows = [row for case in cases for row in case.curve_rows()]
         return Answer(title, columns, rows, lambda: paper.bifurcation_curves(cases))
-    finite = "" if args.kappa_ratio == float("inf") else ", incompressible"
     title = (
         f"Growth g_crit at which the smooth sphere first wrinkles, C = {args.radius:g} mm, kappa/mu = "
-        f"{args.kappa_ratio:g}; g crease: Eqs. (12) and (13){finite}.\n"
-        "Over the undeformed T: wavelength on the undeformed and on the grown sphere, and the amplitude at which the\n"
-        "troughs of these wrinkles crease (creasing, an estimate)."
+        f"{args.kappa_ratio:g}; g crease: lambda_r/lambda_theta = 2.4.\n"
+        "Wavelength on the ungrown sphere (grown: on the grown one). a: amplitude at which the troughs of these\n"
+        "wrinkles crease (an estimate). T is the ungrown thickness throughout."
     )
-    elements = (Column("g_elements", "by elements", ".9f"),) if args.check else ()
-    columns = (
-        *named, Column("g_crit", "g_crit", ".9f" if args.check else ".5f"), *elements, Column("degree", "l", ".0f"),
-        Column("wavelength_over_T", "wavelength/T", ".3f"), Column("wavelength_deformed_over_T", "grown", ".3f"),
-        Column("creasing_amplitude_over_T", "creasing", ".3f"), Column("g_crease", "g crease", ".5f"),
-        Column("first", "first"), REASON,
-    )  # fmt: skip
+    if args.check:
+        found: tuple[Column, ...] = (
+            Column("g_crit", "g_crit", ".9f"), Column("g_elements", "by elements", ".9f"),
+            Column("difference", "difference", ".1e"), DEGREE,
+        )  # fmt: skip
+    else:
+        found = (
+            Column("g_crit", "g_crit", ".5f"), DEGREE, Column("wavelength_mm", "wavelength [mm]", ".2f"),
+            Column("wavelength_over_T", "over T", ".3f"),
+            Column("wavelength_deformed_over_T", "grown, over T", ".3f"),
+            Column("creasing_amplitude_over_T", "a/T to crease", ".3f"),
+        )  # fmt: skip
+    columns = (LAW, THICKNESS, MU, *found, Column("g_crease", "g crease", ".5f"), Column("first", "first"), REASON)
     return Answer(title, columns, [case.row() for case in cases], lambda: paper.crease_or_wrinkle(cases))
 
 
@@ -250,8 +273,21 @@ def _laws(law: str) -> tuple[str, ...]:
     return LAWS if law == "both" else (law,)
 
 
-def _numbers(words: Sequence[str], option: str, above: float = 0.0) -> list[float]:
-    """Numbers and ranges FROM:TO:COUNT, all above a bound, in the order given, each once."""
+def _read_numbers(args: argparse.Namespace) -> None:
+    """Put numbers in the place of words: a list of them where an option takes several, one where it takes one."""
+    for name, limits in LIMITS.items():
+        words, option = getattr(args, name, None), f"--{name.replace('_', '-')}"
+        if isinstance(words, str):
+            numbers = _numbers([words], option, *limits)
+            if len(numbers) > 1:
+                raise ValueError(f"{option} takes one number, got the range {words!r}.")
+            setattr(args, name, numbers[0])
+        elif words is not None:
+            setattr(args, name, _numbers(words, option, *limits))
+
+
+def _numbers(words: Sequence[str], option: str, least: float, largest: float) -> list[float]:
+    """Numbers and ranges FROM:TO:COUNT, all within limits, in the order given, each once."""
     numbers: list[float] = []
     for word in words:
         try:
@@ -269,13 +305,31 @@ def _numbers(words: Sequence[str], option: str, above: float = 0.0) -> list[floa
             ) from None
         step = (high - low) / (count - 1)
         numbers += [float(f"{low + i * step:.12g}") for i in range(count)]      # 1.2, not 1.2000000000000002
-    return [_within(number, option, above) for number in dict.fromkeys(numbers)]
+    for number in numbers:
+        if not least <= number <= largest:
+            raise ValueError(f"{option} must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
+    return list(dict.fromkeys(numbers))
 
 
-def _within(number: float, option: str, above: float = 0.0) -> float:
-    if not above < number <= LARGEST:
-        raise ValueError(f"{option} must be above {above:g} and at most {LARGEST:g}, got {number:g}.")
-    return number
+def _refuse_too_much(args: argparse.Namespace) -> None:
+    """Raise before anything is computed if the answer or its figure would be beyond reading."""
+    several = {name: len(value) for name, value in vars(args).items() if isinstance(value, list)}
+    rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
+    if rows > MOST_ROWS:
+        raise ValueError(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
+    curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
+    for name in curves.get(args.what, []) if args.plot is not None else []:
+        if several[name] > MOST_CURVES:
+            option = f"--{name.replace('_', '-')}"
+            raise ValueError(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {several[name]}.")
+
+
+def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
+    checked = [row["difference"] for row in rows if "difference" in row and isinstance(row["degree"], int)]
+    apart = sum(not abs(difference) <= AGREE for difference in checked)
+    if apart:
+        warnings.warn(f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
+                      "routes, or were found by one alone; see difference.", stacklevel=2)  # fmt: skip
 
 
 def _writable(path: Path, check_format: Callable[[Path], str]) -> Path:
@@ -288,20 +342,38 @@ def _writable(path: Path, check_format: Callable[[Path], str]) -> Path:
     return path
 
 
+def _write_plot(figure: Figure, plot: Path) -> None:
+    from morphofold.io import atomic_file
+    from morphofold.report import paper
+
+    try:
+        with atomic_file(plot) as temporary:
+            paper.save(figure, temporary)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(plot)) from error    # not of the temporary file beside it
+
+
 def _table(columns: Sequence[Column], rows: list[dict[str, Any]]) -> str:
-    """Aligned text: words to the left, numbers to the right, a dash for what isn't there."""
-    cells = [[_cell(row.get(column.key), column) for column in columns] for row in rows]
-    widths = [max(map(len, column)) for column in zip([c.heading for c in columns], *cells)]
-    lines = [[c.heading for c in columns], *cells]
-    return "\n".join(
-        "  ".join(f"{cell:{'>' if c.form else '<'}{width}}" for c, cell, width in zip(columns, line, widths)).rstrip()
+    """Aligned text: words to the left, numbers to the right, a dash for what isn't there; reasons in footnotes."""
+    reasons = list(dict.fromkeys(row[REASON.key] for row in rows if row.get(REASON.key)))
+    notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
+    shown = [column for column in columns if column is not REASON or notes]
+    cells = [[_cell(row.get(column.key), column, notes) for column in shown] for row in rows]
+    widths = [max(map(len, column)) for column in zip([c.heading for c in shown], *cells)]
+    lines = [[c.heading for c in shown], *cells]
+    table = [
+        "  ".join(f"{cell:{'>' if c.form else '<'}{width}}" for c, cell, width in zip(shown, line, widths)).rstrip()
         for line in lines
-    )
+    ]
+    footnotes = (textwrap.fill(f"{note} {reason}", 120, subsequent_indent="    ") for reason, note in notes.items())
+    return "\n".join([*table, *footnotes])
 
 
-def _cell(value: Any, column: Column) -> str:
-    if value is None:
-        return "" if column is REASON else "–"
-    if not column.form:
-        return str(value)
-    return format(value, column.form) if value == value and abs(value) != float("inf") else "–"
+def _cell(value: Any, column: Column, notes: dict[str, str]) -> str:
+    if column is REASON:
+        return notes.get(value, "")
+    if value is None or value != value:
+        return "–"
+    return "∞" if value == "inf" else format(value, column.form)

@@ -17,6 +17,7 @@ import numpy as np
 
 from morphofold.report.colours import CATEGORICAL
 from morphofold.report.theory_tables import (
+    G_MAX,
     Case,
     Row,
     bifurcation_cases,
@@ -45,11 +46,20 @@ STYLE = {
 }  # fmt: skip
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
+MARK = {"color": GREY, "linestyle": "none"}
 BLACK = "#1a1a1a"
 RADIUS_LABEL = "outer radius after growth  $c/B$"
 GROWTH_LABEL = "growth stretch of the cortex  $g$"
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
 LAWS = ("isotropic", "tangential")
+#: parameters of the paper's sphere, which titles leave out, and how they say others
+PAPER = {"radius": 50.0, "A_over_C": 0.5, "g_core": 1.0, "mu_ratio": 1.0, "kappa_ratio": np.inf}
+SAY = {
+    "radius": "$C$ = {:g} mm", "A_over_C": "$A/C$ = {:g}", "g_core": "$g_\\mathrm{{core}}$ = {:g}",
+    "mu_ratio": "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}", "kappa_ratio": "$\\kappa/\\mu$ = {:g}",
+}  # fmt: skip
+#: asked points beyond which dots would cover the curve
+MOST_DOTS = 40
 
 
 def fig3() -> Figure:
@@ -58,24 +68,21 @@ def fig3() -> Figure:
     C = 50 mm; T = 2 mm in (a), 1, 2 and 3 mm in (b). Limits: g from 1 to 2, as in the text, and c/B from 1 to 1.3;
     position from the interface (0) to the outer surface (1), stress over the cortex's own modulus from -14 to 0.
     """
-    rows = fig3_rows()
+    radius, stress = fig3_rows()
     with _figure(9.2, 4.4, 1, 2) as (figure, ((left, right),)):
-        _draw_radius(left, [row for row in rows if row["panel"] == "a"])
+        _draw_radius(left, radius)
         _limits(left, (1, 2), (1, 1.3), "(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
-        _draw_stress(right, [row for row in rows if row["panel"] == "b"])
+        _draw_stress(right, stress)
         _limits(right, (0, 1), (-14, 0), "(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
         _legend_below(left)
         _legend_below(right)
     return figure
 
 
-def fig3_rows() -> list[Row]:
-    """The points of :func:`fig3`; a column that a panel doesn't use is left out of its rows."""
-    radius = radius_rows(np.linspace(1, 2, 101))
-    stress = stress_rows(points=101, layers=("cortex",))
-    return [{"panel": "a", "source": "theory", **row} for row in radius] + [
-        {"panel": "b", "source": "theory", **row} for row in stress
-    ]
+def fig3_rows() -> tuple[list[Row], list[Row]]:
+    """The points of :func:`fig3`, panels (a) and (b)."""
+    radius, stress = radius_rows(np.linspace(1, 2, 101)), stress_rows(points=101, layers=("cortex",))
+    return [{"source": "theory", **row} for row in radius], [{"source": "theory", **row} for row in stress]
 
 
 def fig4() -> Figure:
@@ -97,19 +104,22 @@ def fig4_rows() -> list[Row]:
 
 
 def radius_figure(
-    growth: tuple[float, float] = (1.0, 2.0),
+    growth: Sequence[float] = (1.0, 2.0),
     thickness: float = 2.0,
     radius: float = 50.0,
     laws: Sequence[str] = ("isotropic",),
     **options: Any,
 ) -> Figure:
-    """Outer radius against growth, as in Fig. 3(a), between two growths; options as for :func:`radius_rows`."""
-    rows = radius_rows(np.linspace(*growth, 201), thickness, radius, laws, **options)
+    """Outer radius against growth, as in Fig. 3(a), the growths asked for as dots; options as :func:`radius_rows`."""
+    ends = (min(1.0, *growth), max(2.0, *growth))
+    sphere = (thickness, radius, laws)
+    rows = radius_rows(np.linspace(*ends, 201), *sphere, **options)
     with _figure(6.4, 4.4, 1, 1) as (figure, ((ax,),)):
         _draw_radius(ax, rows)
-        title = f"$T$ = {thickness:g} mm, $C$ = {radius:g} mm"
-        _limits(ax, _span(growth), _around([row["c_over_B"] for row in rows], 1, 1.3, 0.1), title)
+        _limits(ax, ends, _around([row["c_over_B"] for row in rows], 1, 1.3, 0.1), f"$T$ = {thickness:g} mm")
+        _mark(ax, radius_rows(growth, *sphere, **options), "growth", "c_over_B")
         _legend_below(ax)
+        _say(figure, radius=radius, **options)
     return figure
 
 
@@ -122,39 +132,47 @@ def stress_figure(
 ) -> Figure:
     """Tangential stress through the cortex, as in Fig. 3(b), a panel per law; options as for :func:`stress_rows`."""
     rows = stress_rows(growth, thicknesses, radius, laws, **{**options, "points": 101, "layers": ("cortex",)})
-    limits = _around([row["sigma_theta_over_mu_cortex"] for row in rows], -14, 0, 2)
-    with _figure(*_panel_size(laws), 1, len(laws)) as (figure, axes):
+    sigma = [row["sigma_theta_over_mu_cortex"] for row in rows]
+    step = _step(max(map(abs, sigma)))
+    limits = _around(sigma, -step, 0, step)
+    with _figure(*_panel_size(laws), 1, len(laws), sharey=True) as (figure, axes):
         for ax, law in zip(axes[0], laws):
             _draw_stress(ax, [row for row in rows if row["law"] == law])
-            _limits(ax, (0, 1), limits, f"{law} growth, $g$ = {growth:g}, $C$ = {radius:g} mm")
+            _limits(ax, (0, 1), limits, f"{law} growth, $g$ = {growth:g}")
             _legend_below(ax)
+        _say(figure, radius=radius, **options)
     return figure
 
 
 def critical_figure(
-    C_bar: tuple[float, float] = (1.0, 1.3), laws: Sequence[str] = LAWS, *, biot: bool = True, **options: Any
+    C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = LAWS, *, biot: bool = True, **options: Any
 ) -> Figure:
-    """Critical growth against C/B, as in Fig. 4, and Biot's in thin lines; options as for :func:`critical_rows`."""
-    low, high = _span(C_bar)
-    rows = critical_rows(np.linspace(max(low, 1 + 1e-6), high, 801), laws, **options)
+    """Critical growth against C/B, as in Fig. 4, and Biot's in thin lines; options as for :func:`critical_rows`.
+
+    The ratios asked for are dots.
+    """
+    right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)       # the hole lies inside B
+    rows = critical_rows(np.linspace(1 + 1e-6, right, 801), laws, **options)
     with _figure(7.6, 4.8, 1, 1) as (figure, ((ax,),)):
         _draw_critical(ax, rows, laws, biot=biot, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
-        _limits(ax, (low, high), _around([least, 1.5 * least], 1, 3, 0.5), "")
+        _limits(ax, (1, right), _around([least, 1.5 * least], 1, 3, 0.5), "")
+        _mark(ax, critical_rows(C_bar, laws, **options), "C_over_B", "g_crease")
         _legend_below(ax)
+        _say(figure, **options)
     return figure
 
 
 def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     """Critical growth of every degree l: a panel per law and mu ratio, a curve per thickness, the minimum marked.
 
-    Thin horizontal lines of the same style are the crease criterion, Eqs. (12) and (13). Without ``cases``: those of
-    the paper, T = 1, 2, 3 mm, C = 50 mm, mu ratio 1, 2 and 4.
+    Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio. Without ``cases``:
+    those of the paper, T = 1, 2, 3 mm, C = 50 mm, mu ratio 1, 2 and 4.
     """
     cases = bifurcation_cases() if cases is None else cases
     laws, ratios, thicknesses = _distinct(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
-    top = _around([g for case in cases for g in (case.g_crease, case.bifurcation.short_wave)], 1, 1.9, 0.1)
+    top = _around([g for case in cases for g in (case.bifurcation.g_crease, case.bifurcation.short_wave)], 1, 1.9, 0.1)
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _figure(*size, len(ratios), len(laws), sharex=True, sharey=True) as (figure, axes):
         for k, mu_ratio in enumerate(ratios):
@@ -162,45 +180,56 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
                 _limits(ax, (1, max(last, 10)), top, f"{law} growth, {_mu_ratio(mu_ratio)}")
                 for i, T in enumerate(thicknesses):
                     _draw_curve(ax, i, [c for c in cases if (c.law, c.mu_ratio, c.thickness) == (law, mu_ratio, T)])
+                _say_none(ax, [c for c in cases if (c.law, c.mu_ratio) == (law, mu_ratio)])
                 ax.set_xscale("log")
                 ax.xaxis.set_major_formatter("{x:g}")
                 ax.set(xlabel="degree of the spherical harmonic  $l$" if k == len(ratios) - 1 else "")
                 ax.set(ylabel=CRITICAL_LABEL if law == laws[0] else "")
         entries: dict[str, Any] = {f"$T/C$ = {T / cases[0].radius:.3g}": _line(i) for i, T in enumerate(thicknesses)}
-        mark = {"color": GREY, "linestyle": "none"}
-        entries |= {"first wrinkles": {**mark, "marker": "o"}, "crease criterion": {"color": GREY, "linewidth": 1.0}}
+        entries |= {"first wrinkles": {**MARK, "marker": "o"}, "crease criterion": {"color": GREY, "linewidth": 1.0}}
         if any(np.isinf(case.bifurcation.mode) for case in cases):
-            entries["shortest waves first"] = {**mark, "marker": ">"}
+            entries["shortest waves first"] = {**MARK, "marker": ">"}
         _legend_of_figure(figure, entries, axes[0][0], columns=3 if len(laws) > 1 else 2)
+        _say_of_cases(figure, cases)
     return figure
 
 
 def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
     """Which comes first: critical growth of wrinkles and of creases against T/C, a panel per law.
 
-    Below the crease criterion (black; Eqs. 12 and 13, whatever the mu ratio) wrinkles come first. Without ``cases``:
+    Wrinkles below the crease criterion come first. It is black, Eqs. (12) and (13), if incompressible; else it depends
+    on the mu ratio, and is a thin line of the same style. Triangles: the shortest waves come first. Without ``cases``:
     T/C from 0.01 to 0.2, mu ratio 1, 2 and 4.
     """
-    cases = bifurcation_cases(np.linspace(0.01, 0.2, 20), 1.0) if cases is None else cases
+    cases = bifurcation_cases(np.linspace(0.5, 10, 20)) if cases is None else cases
     laws, ratios, thicknesses = _distinct(cases)
     share = np.array(thicknesses) / cases[0].radius
     right = max(0.2, float(np.ceil(share.max() * 20 - 1e-9) / 20))
     top = _around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
+    dots = {"marker": "o", "markersize": 4.5} if len(thicknesses) < 12 else {}
+    incompressible = bool(np.isinf(cases[0].kappa_ratio))
     with _figure(*_panel_size(laws), 1, len(laws), sharey=True) as (figure, axes):
         for ax, law in zip(axes[0], laws):
-            T = np.linspace(1e-6, right, 801)
-            ax.plot(T, theory.critical_growth(1 / (1 - T), law), color=BLACK, linewidth=2.4)
+            here = [case for case in cases if case.law == law]
+            if incompressible:
+                T = np.linspace(1e-6, right, 801)
+                ax.plot(T, theory.critical_growth(1 / (1 - T), law), color=BLACK, linewidth=2.4)
             for i, mu_ratio in enumerate(ratios):
-                mine = [case for case in cases if (case.law, case.mu_ratio) == (law, mu_ratio)]
-                mark = {"marker": "o", "markersize": 4.5} if len(mine) < 12 else {}
-                x, y = [c.thickness / c.radius for c in mine], [c.bifurcation.g_crit for c in mine]
-                ax.plot(x, y, **_line(i + 1), **mark)
+                _draw_map(ax, [case for case in here if case.mu_ratio == mu_ratio], _line(i + 1), dots, incompressible)
             _limits(ax, (0, right), top, f"{law} growth")
+            _say_none(ax, here)
             ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL if law == laws[0] else "")
             ax.locator_params(axis="x", nbins=5)
-        entries = {f"wrinkles (theory), {_mu_ratio(mu)}": _line(i + 1) for i, mu in enumerate(ratios)}
-        entries = {"creases (theory), Eqs. (12) and (13)": {"color": BLACK, "linewidth": 2.4}, **entries}
+        entries: dict[str, Any] = {f"wrinkles (theory), {_mu_ratio(mu)}": {**_line(i + 1), **dots}
+                                   for i, mu in enumerate(ratios)}  # fmt: skip
+        if incompressible:
+            entries = {"creases (theory), Eqs. (12) and (13)": {"color": BLACK, "linewidth": 2.4}, **entries}
+        else:
+            entries["creases (theory), same style"] = {"color": GREY, "linewidth": 1.0, **dots}
+        if any(np.isinf(case.bifurcation.mode) for case in cases):
+            entries["shortest waves first"] = {**MARK, "marker": "^"}
         _legend_of_figure(figure, entries, axes[0][0], columns=len(laws))
+        _say_of_cases(figure, cases)
     return figure
 
 
@@ -219,16 +248,18 @@ def check_format(path: Path) -> str:
 
 
 def reproduce_fig3(folder: Path) -> dict[str, Any]:
-    """Write fig3.png and fig3.tsv into ``folder``; what an index should say of them."""
-    columns = ("panel", "source", "law", "thickness_mm", "outer_radius_mm", "growth", "c_over_B", "c_over_C")
-    files = _write(folder, "fig3", fig3(), columns, fig3_rows())
+    """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; what an index should say of them."""
+    save(fig3(), folder / "fig3.png")
+    for panel, rows in zip("ab", fig3_rows()):
+        write_table(folder / f"fig3{panel}.tsv", list(rows[0]), rows)
     return {
-        "files": files,
+        "files": ["fig3.png", "fig3a.tsv", "fig3b.tsv"],
         "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",
         "equations": "(a) Eq. (11); (b) Eqs. (4) to (6) integrated in closed form, zero radial stress outside",
         "parameters": {
-            "law": "isotropic", "outer_radius_mm": 50, "mu_ratio": 1,
-            "a": {"thickness_mm": 2, "growth": [1, 2]}, "b": {"thickness_mm": [1, 2, 3], "growth": 2},
+            "law": "isotropic", "outer_radius_mm": 50,
+            "a": {"thickness_mm": 2, "growth": [1, 2]},
+            "b": {"thickness_mm": [1, 2, 3], "growth": 2, "mu_ratio": 1},
         },
         "limits": "ours, after the ranges in the text: g 1 to 2, c/B 1 to 1.3; position 0 to 1, stress/mu -14 to 0",
     }  # fmt: skip
@@ -236,9 +267,10 @@ def reproduce_fig3(folder: Path) -> dict[str, Any]:
 
 def reproduce_fig4(folder: Path) -> dict[str, Any]:
     """Write fig4.png and fig4.tsv into ``folder``; what an index should say of them."""
-    files = _write(folder, "fig4", fig4(), ("source", "law", "C_over_B", "T_over_C", "g_crease"), fig4_rows())
+    save(fig4(), folder / "fig4.png")
+    write_table(folder / "fig4.tsv", ("source", "law", "C_over_B", "T_over_C", "g_crease"), fig4_rows())
     return {
-        "files": files,
+        "files": ["fig4.png", "fig4.tsv"],
         "shows": "growth at which creases can form, against the outer radius",
         "equations": "Eq. (12), isotropic; Eq. (13), tangential; criterion lambda_r/lambda_theta = 2.4, Eq. (7)",
         "parameters": {"law": list(LAWS), "C_over_B": [1, 1.3], "g_core": 1},
@@ -248,12 +280,6 @@ def reproduce_fig4(folder: Path) -> dict[str, Any]:
 
 #: figure of the paper -> function that writes its files into a folder
 REPRODUCTIONS: dict[str, Callable[[Path], dict[str, Any]]] = {"fig3": reproduce_fig3, "fig4": reproduce_fig4}
-
-
-def _write(folder: Path, name: str, figure: Figure, columns: Sequence[str], rows: list[Row]) -> list[str]:
-    save(figure, folder / f"{name}.png")
-    write_table(folder / f"{name}.tsv", columns, rows)
-    return [f"{name}.png", f"{name}.tsv"]
 
 
 def _draw_radius(ax: Axes, rows: list[Row]) -> None:
@@ -287,7 +313,7 @@ def _draw_critical(
         if biot:
             thin = {**_line(i), "linewidth": 1.0}
             ax.plot(x, [row["g_biot"] for row in mine], label=f"theory, Biot's surface wrinkles, {law}", **thin)
-    ax.set(xlabel="outer radius over the interface's  $C/B$", ylabel=CRITICAL_LABEL)
+    ax.set(xlabel="outer radius / interface radius  $C/B$", ylabel=CRITICAL_LABEL)
     if limits:
         _mark_limits(ax, laws)
 
@@ -310,11 +336,54 @@ def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
     for case in cases:
         b = case.bifurcation
         ax.plot(b.curve.degree, b.curve.g, **_line(index))
-        ax.axhline(case.g_crease, **{**_line(index), "linewidth": 1.0})
+        ax.axhline(b.g_crease, **{**_line(index), "linewidth": 1.0})
         shortest_first = np.isinf(b.mode)                   # the minimum lies beyond every axis: an arrow at its end
         at = ax.get_xlim()[1] if shortest_first else b.mode
         mark = ">" if shortest_first else "o"
         ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=_line(index)["color"], clip_on=False, zorder=3)
+
+
+def _draw_map(
+    ax: Axes, cases: Sequence[Case], line: dict[str, Any], dots: dict[str, Any], incompressible: bool
+) -> None:
+    """Wrinkles of one law and mu ratio by thickness; their creases too if those depend on the mu ratio."""
+    x = np.array([case.thickness / case.radius for case in cases])
+    wrinkles, creases = (np.array([getattr(c.bifurcation, name) for c in cases]) for name in ("g_crit", "g_crease"))
+    ax.plot(x, wrinkles, **line, **dots, clip_on=False)
+    if not incompressible:
+        ax.plot(x, creases, **{**line, **dots, "linewidth": 1.0})
+    shortest = np.isinf([case.bifurcation.mode for case in cases])
+    if shortest.any():
+        ax.plot(x[shortest], wrinkles[shortest], **{**MARK, "color": line["color"]}, marker="^", clip_on=False)
+
+
+def _mark(ax: Axes, rows: list[Row], x: str, y: str) -> None:
+    """Dots on numbers that were asked for, within the limits, as long as there is room between them."""
+    for i, law in enumerate(dict.fromkeys(row["law"] for row in rows)):
+        mine = [row for row in rows if row["law"] == law]
+        at = [(row[x], row[y]) for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
+        if at:                                              # not clipped: dots at the ends stay whole
+            ax.plot(*zip(*at), linestyle="none", marker="o", color=_line(i)["color"], clip_on=False, zorder=3)
+
+
+def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
+    """Words in a panel that has gaps: where no wrinkles were found."""
+    none = [case.thickness / case.radius for case in cases if np.isnan(case.bifurcation.g_crit)]
+    if none:
+        share = f"$T/C$ = {min(none):.3g}" + (f" to {max(none):.3g}" if max(none) > min(none) else "")
+        words = f"{len(none)} of {len(cases)} without wrinkles\nup to $g$ = {G_MAX:g}: {share}"
+        ax.text(0.98, 0.03, words, transform=ax.transAxes, ha="right", va="bottom", color=GREY, fontsize=10)
+
+
+def _say_of_cases(figure: Figure, cases: Sequence[Case]) -> None:
+    _say(figure, radius=cases[0].radius, A_over_C=cases[0].A_over_C, kappa_ratio=cases[0].kappa_ratio)
+
+
+def _say(figure: Figure, **parameters: float) -> None:
+    """A line above all panels of what differs from the paper's sphere."""
+    said = [SAY[name].format(value) for name, value in parameters.items() if value != PAPER[name]]
+    if said:
+        figure.suptitle(", ".join(said), x=0.02, ha="left", fontsize=11)
 
 
 def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
@@ -329,7 +398,7 @@ def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float
 
 
 def _mu_ratio(value: float) -> str:
-    return f"$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {value:g}"
+    return SAY["mu_ratio"].format(value)
 
 
 def _line(index: int) -> dict[str, Any]:
@@ -350,10 +419,12 @@ def _around(values: Sequence[float], low: float, high: float, step: float) -> tu
     return min(low, float(below)), max(high, float(above))
 
 
-def _span(values: tuple[float, float]) -> tuple[float, float]:
-    """Limits in rising order, of some width."""
-    low, high = min(values), max(values)
-    return (low, high) if high > low else (low - 0.05, high + 0.05)
+def _step(size: float) -> float:
+    """A round step, 1, 2 or 5 times a power of ten, that goes into a size 3 to 8 times."""
+    if size < 1e-9:                                         # rounding, of nothing
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(size / 3))
+    return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
 
 
 def _panel_size(laws: Sequence[str]) -> tuple[float, float]:

@@ -16,6 +16,9 @@ from morphofold.sim import theory
 
 Row = dict[str, Any]
 
+#: growth up to which wrinkles and creases are looked for
+G_MAX = 10.0
+
 
 @dataclass(frozen=True)
 class Case:
@@ -28,10 +31,10 @@ class Case:
     mu_ratio : float
         Shear modulus of the cortex over the core's.
     law : {"isotropic", "tangential"}
+    kappa_ratio, A_over_C : float
+        Bulk over shear modulus (inf is incompressible); radius of the fixed hole over the outer one.
     bifurcation : Bifurcation
-        Of :func:`morphofold.sim.theory.bifurcation`.
-    g_crease : float
-        Growth at the crease criterion, Eqs. (12) and (13), of the incompressible sphere; NaN if no crease forms.
+        Of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
     g_elements : float, optional
         g_crit of the same mode by finite elements (:mod:`morphofold.sim.statics`), if asked for; NaN for none.
     """
@@ -40,17 +43,10 @@ class Case:
     radius: float
     mu_ratio: float
     law: str
+    kappa_ratio: float
+    A_over_C: float
     bifurcation: theory.Bifurcation
-    g_crease: float
     g_elements: float | None = None
-
-    @property
-    def first(self) -> str | None:
-        """Which of the two needs less growth: "wrinkle" or "crease"; None if neither comes."""
-        wrinkle, crease = self.bifurcation.g_crit, self.g_crease
-        if np.isnan(wrinkle) and np.isnan(crease):
-            return None
-        return "crease" if np.isnan(wrinkle) or crease < wrinkle else "wrinkle"
 
     def row(self) -> Row:
         """Critical growth, mode and wavelength; what is NaN or infinite has its reason in ``reason``."""
@@ -59,29 +55,40 @@ class Case:
         if np.isinf(b.mode):
             reasons.append("the shortest waves come first: their degree has no bound")
         if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
-            reasons.append("waves of vanishing length on the interface have no creasing amplitude")
-        if np.isnan(self.g_crease):
-            reasons.append(no_crease(self.law))
+            reasons.append("these wrinkles live on the interface: no creasing amplitude")
+        if np.isnan(b.g_crease):
+            reasons.append(f"no crease found up to g = {G_MAX:g}")
+        checked = {}
+        if self.g_elements is not None:
+            checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
         return {
-            **self._named(), "g_crit": b.g_crit, "degree": b.mode,
-            "wavelength_over_T": b.wavelength / T, "wavelength_deformed_over_T": b.wavelength_deformed / T,
+            **self._named(), "g_crit": b.g_crit, **checked, "degree": _degree(b.mode),
+            "wavelength_mm": b.wavelength * self.radius, "wavelength_over_T": b.wavelength / T,
+            "wavelength_deformed_mm": b.wavelength_deformed * self.radius,
+            "wavelength_deformed_over_T": b.wavelength_deformed / T,
             "creasing_amplitude_over_T": b.creasing_amplitude / T,
-            "g_crease": self.g_crease, "first": self.first, "reason": "; ".join(reasons) or None,
-        } | ({} if self.g_elements is None else {"g_elements": self.g_elements})  # fmt: skip
+            "g_crease": b.g_crease, "first": b.first or None, "reason": "; ".join(reasons) or None,
+        }  # fmt: skip
 
     def curve_rows(self) -> list[Row]:
-        """Critical growth of each degree that was looked at; NaN, with the reason, where it stays stable."""
-        stable = "stable at any growth looked at"
+        """Critical growth of each degree that was looked at; NaN, with the reason, where none was found."""
+        none = f"none found up to g = {G_MAX:g}: stable, or the smooth state could not be followed that far"
         return [
-            {**self._named(), "degree": int(degree), "g_crit": g, "reason": stable if np.isnan(g) else None}
+            {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
             for degree, g in zip(*self.bifurcation.curve)
         ]
 
     def _named(self) -> Row:
         return {
-            "law": self.law, "thickness_mm": self.thickness, "T_over_C": self.thickness / self.radius,
-            "mu_ratio": self.mu_ratio,
+            "law": self.law, "thickness_mm": self.thickness, "outer_radius_mm": self.radius,
+            "T_over_C": self.thickness / self.radius, "hole_ratio": self.A_over_C, "mu_ratio": self.mu_ratio,
+            "kappa_ratio": "inf" if np.isinf(self.kappa_ratio) else self.kappa_ratio,
         }  # fmt: skip
+
+
+def _degree(mode: float) -> int | str | None:
+    """A whole number; "inf" where it has no bound, for JSON has no such number; None where there is no mode."""
+    return None if np.isnan(mode) else "inf" if np.isinf(mode) else int(mode)
 
 
 def radius_rows(
@@ -189,26 +196,25 @@ def bifurcation_cases(
     ``check`` finds every g_crit a second time, by finite elements.
     """
     wanted = [(law, mu, T) for law in laws for mu in mu_ratios for T in thicknesses]
-    for _, _, thickness in wanted:
-        outer_ratio(thickness, radius, A_over_C)                # before the first of them takes its time
+    for _, _, T in wanted:
+        outer_ratio(T, radius, A_over_C)                # before the first of them takes its time
     cases = []
-    for law, mu_ratio, thickness in wanted:
-        found = theory.bifurcation(thickness / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
-        crease = float(theory.critical_growth(outer_ratio(thickness, radius), law))
-        again = _by_elements(found, thickness / radius, mu_ratio, law, kappa_ratio, A_over_C) if check else None
-        cases.append(Case(thickness, radius, mu_ratio, law, found, crease, again))
+    for law, mu_ratio, T in wanted:
+        sphere = (T / radius, mu_ratio, law, kappa_ratio)
+        found = theory.bifurcation(*sphere, A_over_C=A_over_C, g_max=G_MAX)
+        again = _by_elements(found.mode, sphere, A_over_C) if check else None
+        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found, again))
         if progress is not None:
-            progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {thickness:g}")
+            progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
     return cases
 
 
-def _by_elements(found: theory.Bifurcation, T_over_C: float, *sphere: Any) -> float:
-    from morphofold.sim.statics import critical_growth_of_mode
+def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
+    from morphofold.sim.statics import critical_growth_of_degree
 
-    *rest, A_over_C = sphere
-    if not np.isfinite(found.mode):
+    if not np.isfinite(mode):
         return np.nan                                               # no mode, or none that a mesh can resolve
-    return critical_growth_of_mode(int(found.mode), T_over_C, *rest, A_over_C=A_over_C, g_max=10.0)
+    return critical_growth_of_degree(int(mode), *sphere, A_over_C=A_over_C, g_max=G_MAX)
 
 
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
@@ -223,13 +229,10 @@ def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float
     return radius / (radius - thickness)
 
 
-def no_crease(law: str) -> str:
-    """Why the crease criterion has no growth."""
-    return f"no crease if {law} from C/B = {theory.thickest_creasing(law):.3f} on"
-
-
 def _out_of_reach(law: str, crease: float, biot: float) -> str | None:
-    reasons = [no_crease(law)] if np.isnan(crease) else []
+    reasons = []
+    if np.isnan(crease):
+        reasons.append(f"no crease if {law} from C/B = {theory.thickest_creasing(law):.3f} on")
     if np.isnan(biot):
         reasons.append(f"Biot's stretch not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f} on")
     return "; ".join(reasons) or None
