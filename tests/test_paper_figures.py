@@ -163,8 +163,14 @@ def test_a_panel_says_where_no_wrinkles_were_found(cases):
     for draw in (paper.crease_or_wrinkle, paper.bifurcation_curves):
         said = [text.get_text() for ax in draw(some).axes for text in ax.texts]
         assert len(said) == 1
-        assert "without wrinkles\nup to $g$ = 10: $T/C$ = 0.04" in said[0]
+        assert "no wrinkles\nfound up to $g$ = 10, $T/C$ = 0.04" in said[0]
         assert not any(ax.texts for ax in draw(cases).axes)
+
+
+def test_first_wrinkles_are_within_the_axes(cases):
+    late = [replace(cases[0], bifurcation=replace(cases[0].bifurcation, g_crit=2.3)), *cases[1:]]
+    for draw in (paper.crease_or_wrinkle, paper.bifurcation_curves):
+        assert draw(late).axes[0].get_ylim()[1] >= 2.3
 
 
 def words_of(figure):
@@ -215,7 +221,7 @@ def test_what_is_not_found_has_its_reason(cases):
         ({"g_crit": nan, "mode": nan, "creasing_amplitude": nan, "reason": "stable"}, "stable"),
         ({"mode": inf}, "their degree has no bound"),
         ({"creasing_amplitude": nan}, "these wrinkles live on the interface: no creasing amplitude"),
-        ({"g_crease": nan}, "no crease found up to g = 10"),
+        ({"g_crease": nan}, "no crease found up to g = 10, or as far as the smooth state could be followed"),
     ):
         assert replace(cases[0], bifurcation=replace(whole, **change)).row()["reason"].endswith(said)
 
@@ -288,3 +294,8 @@ def test_the_table_holds_the_points_of_the_panel(tmp_path, table, draw, panel, y
     assert {row["source"] for row in rows} == {"theory"}
     drawn = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
     np.testing.assert_allclose([np.nan if r[y] == "n/a" else float(r[y]) for r in rows], drawn, rtol=1e-6)
+
+
+def test_ten_curves_are_told_apart():
+    (ax,) = paper.stress_figure(2.0, range(1, 11)).axes
+    assert len(set(looks(ax))) == 10

@@ -172,7 +172,8 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     cases = bifurcation_cases() if cases is None else cases
     laws, ratios, thicknesses = _distinct(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
-    top = _around([g for case in cases for g in (case.bifurcation.g_crease, case.bifurcation.short_wave)], 1, 1.9, 0.1)
+    found = [case.bifurcation for case in cases]
+    top = _around([g for b in found for g in (b.g_crit, b.g_crease, b.short_wave)], 1, 1.9, 0.1)
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _figure(*size, len(ratios), len(laws), sharex=True, sharey=True) as (figure, axes):
         for k, mu_ratio in enumerate(ratios):
@@ -243,7 +244,7 @@ def check_format(path: Path) -> str:
     """Ending of a figure's file in small letters; ``ValueError`` if it is none of :data:`FORMATS`."""
     ending = path.suffix.lower()
     if ending not in FORMATS:
-        raise ValueError(f"{path}: a figure is written as {', '.join(FORMATS)}; name a file that ends so.")
+        raise ValueError(f"{path}: a figure is written as {', '.join(FORMATS)}; name one such as figure.png.")
     return ending
 
 
@@ -371,7 +372,7 @@ def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
     none = [case.thickness / case.radius for case in cases if np.isnan(case.bifurcation.g_crit)]
     if none:
         share = f"$T/C$ = {min(none):.3g}" + (f" to {max(none):.3g}" if max(none) > min(none) else "")
-        words = f"{len(none)} of {len(cases)} without wrinkles\nup to $g$ = {G_MAX:g}: {share}"
+        words = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {share}"
         ax.text(0.98, 0.03, words, transform=ax.transAxes, ha="right", va="bottom", color=GREY, fontsize=10)
 
 
@@ -402,8 +403,8 @@ def _mu_ratio(value: float) -> str:
 
 
 def _line(index: int) -> dict[str, Any]:
-    """Colour and dashes of one curve of several; neither is needed to tell the first six apart."""
-    return {"color": CATEGORICAL[index % len(CATEGORICAL)], "linestyle": DASHES[index % len(DASHES)]}
+    """Colour and dashes of one curve of several; either tells the first six apart, both the first 36."""
+    return {"color": CATEGORICAL[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
 
 
 def _limits(ax: Axes, x: tuple[float, float], y: tuple[float, float], title: str) -> None:

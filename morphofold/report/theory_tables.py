@@ -18,6 +18,7 @@ Row = dict[str, Any]
 
 #: growth up to which wrinkles and creases are looked for
 G_MAX = 10.0
+_NOT_FOUND = f"found up to g = {G_MAX:g}, or as far as the smooth state could be followed"
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Case:
         if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
             reasons.append("these wrinkles live on the interface: no creasing amplitude")
         if np.isnan(b.g_crease):
-            reasons.append(f"no crease found up to g = {G_MAX:g}")
+            reasons.append(f"no crease {_NOT_FOUND}")
         checked = {}
         if self.g_elements is not None:
             checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
@@ -72,7 +73,7 @@ class Case:
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was looked at; NaN, with the reason, where none was found."""
-        none = f"none found up to g = {G_MAX:g}: stable, or the smooth state could not be followed that far"
+        none = f"none {_NOT_FOUND}"
         return [
             {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
             for degree, g in zip(*self.bifurcation.curve)
