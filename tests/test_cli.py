@@ -226,3 +226,22 @@ def test_a_warning_is_one_line_without_source(here, capsys, monkeypatch):
     monkeypatch.setattr(scenes, "run", lambda args: warnings.warn("the sky is low", stacklevel=1) or 0)
     assert main(["scenes"]) == 0
     assert capsys.readouterr().err == "morphofold: warning: the sky is low\n"
+
+
+def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
+    def kernel(args):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("returned a result with an exception set") from error
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", kernel)
+    assert main(["scenes"]) == 130
+    assert capsys.readouterr().err == "morphofold scenes: interrupted.\n"
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    command = f"{sys.executable} -m morphofold theory radius --growth 1:2:9000 | head -n 1"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("Outer radius")
+    assert done.stderr == ""

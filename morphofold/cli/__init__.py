@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -46,12 +47,23 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted."""
-    args = parser().parse_args(argv)
+    try:
+        args = parser().parse_args(argv)
+    except OSError as error:                                            # no room for --help
+        return _fail("", f"standard output: {error.strerror}.", 2)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _one_line
-            return args.run(args)
-    except KeyboardInterrupt:
+            code = args.run(args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:                                             # whoever read our words has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (KeyboardInterrupt, SystemError) as error:
+        # a compiled kernel hands Ctrl-C on as the cause of a SystemError
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         print(f"morphofold {args.command}: interrupted.{getattr(args, 'on_interrupt', '')}", file=sys.stderr)
         return 130
     except (ValueError, TypeError, OSError, ImportError) as error:
@@ -77,5 +89,5 @@ def _one_line(message: Warning | str, *_: object, **__: object) -> None:
 def _fail(command: str, error: object, code: int) -> int:
     lines = str(error).strip().splitlines() or [type(error).__name__]
     for line in lines:
-        print(f"morphofold {command}: {line}", file=sys.stderr)
+        print(f"morphofold {command}".strip() + f": {line}", file=sys.stderr)
     return code
