@@ -318,6 +318,8 @@ def test_reproduce_keeps_the_figures_that_are_there(here, capsys):
     for figure in ("fig3", "fig4"):
         assert main(["reproduce", figure, "-o", "out"]) == 0
     assert "fig3: kept from an earlier run" in capsys.readouterr().out
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert "fig4: kept" not in capsys.readouterr().out                  # drawn again
     assert main(["reproduce", "fig3", "fig4", "-o", "both"]) == 0
     for file in (here / "both").iterdir():
         assert file.read_bytes() == (here / "out" / file.name).read_bytes()
