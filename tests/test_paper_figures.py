@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from morphofold.cli.reproduce import FIGURES
-from morphofold.report import paper
+from morphofold.report import line_plots, paper, theory_plots
 from morphofold.report.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.sim import theory
 
-KINDS = sorted(paper.FORMATS)
+KINDS = sorted(line_plots.FORMATS)
 
 
 @pytest.fixture(scope="module")
@@ -95,8 +95,8 @@ def test_curves_differ_in_colour_and_in_dashes_too():
 
 
 def test_every_axis_is_labelled(cases):
-    figures = (paper.fig3(), paper.fig4(), paper.bifurcation_curves(cases), paper.crease_or_wrinkle(cases))
-    for figure in figures:
+    of_cases = (theory_plots.bifurcation_curves(cases), theory_plots.crease_or_wrinkle(cases))
+    for figure in (paper.fig3(), paper.fig4(), *of_cases):
         assert any(ax.get_ylabel() for ax in figure.axes)
         assert any(ax.get_xlabel() for ax in figure.axes)
         for ax in figure.axes:
@@ -107,7 +107,7 @@ def test_every_axis_is_labelled(cases):
 
 
 def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
-    figure = paper.bifurcation_curves(cases)
+    figure = theory_plots.bifurcation_curves(cases)
     assert len(figure.axes) == 4                                        # two laws, two mu ratios
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     for case in cases:
@@ -118,7 +118,7 @@ def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
 
 
 def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
-    for ax, law in zip(paper.crease_or_wrinkle(cases).axes, paper.LAWS):
+    for ax, law in zip(theory_plots.crease_or_wrinkle(cases).axes, theory_plots.LAWS):
         crease, one, two = (np.array(line.get_data()) for line in ax.get_lines()[:3])
         mine = [c for c in cases if c.law == law]
         np.testing.assert_array_equal(one[1], [c.bifurcation.g_crit for c in mine if c.mu_ratio == 1])
@@ -130,27 +130,27 @@ def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
 def test_the_map_draws_creases_at_the_compressibility_of_the_wrinkles(cases):
     """They depend on the mu ratio then: the core gives way too."""
     soft = bifurcation_cases((2.0, 3.0), 50.0, (1.0, 2.0), ("tangential",), kappa_ratio=20.0, A_over_C=0.4)
-    figure = paper.crease_or_wrinkle(soft)
+    figure = theory_plots.crease_or_wrinkle(soft)
     drawn = [np.asarray(line.get_ydata()) for line in figure.axes[0].get_lines()]
     for mu_ratio in (1.0, 2.0):
         creases = [c.bifurcation.g_crease for c in soft if c.mu_ratio == mu_ratio]
         assert any(np.array_equal(y, creases) for y in drawn)
         assert creases[0] != pytest.approx(float(theory.critical_growth(50 / 48, "tangential")), rel=1e-3)
     assert figure.get_suptitle() == "$A/C$ = 0.4, $\\kappa/\\mu$ = 20"
-    assert paper.crease_or_wrinkle(cases).get_suptitle() == ""
+    assert theory_plots.crease_or_wrinkle(cases).get_suptitle() == ""
 
 
 def test_titles_say_every_parameter_that_is_not_the_papers():
-    figure = paper.stress_figure(1.5, (2.0,), 40.0, g_core=1.1, mu_ratio=3.0, A_over_C=0.5)
+    figure = theory_plots.stress_figure(1.5, (2.0,), 40.0, g_core=1.1, mu_ratio=3.0, A_over_C=0.5)
     assert figure.get_suptitle() == (
         "$C$ = 40 mm, $g_\\mathrm{core}$ = 1.1, $\\mu_\\mathrm{cortex}/\\mu_\\mathrm{core}$ = 3"
     )
-    assert paper.stress_figure().get_suptitle() == ""
+    assert theory_plots.stress_figure().get_suptitle() == ""
 
 
 def test_shortest_waves_have_their_own_mark_in_both_figures():
     cases = bifurcation_cases((2.0,), 50.0, (0.1, 2.0), ("isotropic",))
-    for figure, mark in ((paper.crease_or_wrinkle(cases), "^"), (paper.bifurcation_curves(cases), ">")):
+    for figure, mark in ((theory_plots.crease_or_wrinkle(cases), "^"), (theory_plots.bifurcation_curves(cases), ">")):
         marks = [line for ax in figure.axes for line in ax.get_lines() if line.get_marker() == mark]
         assert any(cases[0].bifurcation.g_crit in line.get_ydata() for line in marks)
         assert "shortest waves first" in words_of(figure)
@@ -160,7 +160,7 @@ def test_a_panel_says_where_no_wrinkles_were_found(cases):
     nan = float("nan")
     stable = replace(cases[0].bifurcation, g_crit=nan, mode=nan, reason="stable")
     some = [replace(cases[0], bifurcation=stable), *cases[1:]]
-    for draw in (paper.crease_or_wrinkle, paper.bifurcation_curves):
+    for draw in (theory_plots.crease_or_wrinkle, theory_plots.bifurcation_curves):
         said = [text.get_text() for ax in draw(some).axes for text in ax.texts]
         assert len(said) == 1
         assert "no wrinkles\nfound up to $g$ = 10, $T/C$ = 0.04" in said[0]
@@ -169,7 +169,7 @@ def test_a_panel_says_where_no_wrinkles_were_found(cases):
 
 def test_first_wrinkles_are_within_the_axes(cases):
     late = [replace(cases[0], bifurcation=replace(cases[0].bifurcation, g_crit=2.3)), *cases[1:]]
-    for draw in (paper.crease_or_wrinkle, paper.bifurcation_curves):
+    for draw in (theory_plots.crease_or_wrinkle, theory_plots.bifurcation_curves):
         assert draw(late).axes[0].get_ylim()[1] >= 2.3
 
 
@@ -179,7 +179,7 @@ def words_of(figure):
 
 
 def test_a_map_of_one_thickness_has_its_marks_in_the_legend(cases):
-    figure = paper.crease_or_wrinkle([case for case in cases if case.thickness == 2])
+    figure = theory_plots.crease_or_wrinkle([case for case in cases if case.thickness == 2])
     marks = [handle.get_marker() for handle in figure.legends[0].legend_handles]
     assert marks == ["None", "o", "o"]
 
@@ -190,7 +190,7 @@ def dots(ax):
 
 
 def test_growths_asked_for_are_dots_on_a_curve_of_a_sensible_range():
-    (ax,) = paper.radius_figure([1.5, 2.5]).axes
+    (ax,) = theory_plots.radius_figure([1.5, 2.5]).axes
     ((_, curve),) = lines(ax).items()
     assert (curve.get_xdata()[0], curve.get_xdata()[-1]) == (1, 2.5)
     g, c = dots(ax)
@@ -199,14 +199,14 @@ def test_growths_asked_for_are_dots_on_a_curve_of_a_sensible_range():
 
 
 def test_ratios_asked_for_are_dots_where_a_crease_forms_and_the_axes_reach():
-    (ax,) = paper.critical_figure([1.1, 1.19, 1.25], ["isotropic"]).axes
+    (ax,) = theory_plots.critical_figure([1.1, 1.19, 1.25], ["isotropic"]).axes
     np.testing.assert_allclose(dots(ax), [[1.1], theory.critical_growth([1.1])], rtol=1e-12)
     assert ax.get_xlim() == (1, 1.3)
 
 
 @pytest.mark.parametrize("growth", [1.0, 1.01, 1.3, 2.0, 5.0])
 def test_limits_of_the_stress_follow_the_stress_in_round_steps(growth):
-    (ax,) = paper.stress_figure(growth).axes
+    (ax,) = theory_plots.stress_figure(growth).axes
     low, high = ax.get_ylim()
     sigma = np.concatenate([line.get_ydata() for line in lines(ax).values()])
     assert high == 0
@@ -245,13 +245,13 @@ def test_a_cortex_as_thick_as_the_sphere_is_refused():
 
 def test_no_case_is_no_figure():
     with pytest.raises(ValueError, match="no case to draw"):
-        paper.crease_or_wrinkle([])
+        theory_plots.crease_or_wrinkle([])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_figure_is_the_same_file(tmp_path, kind):
     for name in ("a", "b"):
-        paper.save(paper.fig4(), tmp_path / f"{name}{kind}")
+        line_plots.save(paper.fig4(), tmp_path / f"{name}{kind}")
     first = (tmp_path / f"a{kind}").read_bytes()
     assert first == (tmp_path / f"b{kind}").read_bytes()
     assert b"Date" not in first
@@ -259,17 +259,17 @@ def test_the_same_figure_is_the_same_file(tmp_path, kind):
 
 def test_a_figure_of_another_kind_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"picture\.bmp: a figure is written as \.png, \.svg, \.pdf"):
-        paper.save(paper.fig4(), tmp_path / "picture.bmp")
+        line_plots.save(paper.fig4(), tmp_path / "picture.bmp")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_figures_heed_neither_nor_change_the_users_settings(tmp_path):
     import matplotlib
 
-    paper.save(paper.fig4(), tmp_path / "plain.png")
+    line_plots.save(paper.fig4(), tmp_path / "plain.png")
     with matplotlib.rc_context({"axes.linewidth": 9, "font.family": "monospace", "xtick.major.size": 20}):
         before = {key: value for key, value in matplotlib.rcParams.items() if key != "backend"}
-        paper.save(paper.fig4(), tmp_path / "mine.png")
+        line_plots.save(paper.fig4(), tmp_path / "mine.png")
         assert {key: matplotlib.rcParams[key] for key in before} == before
     assert (tmp_path / "mine.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
 
@@ -297,5 +297,5 @@ def test_the_table_holds_the_points_of_the_panel(tmp_path, table, draw, panel, y
 
 
 def test_ten_curves_are_told_apart():
-    (ax,) = paper.stress_figure(2.0, range(1, 11)).axes
+    (ax,) = theory_plots.stress_figure(2.0, range(1, 11)).axes
     assert len(set(looks(ax))) == 10

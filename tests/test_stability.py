@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from morphofold.sim import stability, statics, theory
+from morphofold.sim import radial, stability, statics, theory
 from morphofold.sim.material import energy
 from morphofold.sim.radial import Sphere, smooth_state
 
@@ -282,11 +282,14 @@ def test_a_state_that_the_points_do_not_resolve_is_refused():
     assert "beyond that its state could not be solved for" in found.reason
 
 
-def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones():
-    sphere, g = Sphere(0.2, 100.0, "isotropic", 2.0), 2.3
+def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones(monkeypatch):
+    sphere, g, ways = Sphere(0.16, 38.0, "tangential", 2.3, 0.65), 2.3, []
+    newton = radial._newton
+    monkeypatch.setattr(radial, "_newton", lambda *given: ways.append(newton(*given)) or ways[-1])
     state = smooth_state(sphere, g)
-    outer = statics.radial_equilibrium(g, 0.2, 100.0, "isotropic", 2.0, elements=16).at(1.0, "cortex")
-    assert state.fields[1, 4, -1] == pytest.approx(outer.r[0], rel=1e-8)
+    assert ways[0] is None                                      # straight from the incompressible state: no
+    outer = statics.radial_equilibrium(g, 0.16, 38.0, "tangential", 2.3, A_over_C=0.65, elements=16).at(1.0, "cortex")
+    assert state.fields[1, radial.RADIUS, -1] == pytest.approx(outer.r[0], rel=1e-8)
 
 
 def test_a_smooth_state_cannot_be_written_to():

@@ -249,7 +249,8 @@ def test_every_question_can_be_drawn(here, capsys, words, start):
 
 def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
     (here / "old.png").write_bytes(b"old")
-    monkeypatch.setattr("morphofold.report.paper.save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+    full = OSError(28, "No space left")
+    monkeypatch.setattr("morphofold.report.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
     said = refused(capsys, "theory", "radius", "--plot", "old.png")
     assert said.startswith("morphofold theory: old.png: No space left")             # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}

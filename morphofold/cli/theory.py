@@ -142,10 +142,10 @@ def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") ->
 
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
-    from morphofold.report import paper
+    from morphofold.report import line_plots
     from morphofold.results import strict_json
 
-    plot = None if args.plot is None else _writable(Path(args.plot), paper.check_format)
+    plot = None if args.plot is None else _writable(Path(args.plot), line_plots.check_format)
     _read_numbers(args)
     _refuse_too_much(args)
     answer = {"radius": _radius, "stress": _stress, "critical": _critical, "bifurcation": _bifurcation}[args.what](args)
@@ -168,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _radius(args: argparse.Namespace) -> Answer:
-    from morphofold.report import paper, theory_tables
+    from morphofold.report import theory_plots, theory_tables
 
     sphere = (args.thickness, args.radius, _laws(args.law))
     options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
@@ -178,11 +178,11 @@ def _radius(args: argparse.Namespace) -> Answer:
         f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)"
     )
     columns = (LAW, Column("growth", "g", ".4f"), Column("c_over_B", "c/B", ".6f"), Column("c_over_C", "c/C", ".6f"))
-    return Answer(title, columns, rows, lambda: paper.radius_figure(args.growth, *sphere, **options))
+    return Answer(title, columns, rows, lambda: theory_plots.radius_figure(args.growth, *sphere, **options))
 
 
 def _stress(args: argparse.Namespace) -> Answer:
-    from morphofold.report import paper, theory_tables
+    from morphofold.report import theory_plots, theory_tables
 
     if args.points != int(args.points):
         raise ValueError(f"--points must be a whole number, got {args.points:g}.")
@@ -202,11 +202,11 @@ def _stress(args: argparse.Namespace) -> Answer:
         Column("sigma_theta_over_mu_core", "sigma_theta/mu_core", ".6g"),
         Column("sigma_theta_over_mu_cortex", "sigma_theta/mu_cortex", ".6g"),
     )  # fmt: skip
-    return Answer(title, columns, rows, lambda: paper.stress_figure(*sphere, **options))
+    return Answer(title, columns, rows, lambda: theory_plots.stress_figure(*sphere, **options))
 
 
 def _critical(args: argparse.Namespace) -> Answer:
-    from morphofold.report import paper, theory_tables
+    from morphofold.report import theory_plots, theory_tables
 
     if args.thickness is not None:
         args.radius = args.radius or 50.0
@@ -226,12 +226,12 @@ def _critical(args: argparse.Namespace) -> Answer:
         LAW, Column("C_over_B", "C/B", ".4f"), Column("T_over_C", "T/C", ".4f"),
         Column("g_crease", "g crease", ".4f"), Column("g_biot", "g Biot", ".4f"), REASON,
     )  # fmt: skip
-    return Answer(title, columns, rows, lambda: paper.critical_figure(args.ratio, laws, **options))
+    return Answer(title, columns, rows, lambda: theory_plots.critical_figure(args.ratio, laws, **options))
 
 
 def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
-    from morphofold.report import paper, theory_tables
+    from morphofold.report import theory_plots, theory_tables
 
     if args.check and args.curve:
         raise ValueError("--check finds the least growth again, not the curve: leave out --check or --curve.")
@@ -246,7 +246,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
         columns: tuple[Column, ...] = (LAW, THICKNESS, MU, DEGREE, Column("g_crit", "g_crit", ".5f"), REASON)
         rows = [row for case in cases for row in case.curve_rows()]
-        return Answer(title, columns, rows, lambda: paper.bifurcation_curves(cases))
+        return Answer(title, columns, rows, lambda: theory_plots.bifurcation_curves(cases))
     title = (
         f"Growth g_crit at which the smooth sphere first wrinkles, C = {args.radius:g} mm, kappa/mu = "
         f"{args.kappa_ratio:g}; g crease: lambda_r/lambda_theta = 2.4.\n"
@@ -266,7 +266,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
             Column("creasing_amplitude_over_T", "a/T to crease", ".3f"),
         )  # fmt: skip
     columns = (LAW, THICKNESS, MU, *found, Column("g_crease", "g crease", ".5f"), Column("first", "first"), REASON)
-    return Answer(title, columns, [case.row() for case in cases], lambda: paper.crease_or_wrinkle(cases))
+    return Answer(title, columns, [case.row() for case in cases], lambda: theory_plots.crease_or_wrinkle(cases))
 
 
 def _laws(law: str) -> tuple[str, ...]:
@@ -344,11 +344,11 @@ def _writable(path: Path, check_format: Callable[[Path], str]) -> Path:
 
 def _write_plot(figure: Figure, plot: Path) -> None:
     from morphofold.io import atomic_file
-    from morphofold.report import paper
+    from morphofold.report import line_plots
 
     try:
         with atomic_file(plot) as temporary:
-            paper.save(figure, temporary)
+            line_plots.save(figure, temporary)
     except OSError as error:
         if error.errno is None:
             raise

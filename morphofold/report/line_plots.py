@@ -1,0 +1,102 @@
+"""How line plots look and are written: style, limits, legends, and files with the same bytes for the same figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.report.colours import CATEGORICAL
+
+if TYPE_CHECKING:                                           # matplotlib takes a second to import
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: file endings that a figure can be written with, and what keeps the day and the program out of the file
+FORMATS: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+STYLE = {
+    "font.size": 11, "axes.labelsize": 11, "axes.titlesize": 11, "legend.fontsize": 10,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e4e4e0",
+    "grid.linewidth": 0.7, "axes.axisbelow": True, "lines.linewidth": 1.9, "legend.frameon": False,
+    "legend.handlelength": 2.8, "svg.hashsalt": "morphofold", "pdf.fonttype": 42, "savefig.dpi": 160,
+}  # fmt: skip
+DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
+GREY = "#666666"
+BLACK = "#1a1a1a"
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of its ending, one of :data:`FORMATS`."""
+    with _style():
+        figure.savefig(path, format=check_format(path)[1:], metadata=FORMATS[check_format(path)])
+
+
+def check_format(path: Path) -> str:
+    """Ending of a figure's file in small letters; ``ValueError`` if it is none of :data:`FORMATS`."""
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
+        raise ValueError(f"{path}: a figure is written as {', '.join(FORMATS)}; name one such as figure.png.")
+    return ending
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of one curve of several; either tells the first six apart, both the first 36."""
+    return {"color": CATEGORICAL[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
+
+
+def set_limits(ax: Axes, x: tuple[float, float], y: tuple[float, float], title: str) -> None:
+    ax.set(xlim=x, ylim=y)
+    ax.set_title(title, loc="left")
+
+
+def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:
+    """Limits low to high, moved out by whole steps where finite values lie beyond."""
+    finite = np.array([v for v in values if np.isfinite(v)] or [low])
+    below = step * np.floor(finite.min() / step + 1e-9)
+    above = step * np.ceil(finite.max() / step - 1e-9)
+    return min(low, float(below)), max(high, float(above))
+
+
+def round_step(size: float) -> float:
+    """A round step, 1, 2 or 5 times a power of ten, that goes into a size 3 to 8 times."""
+    if size < 1e-9:                                         # rounding, of nothing
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(size / 3))
+    return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
+
+
+def legend_below(ax: Axes) -> None:
+    """A legend under the axes, where it covers nothing."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
+
+
+def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], ax: Axes, columns: int) -> None:
+    """One legend under all panels, of lines that are not drawn."""
+    handles = [ax.plot([], [], label=label, **line)[0] for label, line in entries.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    """Matplotlib as shipped, with the house's changes, whatever the user's settings."""
+    import matplotlib.style
+
+    with matplotlib.style.context(["default", STYLE]):
+        yield
+
+
+@contextmanager
+def new_figure(width: float, height: float, rows: int, columns: int, **shared: Any) -> Iterator[tuple[Figure, Any]]:
+    """A figure without pyplot's global state, and its axes (rows, columns); inches."""
+    from matplotlib.figure import Figure
+
+    with _style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure, figure.subplots(rows, columns, squeeze=False, **shared)
