@@ -45,8 +45,13 @@ def test_both_routes_agree_for_other_holes(A_over_C, degree):
 @pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("T_over_C", [1 / 50, 2 / 50, 3 / 50])
 def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, mu_ratio, law):
-    """By counting negative eigenvalues of the finite-element tangent: nothing hides between the degrees marched."""
+    """By counting negative eigenvalues of the finite-element tangent: nothing hides between the degrees marched.
+
+    And all of these, the paper's cortices, wrinkle before they meet its criterion for creases.
+    """
     found = theory.bifurcation(T_over_C, mu_ratio, law)
+    assert found.first == "wrinkle"
+    assert found.g_crit < float(theory.critical_growth(1 / (1 - T_over_C), law)) - 0.03
     near = (1, *range(int(found.mode) - 1, int(found.mode) + 2), 3 * int(found.mode))
     below, above = 1 + (found.g_crit - 1) * 0.9999, 1 + (found.g_crit - 1) * 1.0001
     assert all(statics.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
@@ -319,10 +324,10 @@ def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
 def test_short_wave_limit_is_that_of_the_curve(T_over_C, mu_ratio, law, kappa_ratio):
     """g(l) = limit + a/l + O(1/l^2), marched at two high degrees; layers of unlike stiffness that can be compressed."""
     sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
-    l = round(480 / T_over_C)
+    l = round(120 / T_over_C)
     low, high = (stability.critical_growth_of_degree(sphere, degree) for degree in (l, 2 * l))
     short_wave = theory.bifurcation(T_over_C, mu_ratio, law, kappa_ratio).short_wave
-    assert short_wave == pytest.approx(2 * high - low, abs=1e-5)
+    assert short_wave == pytest.approx(2 * high - low, abs=1e-4)
 
 
 def test_a_thin_soft_cortex_wrinkles_at_the_equibiaxial_stretch_of_biot():
@@ -364,14 +369,6 @@ def test_incompressible_is_the_limit_at_rate_one_over_kappa():
 
 
 # -- what a result says ---------------------------------------------------------------------------------------------
-
-
-def test_the_paper_cortices_wrinkle_before_the_crease_criterion_is_met():
-    """The paper (sec. III D) has creases first at equal stiffness; linear stability of its own model says otherwise."""
-    for law, T, mu_ratio in itertools.product(LAWS, (1, 2, 3), (1.0, 2.0, 4.0)):
-        wrinkle = theory.bifurcation(T / 50, mu_ratio, law).g_crit
-        crease = float(theory.critical_growth(50 / (50 - T), law))
-        assert 1.1 < wrinkle < crease - 0.03
 
 
 def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
