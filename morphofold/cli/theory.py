@@ -1,7 +1,7 @@
 """What can be known of the growing bilayer sphere without simulating it: radius, stress, creases and wrinkles.
 
 Without options each prints what the paper draws (Razavi et al. 2015, Figs. 3 and 4), and bifurcation what it leaves
-out: the exact growth at which the smooth sphere first wrinkles. Options that take ranges say so. Lengths are in mm, but
+out: the growth at which the smooth sphere first wrinkles. Options that take ranges say so. Lengths are in mm, but
 only their ratios matter.
 """
 
