@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +16,8 @@ def check_law(law: str) -> None:
         raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
 
 
-def volume(g: NDArray[np.float64], law: str) -> NDArray[np.float64]:
-    """det G: g^3 under isotropic, g^2 under tangential growth."""
+def volume(g: Any, law: str) -> Any:
+    """det G of growth g, float or array: g^3 if isotropic, g^2 if tangential; ``ValueError`` for another law."""
     check_law(law)
     return g**3 if law == "isotropic" else g**2
 

@@ -2,7 +2,7 @@
 
 Lengths are in units of the outer reference radius C, moduli in units of the core's shear modulus. The incompressible
 state is in closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of Eq. 6); the nearly incompressible one is
-solved by Chebyshev collocation in ln R, with the energy of :func:`morphofold.sim.material.energy`.
+solved by Chebyshev collocation, with the energy of :func:`morphofold.sim.material.energy`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from morphofold.sim.growth import check_law
+from morphofold.sim.growth import check_law, volume
 
 Array = NDArray[np.float64]
 
@@ -120,12 +120,18 @@ def smooth_state(sphere: Sphere, g: float) -> State:
     g : float
         Growth stretch of the cortex.
 
+    Returns
+    -------
+    State
+        Read-only: calls with the same arguments share it.
+
     Raises
     ------
     ConvergenceError
-        If no nearly incompressible state was found.
+        If no nearly incompressible state was found, or the points don't resolve it.
     """
-    ends = np.log(deformed(sphere, g, np.array([sphere.A_over_C, sphere.B, sphere.B, 1.0]))).reshape(2, 2)
+    c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))                # Eq. (11), the core at rest
+    ends = np.log([[sphere.A_over_C, sphere.B], [sphere.B, c]])
     nodes = (1 - np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
     y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
     y[:, -1] = ends[:, 1]
@@ -146,13 +152,6 @@ def _state(y: Array, fields: Array) -> State:
     """A state that callers of the cached function share, and so can't write to."""
     y.flags.writeable = fields.flags.writeable = False
     return State(y, fields)
-
-
-def deformed(sphere: Sphere, g: float, R: Array) -> Array:
-    """Deformed radius of R, incompressible (Eq. 11), the core at rest; lengths over C."""
-    radial, tangential = sphere.growth(g)
-    det = (radial * tangential**2)[1, 0]
-    return np.cbrt(np.minimum(R, sphere.B) ** 3 + det * (np.maximum(R, sphere.B) ** 3 - sphere.B**3))
 
 
 def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:

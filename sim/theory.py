@@ -207,7 +207,7 @@ def critical_growth(
     Raises
     ------
     ValueError
-        As for :func:`deformed_radius`, and for a ratio not above 1.
+        As for :func:`deformed_radius`, and for a ratio that is not above 1 and finite.
 
     Notes
     -----
@@ -223,8 +223,8 @@ def critical_growth(
     the criterion is met before the surface wrinkles does depend on it, see :func:`bifurcation`.
     """
     outer, core = _outer(C_bar), _growth(g_core, "g_core")
-    if not ratio > 1:
-        raise ValueError(f"ratio of radial to tangential stretch must be above 1, got {ratio:g}.")
+    if not 1 < ratio < np.inf:
+        raise ValueError(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
     b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer, core) ** 3)
     check_law(law)
     if law == "isotropic":

@@ -37,6 +37,8 @@ def test_element_forces(benchmark, threads, n):
     body = make_body(n)
     benchmark.extra_info["bricks"] = body.n_elements
     benchmark(body.element_forces, 1.01 * body.X)
+    assert np.isfinite(body.force).all()
+    assert np.abs(body.force).max() > 0
 
 
 @pytest.mark.parametrize("contact", [False, True])
@@ -45,28 +47,33 @@ def test_ten_steps(benchmark, threads, contact):
     run = Dynamics(body, [Contact(body)] if contact else [], steps_per_unit=4000)
     run.grow_to(1.1)
     benchmark(lambda: run.relax(run.state.relaxed + 10))
+    assert run.state.relaxed >= 10
 
 
 def test_curvature_of_160_000_vertices(benchmark, threads):
     verts, faces = irregular_sphere(7, radius=50.0, rng=np.random.default_rng(0))
-    benchmark.pedantic(analysis.curvature, (verts, faces), rounds=3, warmup_rounds=1)
+    c = benchmark.pedantic(analysis.curvature, (verts, faces), rounds=3, warmup_rounds=1)
+    assert np.median(c.H) == pytest.approx(1 / 50, rel=1e-3)
 
 
 def test_cortical_thickness_of_an_individual(benchmark):
     cortex = read_cortex(sample_path("S1"))
-    benchmark.pedantic(analysis.cortical_thickness, (cortex.white, cortex.pial), rounds=3, warmup_rounds=1)
+    thickness = benchmark.pedantic(analysis.cortical_thickness, (cortex.white, cortex.pial), rounds=3, warmup_rounds=1)
+    assert 2 < np.nanmedian(thickness) < 3                  # mm, a human cortex
 
 
 def test_gyral_thickness_of_an_individual(benchmark):
     cortex = read_cortex(sample_path("S1"))
-    benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=2, warmup_rounds=0)
+    found = benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=2, warmup_rounds=0)
+    assert 5 < np.nanmedian(found.width) < 15               # mm, of a human brain
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
 def test_bifurcation(benchmark, kappa_ratio):
     """Asked: below 2 s."""
     smooth_state.cache_clear()
-    benchmark.pedantic(theory.bifurcation, (0.04, 2.0, "isotropic", kappa_ratio), rounds=5, warmup_rounds=1)
+    found = benchmark.pedantic(theory.bifurcation, (0.04, 2.0, "isotropic", kappa_ratio), rounds=5, warmup_rounds=1)
+    assert found.first == "wrinkle"
 
 
 def test_map_of_critical_growth(benchmark):
@@ -74,7 +81,8 @@ def test_map_of_critical_growth(benchmark):
 
     def whole_map():
         for law, mu_ratio in itertools.product(("isotropic", "tangential"), (1.0, 2.0, 4.0, 8.0)):
-            for T_over_C in np.linspace(0.005, 0.2, 40):
-                theory.bifurcation(T_over_C, mu_ratio, law)
+            yield from (theory.bifurcation(T_over_C, mu_ratio, law).g_crit for T_over_C in np.linspace(0.005, 0.2, 40))
 
-    benchmark.pedantic(whole_map, rounds=1)
+    found = benchmark.pedantic(lambda: list(whole_map()), rounds=1)
+    assert len(found) == 320
+    assert np.isfinite(found).all()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from morphofold.sim import radial, stability, statics, theory
+from morphofold.sim import impedance, radial, stability, statics, theory
 from morphofold.sim.material import energy
 from morphofold.sim.radial import Sphere, smooth_state
 
@@ -205,7 +205,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
     J = lr * lt * lt
     n = math.sqrt(degree * (degree + 1))
     M = np.empty((4, 4))
-    stability._coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
+    impedance._coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
     for _ in range(5):
         u, velocity = rng.standard_normal(2), rng.standard_normal(2)        # (U, n V) and r d/dr of it
         momenta = np.linalg.solve(M[:2, 2:], velocity - M[:2, :2] @ u)
@@ -219,7 +219,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
 def test_the_linear_equations_have_hamiltons_form(rng):
     """M = [[a, b], [c, -a^T]] with b, c symmetric: what keeps Z symmetric on the way."""
     M = np.empty((4, 4))
-    stability._coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
+    impedance._coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
     np.testing.assert_allclose(M[:2, :2], -M[2:, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[:2, 2:], M[:2, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[2:, :2], M[2:, :2].T, rtol=1e-13)

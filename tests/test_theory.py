@@ -151,9 +151,10 @@ def test_biots_ratio_is_that_of_his_surface_instability():
     assert x ** (1 / 3) == pytest.approx(0.6661, abs=5e-5)          # equibiaxial stretch
 
 
-def test_a_ratio_of_one_or_less_is_no_criterion():
-    with pytest.raises(ValueError, match="must be above 1, got 1"):
-        theory.critical_growth(1.1, ratio=1.0)
+@pytest.mark.parametrize("ratio", [1.0, np.inf, np.nan])
+def test_a_ratio_of_one_or_less_or_without_bound_is_no_criterion(ratio):
+    with pytest.raises(ValueError, match=f"must be above 1 and finite, got {ratio:g}"):
+        theory.critical_growth(1.1, "tangential", ratio=ratio)
 
 
 # -- stress: Fig. 3b -----------------------------------------------------------------------------------------------
