@@ -1,8 +1,54 @@
+import json
+
+import numpy as np
 import pytest
+from made_folds import joined, pressed_sphere
 
-from morphofold.sim.health import BOUNDS, LEAST_J, broken_bounds
+from morphofold.shapes import bumpy_sphere, icosphere
+from morphofold.sim.boxes import box_tree
+from morphofold.sim.health import (
+    BOUNDS,
+    CROSSING_TOLERANCE,
+    LEAST_J,
+    _along_rays,
+    _fibonacci,
+    broken_bounds,
+    check_surface,
+    cover,
+)
+from morphofold.surface import Surface
 
-SOUND = {"growth": 1.5, "lowest_J": 0.3, "kinetic_over_strain": 1e-3, "overlap": 0.0, "volume_drift": 0.01}
+SOUND = {
+    "growth": 1.5, "lowest_J": 0.3, "kinetic_over_strain": 1e-3, "volume_drift": 0.01,
+    "overlap": 0.0, "winding_max": 1, "crossings": 0, "deepest_crossing": 0.02, "mean_edge_mm": 1.5,
+}  # fmt: skip
+BEYOND = {name: bound + 1 if isinstance(bound, int) else 2 * bound for name, (bound, _) in BOUNDS.items()}
+
+CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+CUBE_FACES = np.concatenate([SQUARES[:, [0, 1, 2]], SQUARES[:, [0, 2, 3]]])
+
+
+def along_rays(surface, directions):
+    """The kernel, about the origin."""
+    verts, faces = surface.verts.copy(), surface.faces.copy()
+    tree = box_tree(verts, faces)
+    return _along_rays(verts, faces, tree.bounds, tree.order, directions)
+
+
+def brute_force(verts, faces, direction):
+    """Length of a ray from the origin inside the surface twice and at all, and the largest winding number."""
+    a, b, c = (verts[faces[:, k]] for k in range(3))
+    weights = np.stack([np.cross(b, c) @ direction, np.cross(c, a) @ direction, np.cross(a, b) @ direction])
+    through = (weights > 0).all(axis=0) | (weights < 0).all(axis=0)
+    total = weights[:, through].sum(axis=0)
+    at = np.einsum("kf,kfi,i->f", weights[:, through], np.stack([a, b, c])[:, through], direction) / total
+    outwards = np.sign(total)[at > 0]
+    at = at[at > 0]
+    order = np.argsort(-at)
+    winding = np.cumsum(outwards[order])
+    length = at[order] - np.append(at[order][1:], 0.0)
+    return length[winding >= 2].sum(), length[winding >= 1].sum(), winding.max()
 
 
 def test_a_sound_stage_breaks_no_bound():
@@ -11,11 +57,16 @@ def test_a_sound_stage_breaks_no_bound():
 
 @pytest.mark.parametrize("name", BOUNDS)
 def test_each_bound_is_told_with_its_value_and_a_cure(name):
-    told = broken_bounds({**SOUND, name: 2 * BOUNDS[name][0]})
+    told = broken_bounds({**SOUND, name: BEYOND[name]})
     assert len(told) == 1
-    assert f"{name} {2 * BOUNDS[name][0]:.2g} at g = 1.50" in told[0]
+    shown = BEYOND[name] if isinstance(BEYOND[name], int) else f"{BEYOND[name]:.2g}"
+    assert f"{name} {shown} at g = 1.50 exceeds {BOUNDS[name][0]:g}" in told[0]
     assert BOUNDS[name][1] in told[0]
     assert len(broken_bounds({**SOUND, name: float("nan")})) == 1
+
+
+def test_a_value_at_its_bound_is_sound():
+    assert broken_bounds({**SOUND, **{name: bound for name, (bound, _) in BOUNDS.items()}}) == []
 
 
 def test_a_crushed_element_is_told_even_if_it_recovered():
@@ -24,3 +75,105 @@ def test_a_crushed_element_is_told_even_if_it_recovered():
 
 def test_kinetic_energy_is_not_judged_before_there_is_strain_energy_to_compare():
     assert broken_bounds({**SOUND, "growth": 1.1, "kinetic_over_strain": 0.5}) == []
+
+
+def test_bodies_in_one_another_are_covered_as_often_as_there_are_bodies():
+    verts, faces = icosphere(3, radius=10.0)
+    assert cover(Surface(verts, faces)) == (0.0, 1)
+    twice = cover(joined(verts, 0.5 * verts, faces=faces))
+    assert twice.twice == pytest.approx(0.5, abs=1e-12)                  # the inner half of every ray
+    assert twice.most == 2
+    thrice = cover(joined(verts, 0.5 * verts, 0.25 * verts, faces=faces))
+    assert thrice.twice == pytest.approx(0.5, abs=1e-12)
+    assert thrice.most == 3
+
+
+def test_a_shell_turned_inwards_leaves_a_hole_that_is_covered_no_more():
+    verts, faces = icosphere(3, radius=10.0)
+    shells = Surface(
+        np.concatenate([verts, 0.8 * verts, 0.4 * verts]),
+        np.concatenate([faces, faces[:, ::-1] + len(verts), faces + 2 * len(verts)]),
+    )
+    assert cover(shells) == (0.0, 1)
+
+
+def test_walls_that_touch_all_over_are_no_overlap():
+    verts, faces = icosphere(3, radius=10.0)
+    shells = Surface(
+        np.concatenate([verts, 0.5 * verts, 0.5 * verts]),
+        np.concatenate([faces, faces[:, ::-1] + len(verts), faces + 2 * len(verts)]),
+    )
+    assert cover(shells) == (0.0, 1)
+
+
+@pytest.mark.parametrize("press", [0.0, 0.99, 1.4])
+def test_rays_agree_with_brute_force(press):
+    surface = pressed_sphere(4, press=press, irregular=True)
+    directions = _fibonacci(1500)
+    centred = Surface(surface.verts - surface.verts.mean(axis=0), surface.faces)
+    twice, once, most, _ = along_rays(centred, directions)
+    expected = np.array([brute_force(centred.verts, centred.faces, d) for d in directions])
+    np.testing.assert_allclose(np.column_stack([twice, once, most]), expected, atol=1e-9)
+    assert cover(surface, 1500) == (pytest.approx(twice.sum() / once.sum()), 1 + (press > 1))
+    assert (press > 1) == (twice.sum() > 0)
+
+
+def test_rays_through_edges_and_vertices_lose_and_double_nothing():
+    everywhere = [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]
+    directions = np.array(everywhere, float)                             # corners, edges and diagonals of the cube
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for faces in (CUBE_FACES, np.roll(CUBE_FACES, 1, axis=1), CUBE_FACES[::-1]):
+        twice, once, most, centre = along_rays(joined(CUBE, 2 * CUBE, faces=faces), directions)
+        assert (centre == 2).all()
+        assert (most == 2).all()
+        np.testing.assert_allclose(twice, 1 / np.abs(directions).max(axis=1))
+        np.testing.assert_allclose(once, 2 * twice)
+
+
+def test_a_ray_through_every_vertex_of_a_rough_surface_meets_as_many_walls_as_its_neighbours():
+    for shape in (bumpy_sphere(3), bumpy_sphere(3, rng=0)):
+        verts = np.concatenate([shape.verts, 0.5 * shape.verts])         # the rays meet vertices twice
+        surface = Surface(verts, joined(shape.verts, shape.verts, faces=shape.faces).faces)
+        directions = shape.verts / np.linalg.norm(shape.verts, axis=1, keepdims=True)
+        _, once, most, centre = along_rays(surface, directions)
+        assert (centre == 2).all()
+        assert (most == 2).all()
+        np.testing.assert_allclose(once, np.linalg.norm(shape.verts, axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("aside", [0, 1])
+def test_a_ray_within_a_face_or_along_an_edge_keeps_the_winding_number(aside):
+    """A cube inside a larger one: a side of it, or an edge between two, points at the origin."""
+    surface = joined(9 * CUBE, CUBE + [1, 3, aside], faces=CUBE_FACES)
+    angle = np.arange(360) * np.pi / 180
+    around = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+    _, once, most, centre = along_rays(surface, around)
+    assert (centre == 1).all()
+    assert set(most) <= {1, 2}
+    np.testing.assert_allclose(once, 9 / np.abs(around).max(axis=1))
+
+
+def test_a_surface_with_a_hole_or_turned_inside_out_is_refused():
+    verts, faces = icosphere(3)
+    with pytest.raises(ValueError, match="isn't closed: it winds 0 to 1 times"):
+        cover(Surface(verts, faces[5:]))
+    with pytest.raises(ValueError, match="none of 100 rays"):
+        cover(Surface(verts, faces[:, ::-1]), rays=100)
+
+
+def test_the_check_of_a_sound_surface_breaks_no_bound():
+    checked = check_surface(pressed_sphere(5, press=0.99))
+    assert checked["mean_edge_mm"] == pytest.approx(0.39, abs=0.01)
+    assert broken_bounds({**SOUND, **checked}) == []
+    assert set(checked) == set(SOUND) - {"growth", "lowest_J", "kinetic_over_strain", "volume_drift"}
+    assert json.loads(json.dumps(checked)) == checked                    # plain numbers
+
+
+@pytest.mark.parametrize("irregular", [False, True])
+def test_the_check_of_a_surface_through_itself_breaks_every_bound_that_tells_it(irregular):
+    checked = check_surface(pressed_sphere(5, press=1.4, irregular=irregular))
+    assert checked["winding_max"] == 2
+    assert checked["crossings"] > 4
+    assert checked["deepest_crossing"] > CROSSING_TOLERANCE
+    told = broken_bounds({**SOUND, **checked, "overlap": 0.0})
+    assert [sentence.split()[0] for sentence in told] == ["winding_max", "crossings", "deepest_crossing"]

@@ -1,0 +1,125 @@
+"""Boxes around the triangles of a surface, in a tree: which of them meet a box, and which a ray.
+
+The triangles are sorted along a Morton curve; blocks of four are the leaves of a complete binary tree, whose boxes are
+joined from below. There is at most one box of the tree for each triangle, whatever its shape: a long triangle widens
+the boxes above it and no others. A walk needs no stack::
+
+    k = 1
+    while k > 0:
+        if meets(bounds[k], box):
+            if k < leaves:
+                k *= 2
+                continue
+            ...                                                 # look at the triangles of this leaf
+        k = following(k)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+BLOCK = 4               # triangles in a leaf
+
+_PAD = 1e-12            # boxes are wider than their triangles by this share of the largest coordinate: safe to round
+
+
+class BoxTree(NamedTuple):
+    """Boxes of the triangles of a surface.
+
+    ``bounds`` (2 L, 6) float64 holds lower and upper corners [mm]; box 1 is the root, k has the children 2 k and
+    2 k + 1, the last L are leaves. Leaf k holds the triangles ``order[BLOCK (k - L) : BLOCK (k - L + 1)]``.
+    """
+
+    bounds: NDArray[np.float64]
+    order: NDArray[np.int64]
+    single: NDArray[np.float64]     # (M, 6), the box of each triangle
+
+
+def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
+    """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
+    single = _single_boxes(verts, faces, _PAD * np.abs(verts).max())
+    low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
+    middle = (single[:, :3] + single[:, 3:]) / 2
+    order = np.argsort(_morton((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
+    leaves = 1
+    while leaves * BLOCK < len(faces):
+        leaves *= 2
+    return BoxTree(_joined(single, order, leaves), order, single)
+
+
+@njit(cache=True)
+def _single_boxes(verts, faces, pad):
+    boxes = np.empty((len(faces), 6))
+    for f in range(len(faces)):
+        for r in range(3):
+            a, b, c = verts[faces[f, 0], r], verts[faces[f, 1], r], verts[faces[f, 2], r]
+            boxes[f, r], boxes[f, 3 + r] = min(a, b, c) - pad, max(a, b, c) + pad
+    return boxes
+
+
+@njit(cache=True)
+def _morton(unit):
+    """Place along the curve of points in the unit cube: 20 bits of each axis, interleaved."""
+    code = np.zeros(len(unit), dtype=np.int64)
+    for k in range(len(unit)):
+        for r in range(3):
+            cell = min(int(unit[k, r] * 2**20), 2**20 - 1)
+            for bit in range(20):
+                code[k] |= ((cell >> bit) & 1) << (3 * bit + r)
+    return code
+
+
+@njit(cache=True)
+def _joined(single, order, leaves):
+    bounds = np.empty((2 * leaves, 6))
+    bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf                      # meets nothing
+    for k in range(len(order)):
+        _widen(bounds[leaves + k // BLOCK], single[order[k]])
+    for k in range(leaves - 1, 0, -1):
+        _widen(bounds[k], bounds[2 * k])
+        _widen(bounds[k], bounds[2 * k + 1])
+    return bounds
+
+
+@njit(inline="always")
+def _widen(box, other):
+    for r in range(3):
+        box[r] = min(box[r], other[r])
+        box[3 + r] = max(box[3 + r], other[3 + r])
+
+
+@njit(inline="always")
+def meets(box, other):
+    """Whether two boxes (6,) have a point in common."""
+    return (
+        box[0] <= other[3] and box[3] >= other[0]
+        and box[1] <= other[4] and box[4] >= other[1]
+        and box[2] <= other[5] and box[5] >= other[2]
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def meets_ray(box, origin, direction):
+    """Whether a box (6,) has a point in common with the ray from ``origin`` along ``direction``, both (3,)."""
+    first, last = 0.0, np.inf
+    for r in range(3):
+        if direction[r] == 0.0:
+            if box[r] > origin[r] or box[3 + r] < origin[r]:
+                return False
+        else:
+            near, far = (r, 3 + r) if direction[r] > 0.0 else (3 + r, r)
+            first = max(first, (box[near] - origin[r]) / direction[r])
+            last = min(last, (box[far] - origin[r]) / direction[r])
+    return first <= last
+
+
+@njit(inline="always")
+def following(k):
+    """The box to look at once box k and all below it are done; 0 at the end."""
+    while k % 2 == 1:
+        k //= 2
+    return k + 1 if k > 0 else 0

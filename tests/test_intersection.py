@@ -1,0 +1,221 @@
+"""Self-intersection against brute force, and against shapes whose crossings are known."""
+
+import numpy as np
+import pytest
+from made_folds import pressed_sphere, two_spheres
+from reference_signs import displaced, rational_sign
+
+from morphofold.io import read_cortex, sample_path
+from morphofold.shapes import icosphere
+from morphofold.sim.boxes import box_tree
+from morphofold.sim.intersection import _crossings, _edges, self_intersections
+from morphofold.surface import Surface
+
+
+def brute_force(verts, faces):
+    """Edge and face of each crossing, from all pairs in plain floating point: right where nothing is tied."""
+    edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+    p, q = (verts[edges[:, None, k]] for k in (0, 1))
+    a, b, c = (verts[faces[None, :, k]] for k in range(3))
+    volume = lambda a, b, c, d: np.sign(np.einsum("...i,...i", np.cross(b - a, c - a), d - a))
+    turn = volume(p, q, a, b)
+    crosses = (volume(a, b, c, p) * volume(a, b, c, q) < 0) & (turn != 0)
+    crosses &= (volume(p, q, b, c) == turn) & (volume(p, q, c, a) == turn)
+    crosses &= ~(edges[:, None, :, None] == faces[None, :, None, :]).any(axis=(2, 3))
+    edge, face = np.nonzero(crosses)
+    return {(*map(int, edges[e]), int(f)) for e, f in zip(edge, face)}
+
+
+def brute_force_with_ties(verts, faces):
+    """The same in rational arithmetic, of the vertices truly displaced."""
+    x, found = displaced(verts), set()
+    for p, q in {tuple(sorted(map(int, pair))) for face in faces for pair in zip(face, np.roll(face, 1))}:
+        for f, (i, j, k) in enumerate(faces):
+            if {p, q} & {i, j, k} or rational_sign(x[i], x[j], x[k], x[p]) * rational_sign(x[i], x[j], x[k], x[q]) >= 0:
+                continue
+            turns = [rational_sign(x[p], x[q], x[s], x[t]) for s, t in ((i, j), (j, k), (k, i))]
+            if turns in ([1, 1, 1], [-1, -1, -1]):
+                found.add((p, q, f))
+    return found
+
+
+def crossings(verts, faces):
+    """Every crossing with ties decided, those of depth zero included."""
+    edge, face = _crossings(verts, faces, _edges(faces)[0], box_tree(verts, faces))
+    assert len({*zip(*edge.T, face)}) == len(face)
+    return {(int(p), int(q), int(f)) for (p, q), f in zip(edge, face)}
+
+
+def listed(found):
+    return {(int(p), int(q), int(f)) for (p, q), f in zip(found.edge, found.face)}
+
+
+@pytest.mark.parametrize("stretch", [1, 30])
+def test_crossings_of_a_soup_of_triangles_are_those_of_brute_force(rng, stretch):
+    corners = rng.uniform(0, 3, (300, 1, 3)) + rng.standard_normal((300, 3, 3)) * [0.3 * stretch, 0.3, 0.3]
+    verts, faces = corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)
+    expected = brute_force(verts, faces)
+    assert len(expected) > 100
+    assert crossings(verts, faces) == expected
+
+
+def test_crossings_of_triangles_that_share_vertices_are_those_of_brute_force(rng):
+    verts, faces = rng.standard_normal((40, 3)), np.array([rng.choice(40, 3, replace=False) for _ in range(150)])
+    expected = brute_force(verts, faces)
+    assert len(expected) > 100
+    assert crossings(verts, faces) == expected
+
+
+def test_crossings_of_a_folded_surface_are_those_of_brute_force():
+    surface = pressed_sphere(3, press=1.6, irregular=True)
+    expected = brute_force(surface.verts, surface.faces)
+    assert len(expected) > 10
+    assert listed(self_intersections(surface)) == expected
+
+
+def test_ties_on_a_lattice_are_those_of_vertices_truly_displaced(rng):
+    ties = 0
+    for _ in range(15):
+        verts = rng.integers(0, 3, (12, 3)).astype(float)                # often in one place, on one line, in one plane
+        faces = np.array([rng.choice(12, 3, replace=False) for _ in range(10)])
+        expected = brute_force_with_ties(verts, faces)
+        assert crossings(verts, faces) == expected
+        ties += len(expected) - len(self_intersections(Surface(verts, faces)))
+    assert ties > 20                                                     # of depth zero: touching
+
+
+def test_the_order_of_the_faces_changes_nothing(rng):
+    surface = pressed_sphere(4, press=1.4, irregular=True)
+    order = rng.permutation(len(surface.faces))
+    found, shuffled = self_intersections(surface), self_intersections(Surface(surface.verts, surface.faces[order]))
+    assert len(found) > 0
+    assert listed(found) == {(p, q, int(order[f])) for p, q, f in listed(shuffled)}
+    assert np.array_equal(found.depth.max(), shuffled.depth.max())
+    assert np.array_equal(found.vertex, shuffled.vertex)
+
+
+def test_a_turn_a_shift_and_a_scale_change_only_the_depth_by_the_scale(rng):
+    surface = pressed_sphere(4, press=1.4, irregular=True)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    found, moved = self_intersections(surface), self_intersections(Surface(3 * surface.verts @ turn + 7, surface.faces))
+    assert listed(found) == listed(moved)
+    assert len(found) > 0
+    assert len(found.vertex) > 0
+    np.testing.assert_array_equal(found.vertex, moved.vertex)
+    np.testing.assert_allclose(moved.depth, 3 * found.depth, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(moved.vertex_depth, 3 * found.vertex_depth, rtol=1e-9)
+    np.testing.assert_allclose(moved.point, 3 * found.point @ turn + 7, atol=1e-9)
+    assert moved.deepest_share == pytest.approx(found.deepest_share)
+
+
+@pytest.mark.parametrize("depth", [1e-9, 0.01, 0.3])
+def test_a_spike_through_a_plate_has_passed_by_the_length_beyond_it(depth):
+    plate = [[-9, -9, 0], [9, -9, 0], [0, 9, 0]]
+    spike = [[0, 0, -depth], [1, 0, 2], [-1, 1, 2], [-1, -1, 2]]
+    faces = [[0, 1, 2], [3, 4, 5], [3, 5, 6], [3, 6, 4]]
+    found = self_intersections(Surface(np.array(plate + spike, float), np.array(faces)))
+    assert listed(found) == {(3, 4, 0), (3, 5, 0), (3, 6, 0)}
+    np.testing.assert_allclose(found.depth, depth)
+    np.testing.assert_allclose(found.point[0], [depth / (2 + depth), 0, 0], atol=1e-12)
+    assert found.deeper_than(0.5 * depth / found.mean_edge) == 3
+    assert found.deeper_than(2 * depth / found.mean_edge) == 0
+
+
+def roofs(gap):
+    """A ridge along x with slopes of 45 degrees, and under the sky an upside-down one along y, ``gap`` apart."""
+    lower = [[-9, 0, 0], [9, 0, 0], [0, 9, -9], [0, -9, -9]]
+    upper = [[0, -9, gap], [0, 9, gap], [9, 0, 9 + gap], [-9, 0, 9 + gap]]
+    faces = [[0, 1, 2], [1, 0, 3], [4, 5, 6], [5, 4, 7]]
+    return Surface(np.array(lower + upper, float), np.array(faces))
+
+
+@pytest.mark.parametrize("gap", [-0.2, -1e-6])
+def test_two_ridges_have_passed_by_the_way_back_over_the_ridge(gap):
+    found = self_intersections(roofs(gap))
+    assert listed(found) == {(4, 5, 0), (4, 5, 1), (0, 1, 2), (0, 1, 3)}
+    np.testing.assert_allclose(found.depth, -np.sqrt(2) * gap)           # along the slope from the ridge
+
+
+def test_ridges_that_touch_do_not_cross():
+    assert len(self_intersections(roofs(0.0))) == 0
+    assert len(self_intersections(roofs(0.1))) == 0
+
+
+def test_two_triangles_that_meet_in_a_vertex_cross_where_a_side_passes_through():
+    verts = np.array([[0.0, 0, 0], [4, -1, -1], [4, -1, 1], [4, 1, 0.2], [2, -3, 0]])
+    found = self_intersections(Surface(verts, np.array([[0, 1, 2], [0, 3, 4]])))
+    assert listed(found) == brute_force(verts, np.array([[0, 1, 2], [0, 3, 4]]))
+    assert len(found) == 1
+
+
+TOUCHING = {
+    "a vertex on a face": [[1, 1, 0], [1, 2, 5], [2, 1, 5]],
+    "a vertex on a side": [[2, 0, 0], [2, 2, 5], [2, 1, 5]],
+    "a vertex on a vertex": [[0, 0, 0], [1, 2, 5], [2, 1, 5]],
+    "a side on the face": [[1, 1, 0], [1, 2, 0], [2, 1, 5]],
+    "a side on a side": [[1, 0, 0], [3, 0, 0], [2, 1, 5]],
+    "two in one plane": [[1, 1, 0], [9, 1, 0], [1, 9, 0]],
+    "one on the other": [[0, 0, 0], [4, 0, 0], [0, 4, 0]],
+}
+
+
+@pytest.mark.parametrize("how", TOUCHING)
+def test_touching_is_no_crossing(how):
+    for other in (TOUCHING[how], TOUCHING[how][::-1]):
+        verts = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], *other], float)
+        assert len(self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))) == 0
+
+
+def test_a_face_without_area_crosses_nothing_deeply():
+    verts = np.array([[0.0, 0, 0], [4, 0, 0], [2, 0, 0], [1, -1, -1], [1, 1, 1], [3, 1, 0]])
+    found = self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))
+    assert np.isfinite(found.deepest)
+    assert found.deepest == 0
+
+
+@pytest.mark.parametrize("gap", [0.1, 1e-12, 0.0])
+def test_spheres_side_by_side_or_touching_have_not_passed(gap):
+    found = self_intersections(two_spheres(gap))
+    assert (len(found), len(found.vertex), found.deepest) == (0, 0, 0.0)
+
+
+def test_the_wide_shallow_overlap_of_two_spheres_is_as_deep_as_its_lens():
+    """No crossing tells it: they lie at the rim of the lens, where the walls meet at a small angle."""
+    found = self_intersections(two_spheres(-0.1))
+    assert found.deepest == pytest.approx(0.1, rel=1e-3)
+    assert found.deepest_share == pytest.approx(0.26, abs=0.01)
+    assert found.depth.max() < 0.3 * found.deepest
+    apex = {0, len(icosphere(5)[0]) + 3}                                 # vertex 3 is opposite to vertex 0
+    assert set(found.vertex[found.vertex_depth > 0.0999]) == apex
+
+
+def test_a_surface_through_its_own_mirror_image_is_found_by_its_vertices():
+    """Edge meets edge in the plane of symmetry, all with the depth zero."""
+    regular = pressed_sphere(5, press=1.2)
+    found = self_intersections(regular)
+    assert len(found) == 0
+    assert len(crossings(regular.verts.copy(), regular.faces.copy())) > 0
+    x = regular.verts[found.vertex, 0]
+    image = {tuple(np.round(v, 9)) for v in regular.verts[found.vertex] * [-1, 1, 1]}
+    assert image == {tuple(np.round(v, 9)) for v in regular.verts[found.vertex]}
+    assert (found.vertex_depth <= 2 * np.abs(x) + 1e-12).all()           # the mirrored vertex is that far away
+    assert found.vertex_depth.max() > np.abs(x).max()
+
+
+def test_a_dent_pressed_until_its_walls_all_but_touch_has_not_passed():
+    for irregular in (False, True):
+        found = self_intersections(pressed_sphere(5, press=0.99, irregular=irregular))
+        assert (len(found), len(found.vertex)) == (0, 0)
+
+
+def test_an_open_surface_is_asked_for_crossings_only():
+    pressed = pressed_sphere(5, press=1.2, irregular=True)
+    found, opened = self_intersections(pressed), self_intersections(Surface(pressed.verts, pressed.faces[:-1]))
+    assert len(opened) == len(found) > 0
+    assert len(opened.vertex) == 0 < len(found.vertex)
+
+
+def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():
+    found = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
+    assert (len(found), len(found.vertex)) == (0, 0)                     # ipctk 1.6.1 finds none either
