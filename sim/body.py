@@ -1,181 +1,177 @@
-"""The body in the form that the kernels read: blocks of bricks, their grown geometry, and who gathers what."""
+"""A cortex on a core under growth: elements, supports, the surface filter, and the mass that makes a step stable."""
 
 from __future__ import annotations
+
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from skfem import ElementHex1, MappingIsoparametric
+from skfem import MeshHex
 
 from morphofold.sim import kernels
-from morphofold.sim.kernels import POINT, WIDTH
-from morphofold.sim.mesh import BINARY_CORNERS, Bilayer
+from morphofold.sim.blocks import Blocks
+from morphofold.sim.growth import check_law
+from morphofold.sim.mesh import Bilayer
 
 Array = NDArray[np.float64]
 
-#: Gauss points of skfem's brick [0, 1]^3 in the kernels' order 4 i + 2 j + k, and their common weight
-GAUSS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
-GAUSS_WEIGHT = 0.125
-
-FILTER = 3.0            # strength of the surface filter, in units of mu times edge length
-SAFETY = 1.5            # nodal mass over the least that keeps a step of one stable
+FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times edge length, for quads and triangles
+SAFETY = 1.5               # nodal mass over the least that keeps a step of one stable
 
 
-def to_lanes(values: NDArray, n_blocks: int) -> NDArray:
-    """(E, rows) per element to (block, rows * WIDTH) with the lane fastest; the last lanes repeat an element."""
-    padded = np.concatenate([values, np.repeat(values[-1:], n_blocks * WIDTH - len(values), axis=0)])
-    return np.ascontiguousarray(padded.reshape(n_blocks, WIDTH, -1).transpose(0, 2, 1).reshape(n_blocks, -1))
+class Elements(Protocol):
+    """What a body asks of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
 
+    n: int
+    n_cortex: int
+    volume: Array                   # (n,) of the reference body [mm^3]
+    modulus: Array                  # (block, rows * WIDTH) mu, kappa, 1/V
+    blocks: Blocks
 
-def from_lanes(values: NDArray, n_elements: int) -> NDArray:
-    """(block, rows * WIDTH) back to (E, rows)."""
-    n_blocks = len(values)
-    return values.reshape(n_blocks, -1, WIDTH).transpose(0, 2, 1).reshape(n_blocks * WIDTH, -1)[:n_elements]
+    def grow(self, cortex: Array, core: float = 1.0) -> None: ...
+    def compute_forces(self, x: Array) -> None: ...
+    def measure(self, x: Array) -> Array: ...
+    def state(self) -> dict[str, Array]: ...
 
 
 class Body:
-    """A bilayer under growth: reference positions ``X``, forces, energy, and the mass that makes a step stable.
+    """A bilayer under growth.
 
     Parameters
     ----------
     bilayer : Bilayer
         Geometry; its first elements are the cortex, its first nodes the pial surface.
-    mu_cortex, mu_core, kappa : float
-        Shear moduli, and one bulk modulus for both layers [Pa, or units of mu_core].
+    mu_cortex, mu_core : float
+        Shear moduli [Pa, or units of mu_core].
+    kappa_ratio : float
+        Bulk over shear modulus, in each layer; more than 2 (the share of the elements' local term).
     law : {"isotropic", "tangential"}
         Growth law of the cortex.
     X : (N, 3) float64, optional
         Reference positions when they are not the mesh's own (a perturbed body) [mm].
+
+    Attributes
+    ----------
+    pattern : float or (n_cortex,) float64
+        Share of the growth g - 1 that each element of the cortex takes; 1 unless an effect sets it.
+    core_share : float
+        Share of the growth that the core takes, isotropically; 0 unless an effect sets it.
+    mass : (N,) float64
+        Least nodal mass, times ``SAFETY``, for which a step of length 1 is stable.
     """
 
     def __init__(
-        self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa: float, law: str, X: Array | None = None
-    ):
+        self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa_ratio: float, law: str,
+        X: Array | None = None,
+    ):  # fmt: skip
+        check_law(law)
+        if not kappa_ratio > 2:
+            raise ValueError(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
         self.bilayer, self.law = bilayer, law
         mesh = bilayer.mesh
         self.X: Array = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
-        n_elements, n_nodes = mesh.nelements, mesh.nvertices
-        self.n_elements, self.n_cortex = n_elements, len(mesh.subdomains["cortex"])
-        n_blocks = -(-n_elements // WIDTH)
-        binary = mesh.t[BINARY_CORNERS].T
-        self.conn = to_lanes(binary.astype(np.int32), n_blocks)
-
-        moved = mesh if X is None else type(mesh)(np.ascontiguousarray(self.X.T), mesh.t)
-        mapping = MappingIsoparametric(moved, ElementHex1())
-        inv = mapping.invDF(GAUSS)                                     # (3, 3, E, 8): dxi_i/dX_j in [0, 1]^3
-        det = mapping.detDF(GAUSS)                                      # (E, 8)
-        if det.min() <= 0:
-            raise ValueError(
-                f"{(det.min(axis=1) <= 0).sum()} of {n_elements} bricks are inside out before anything grows; "
-                "make effects.perturbation.amplitude smaller."
-            )
-        volume = det * GAUSS_WEIGHT
-        C = 4 * np.einsum("ijeq,kjeq->eqik", inv, inv)                 # 4: parent brick [-1, 1]^3
-        data = np.empty((n_elements, 8, POINT))
-        data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
-        data[..., 6] = volume
-        self.point0 = to_lanes(data.reshape(n_elements, -1), n_blocks)
-        self.point = self.point0.copy()
-        self._grown_blocks = -(-self.n_cortex // WIDTH)
-        at = mapping.F(GAUSS)[:, : self._grown_blocks * WIDTH]
-        normal = at / np.linalg.norm(at, axis=0)
-        n = 2 * np.einsum("ijeq,jeq->eqi", inv[:, :, : self._grown_blocks * WIDTH], normal)
-        self.radial = to_lanes(n.reshape(len(n), -1), self._grown_blocks)
-
-        mu = np.full(n_elements, mu_core)
-        mu[: self.n_cortex] = mu_cortex
-        self.mu, self.kappa = mu, np.full(n_elements, kappa)
-        moduli = to_lanes(np.column_stack([self.mu, self.kappa]), n_blocks)
-        moduli.reshape(n_blocks, 2, WIDTH)[-1, :, n_elements - (n_blocks - 1) * WIDTH :] = 0.0
-        self.modulus = moduli
-
-        self.force, self.state = np.zeros((n_blocks, 24 * WIDTH)), np.zeros((n_blocks, 5 * WIDTH))
-        order = np.argsort(binary.ravel(), kind="stable")              # (element, corner) pairs, node by node
-        element, corner = np.divmod(order, 8)
-        block, lane = np.divmod(element, WIDTH)
-        self.first = np.concatenate([[0], np.cumsum(np.bincount(binary.ravel(), minlength=n_nodes))])
-        self.slots = block * 24 * WIDTH + 3 * corner * WIDTH + lane
-        self.state_slots = block * 5 * WIDTH + 4 * WIDTH + lane
-
-        self.free = np.ones((n_nodes, 3))
-        self.free[np.unique(mesh.facets[:, mesh.boundaries["hole"]])] = 0.0
-        self.on_plane = np.zeros((n_nodes, 3), dtype=bool)
-        for axis in bilayer.planes:
-            self.on_plane[np.unique(mesh.facets[:, mesh.boundaries[f"plane{axis}"]]), axis] = True
-        self.free[self.on_plane] = 0.0
-
-        self.mass = np.ones(n_nodes)
+        cortex = np.zeros(mesh.nelements, dtype=bool)
+        cortex[mesh.subdomains["cortex"]] = True
+        self.mu = np.where(cortex, mu_cortex, mu_core)
+        kind: Any
+        if isinstance(mesh, MeshHex):
+            from morphofold.sim.bricks import Bricks as kind
+        else:
+            from morphofold.sim.tets import Tets as kind
+        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
+        self.elements: Elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
+        self.on_plane = np.zeros(self.X.shape, dtype=bool)
+        for axis, at, _ in bilayer.planes:
+            self.on_plane[:, axis] |= mesh.p[axis] == at
+        self.free = ~self.on_plane
+        self.free[bilayer.held] = False
+        self.pattern: float | Array = 1.0
+        self.core_share = 0.0
         self.growth = 1.0
-        self.rest = np.zeros((n_nodes, 3))
+        self.mass = np.ones(len(self.X))
+        self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)                                # round-off only; see kernels.advance
-        self.filter = SurfaceFilter(self, FILTER * mu_cortex)
+        self.filter = SurfaceFilter(self, FILTER[bilayer.faces.shape[1]] * mu_cortex)
 
     @property
     def n_surface(self) -> int:
         return self.bilayer.n_surface
 
-    def grow(self, g: float) -> None:
-        """Set the growth stretch of the whole cortex to ``g``."""
-        stretch = np.ones((self._grown_blocks, WIDTH))
-        stretch.ravel()[: self.n_cortex] = g
-        kernels.grow(self.point, self.point0, self.radial, stretch, self.law == "tangential")
-        self.growth = g
+    def nodal_volumes(self) -> Array:
+        """Share of the reference volume that each node carries (N,) [mm^3]."""
+        t = self.bilayer.mesh.t
+        shares = np.tile(self.elements.volume / len(t), len(t))
+        return np.bincount(t.ravel(), shares, len(self.X)).astype(np.float64)
 
-    def element_forces(self, x: Array) -> None:
-        """Element forces at positions ``x`` (N, 3) into ``self.force``."""
-        kernels.element_forces(x, self.conn, self.point, self.modulus, self.force)
+    def grow(self, g: float) -> None:
+        """Set the growth stretch of the cortex to ``g``, weighed by ``pattern``; the core takes its share."""
+        stretch = np.broadcast_to(1 + (g - 1) * np.asarray(self.pattern), self.elements.n_cortex)
+        self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
+        self.growth = g
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""
-        self.element_forces(x)
-        out = np.empty_like(x)
-        kernels.gather(self.force.ravel(), self.first, self.slots, out)
-        return out - self.rest
+        self.elements.compute_forces(x)
+        return self.elements.blocks.nodal_forces() - self.rest
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and from them the nodal mass."""
-        kernels.element_state(x, self.conn, self.point, self.modulus, self.state)
-        kernels.gather_scalar(self.state.ravel(), self.first, self.state_slots, self.mass)
+        self.mass = self.elements.measure(x)
         self.mass *= 0.25 * SAFETY                                     # a step of one is stable if K <= 4 M
         self.filter.update(x)
         self.mass[: self.n_surface] += 0.25 * SAFETY * self.filter.stiffness
-
-    def element_state(self) -> dict[str, Array]:
-        """Per element, from the last ``update_state``: energy, J_min, J_max, volume_ratio; (E,) each."""
-        columns = from_lanes(self.state, self.n_elements)
-        return {"energy": columns[:, 0], "J_min": columns[:, 1], "J_max": columns[:, 2], "volume_ratio": columns[:, 3]}
 
 
 class SurfaceFilter:
     """A weak fourth-order stiffness of the pial surface against zigzags of the size of one cell.
 
-    Energy ``c h/2 sum_i |(L L u)_i|^2`` with u = x - X, L u the mean of the grid neighbours minus the node and h the
-    present cell size. It is of order h^4 for a smooth surface and stops the saw-teeth that bricks under
-    extreme compression fall into. Rows at and beside symmetry planes are left out.
+    Energy ``c h/2 sum_i w_i |(L L u)_i|^2`` with u = x - X, L u the mean of the neighbours minus the node and h the
+    present cell size. It is of order h^4 for a smooth surface and stops the saw-teeth that elements under
+    extreme compression fall into. Beyond a symmetry plane stand the mirror images of the neighbours; w halves there.
     """
 
     def __init__(self, body: Body, strength: float):
-        quads, n = body.bilayer.quads, body.n_surface
-        pairs = np.concatenate([quads[:, [0, 1]], quads[:, [1, 2]], quads[:, [2, 3]], quads[:, [3, 0]]])
-        pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-        adjacency = sparse.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-        L = sparse.diags(1 / adjacency.sum(axis=1).A1) @ adjacency - sparse.identity(n)
-        cut = body.on_plane[:n].any(axis=1)
-        keep = ~(cut | (adjacency @ cut > 0))
-        self._LL = sparse.csr_matrix(sparse.diags(keep.astype(float)) @ L @ L)
-        B = sparse.csr_matrix(self._LL.T @ self._LL)
+        faces, n = body.bilayer.faces, body.n_surface
+        ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+        pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
+        cut = body.on_plane[:n]
+        beyond = cut[pairs[:, 0]] & ~cut[pairs[:, 1]]                   # (P, 3): the neighbour's image across a plane
+        weight = 2.0 ** beyond.sum(axis=1)
+        count = np.bincount(pairs[:, 0], weight, n)
+
+        def laplacian(values: Array) -> sparse.csr_matrix:
+            shares = sparse.csr_matrix((values / count[pairs[:, 0]], (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+            return shares - sparse.identity(n)
+
+        inside = sparse.diags(0.5 ** cut.sum(axis=1))
+        even = laplacian(weight)
+        self._LL = [even @ even] * 3
+        B = sparse.csr_matrix(self._LL[0].T @ inside @ self._LL[0])
         self._matrix = B.indptr, B.indices, B.data
+        self._corrections: list[tuple[int, sparse.csr_matrix]] = []     # for components that change sign in a mirror
         self._row_sum = np.asarray(abs(B).sum(axis=1)).ravel()
-        self._quads, self._strength = quads, strength
+        for axis in {plane.axis for plane in body.bilayer.planes}:
+            odd = laplacian(np.where(beyond[:, axis], 0.0, weight))
+            self._LL[axis] = odd @ odd
+            B_odd = sparse.csr_matrix(self._LL[axis].T @ inside @ self._LL[axis])
+            difference = sparse.csr_matrix(B_odd - B)
+            difference.eliminate_zeros()
+            self._corrections.append((axis, difference))
+            self._row_sum = np.maximum(self._row_sum, np.asarray(abs(B_odd).sum(axis=1)).ravel())
+        self._inside = inside
+        self._faces, self._strength = faces, strength
         self._X = body.X[:n].copy()
         self._out = np.zeros((n, 3))
         self.update(self._X)
 
     def update(self, x: Array) -> None:
-        """Refresh the cell size h from positions ``x`` (N, 3)."""
-        p = x[self._quads]
-        area = 0.5 * np.linalg.norm(np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]), axis=1).sum()
-        self.h = float(np.sqrt(area / len(self._quads)))
+        """Refresh the cell size h, the root of the mean area of a cell (two triangles), from positions ``x``."""
+        p = x[self._faces]
+        last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
+        area = 0.5 * np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum()
+        cells = len(self._faces) if p.shape[1] == 4 else len(self._faces) / 2
+        self.h = float(np.sqrt(area / cells))
 
     @property
     def stiffness(self) -> Array:
@@ -184,12 +180,19 @@ class SurfaceFilter:
 
     def forces(self, x: Array) -> Array:
         """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3)."""
-        n = len(self._X)
-        kernels.sparse_rows(*self._matrix, x[:n] - self._X, self._out)
+        u = x[: len(self._X)] - self._X
+        kernels.sparse_rows(*self._matrix, u, self._out)
+        for axis, difference in self._corrections:
+            self._out[:, axis] += difference @ u[:, axis]
         self._out *= -self._strength * self.h
         return self._out
 
     def energy(self, x: Array) -> float:
         """Energy of the filter at positions ``x``."""
-        bent = self._LL @ (x[: len(self._X)] - self._X)
-        return 0.5 * self._strength * self.h * float(np.sum(bent**2))
+        u = x[: len(self._X)] - self._X
+        bent = [self._LL[r] @ u[:, r] for r in range(3)]
+        return 0.5 * self._strength * self.h * float(sum(np.sum(self._inside @ b**2) for b in bent))
+
+    def matrix(self, axis: int) -> sparse.csr_matrix:
+        """Stiffness (S, S) of one component at the present cell size."""
+        return self._strength * self.h * (self._LL[axis].T @ self._inside @ self._LL[axis])

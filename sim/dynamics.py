@@ -12,45 +12,25 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim import kernels
 from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect, overriding
 
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
 DAMPING = 0.02          # share of the velocity lost per step
 KINETIC_LIMIT = 5e-3    # kinetic over strain energy above which growth slows down
+COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.2           # least pace of growth while it does
 EARLY = 1.2             # below this growth there is too little strain energy to judge the kinetic one by
-LARGEST_J = 30.0        # beyond it the kernels' cube root no longer holds, and no sound body gets there
-
-
-class Effect(Protocol):
-    """What an optional effect may do in a step. One file each under ``sim/effects``."""
-
-    name: str
-
-    def refresh(self, body: Body, x: Array, v: Array) -> None:
-        """Called every ``REFRESH`` steps, after the mass was measured."""
-
-    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
-        """Add forces on the surface nodes to ``extra`` (S, 3), every step."""
-
-    def energy(self) -> float:
-        """Energy stored in the effect at the last step."""
-
-    def record(self) -> dict[str, Any]:
-        """Numbers for the log."""
-
-    def save(self) -> dict[str, NDArray]:
-        """Arrays for a checkpoint; ``load`` takes them back."""
-
-    def load(self, arrays: dict[str, NDArray]) -> None: ...
+SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
+LARGEST_J = 8.0         # beyond it the kernels' cube root no longer holds, and no sound body gets there
 
 
 class UnstableError(RuntimeError):
@@ -64,7 +44,7 @@ class UnstableError(RuntimeError):
 @dataclass
 class State:
     """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
-    all and in relaxation, and the smallest J that any element had so far."""
+    all and in relaxation, and the smallest J of any element: so far, and at the measurement before the last."""
 
     x: Array
     v: Array
@@ -72,6 +52,7 @@ class State:
     growth: float = 1.0
     relaxed: int = 0
     lowest_J: float = 1.0
+    before_J: float = 1.0
     record: dict[str, Any] = field(default_factory=dict)
 
 
@@ -94,9 +75,12 @@ class Dynamics:
         self.rate, self.damping = 1.0 / steps_per_unit, damping
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.seconds: dict[str, float] = defaultdict(float)
+        hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
+        self._with = {hook: overriding(self.effects, hook) for hook in hooks}
         self._extra = np.zeros((body.n_surface, 3))
-        self._flat_force = body.force.reshape(-1)
         self._sound: dict[str, NDArray] = {}
+        for effect in self.effects:
+            effect.prepare(body)
         self._measure()
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
@@ -126,16 +110,14 @@ class Dynamics:
         """The run as arrays, enough to go on bitwise the same."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
-        arrays |= {key: np.array(getattr(state, key)) for key in ("step", "growth", "relaxed", "lowest_J")}
+        arrays |= {key: np.array(getattr(state, key)) for key in SCALARS}
         for effect in self.effects:
             arrays |= {f"{effect.name}.{key}": value for key, value in effect.save().items()}
         return arrays
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Take up a run that ``save`` wrote."""
-        step, growth, relaxed = int(arrays["step"]), float(arrays["growth"]), int(arrays["relaxed"])
-        lowest_J = float(arrays["lowest_J"])
-        self.state = State(arrays["x"].copy(), arrays["v"].copy(), step, growth, relaxed, lowest_J)
+        self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in SCALARS})
         self.body.grow(self.state.growth)
         for effect in self.effects:
             prefix = f"{effect.name}."
@@ -143,38 +125,51 @@ class Dynamics:
         self._measure()
 
     def _pace(self) -> float:
-        """Share of the full growth rate: less while the kinetic energy is above its limit."""
-        ratio = self.state.record["kinetic_over_strain"]
-        if self.state.growth < EARLY or ratio <= KINETIC_LIMIT:
-            return 1.0
-        return max(SLOWEST, KINETIC_LIMIT / ratio)
+        """Share of the full growth rate: less while the run is out of balance, or an effect asks for it."""
+        record = self.state.record
+        pace = 1.0
+        if self.state.growth >= EARLY and record["kinetic_over_strain"] > KINETIC_LIMIT:
+            pace = KINETIC_LIMIT / record["kinetic_over_strain"]
+        if record["min_J"] < COLLAPSE * self.state.before_J:
+            pace = min(pace, 0.5)
+        if record["inverted"]:
+            pace = SLOWEST
+        pace = max(SLOWEST, pace)
+        for effect in self._with["pace"]:
+            pace *= effect.pace(self.state.growth)
+        return pace
 
     def _run(self, steps: int) -> None:
         body, state, seconds = self.body, self.state, self.seconds
+        blocks = body.elements.blocks
+        clock = _Clock(seconds)
         for _ in range(steps):
-            t0 = time.perf_counter()
-            body.element_forces(state.x)
-            t1 = time.perf_counter()
+            clock.start()
+            body.elements.compute_forces(state.x)
+            clock.lap("elements")
+            for effect in self._with["add_element_forces"]:
+                effect.add_element_forces(body, state.x, state.v)
+                clock.lap(effect.name)
             self._extra[:] = body.filter.forces(state.x)
-            t2 = time.perf_counter()
-            seconds["elements"] += t1 - t0
-            seconds["filter"] += t2 - t1
-            for effect in self.effects:
+            clock.lap("filter")
+            for effect in self._with["add_forces"]:
                 effect.add_forces(body, state.x, state.v, self._extra)
-                t3 = time.perf_counter()
-                seconds[effect.name] += t3 - t2
-                t2 = t3
+                clock.lap(effect.name)
             kernels.advance(
-                state.x, state.v, self._flat_force, body.first, body.slots, body.rest, self._extra, body.mass,
-                body.free, 1.0 - self.damping,
+                state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
+                1.0 - self.damping,
             )  # fmt: skip
-            seconds["advance"] += time.perf_counter() - t2
+            clock.lap("advance")
+            for effect in self._with["after_step"]:
+                effect.after_step(state.x, state.v)
+                clock.lap(effect.name)
         state.step += steps
         self._measure()
 
     def _measure(self) -> None:
         body, state = self.body, self.state
-        t0 = time.perf_counter()
+        clock = _Clock(self.seconds)
+        clock.start()
         if not np.isfinite(state.x).all():
             lost = np.flatnonzero(~np.isfinite(state.x).all(axis=1))
             raise UnstableError(
@@ -182,34 +177,50 @@ class Dynamics:
                 f"the first is node {lost[0]}. Slow the growth down (growth.rate) or refine the mesh.", self._sound
             )  # fmt: skip
         body.update_state(state.x)
-        element = body.element_state()
-        kinetic = 0.5 * float(np.sum(body.mass[:, None] * state.v**2))
+        element = body.elements.state()
         strain = float(element["energy"].sum()) + body.filter.energy(state.x)
         broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > LARGEST_J))
         if broken.size:
             raise UnstableError(
-                f"{broken.size} of {body.n_elements} elements have no volume left or burst at g = {state.growth:.3f}, "
+                f"{broken.size} of {body.elements.n} elements have no volume left or burst at g = {state.growth:.3f}, "
                 f"step {state.step}; the first is element {broken[0]} with v/V = "
                 f"{element['volume_ratio'][broken[0]]:.2f}. Slow the growth down (growth.rate) or refine the mesh.",
                 self._sound,
             )
-        state.lowest_J = min(state.lowest_J, float(element["J_min"].min()))
-        self.seconds["measure"] += time.perf_counter() - t0
-        effects: dict[str, Any] = {}
-        for effect in self.effects:
-            t0 = time.perf_counter()
-            effect.refresh(body, state.x, state.v)
-            effects[effect.name] = {"energy": effect.energy(), **effect.record()}
-            self.seconds[effect.name] += time.perf_counter() - t0
+        min_J = float(element["J_min"].min())
+        state.before_J = state.record.get("min_J", state.before_J)
+        state.lowest_J = min(state.lowest_J, min_J)
+        clock.lap("measure")
+        for effect in self._with["refresh"]:
+            effect.refresh(self)
+            clock.lap(effect.name)
+        kinetic = 0.5 * float(np.sum(body.mass * np.einsum("ij,ij->i", state.v, state.v)))
         state.record = {
             "step": state.step,
             "growth": state.growth,
             "strain_energy": strain,
             "kinetic_energy": kinetic,
             "kinetic_over_strain": kinetic / strain if strain > 0 else 0.0,
-            "min_J": float(element["J_min"].min()),
+            "min_J": min_J,
             "max_J": float(element["J_max"].max()),
+            "inverted": int(np.count_nonzero(element["J_min"] <= 0)),
             "mean_volume_ratio": float(np.mean(element["volume_ratio"])),
-            "effects": effects,
+            "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
         self._sound = self.save()
+        clock.lap("measure")
+
+
+class _Clock:
+    """Laps added to a table of seconds."""
+
+    def __init__(self, seconds: dict[str, float]):
+        self._seconds, self._last = seconds, 0.0
+
+    def start(self) -> None:
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self._seconds[name] += now - self._last
+        self._last = now

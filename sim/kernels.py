@@ -6,49 +6,51 @@ the element, and a weak local volumetric term: with A = F G^-1, J = det A, and w
     W = sum_q w_q [ mu/2 (J^-2/3 tr(A^T A) - 3) + mu (J - 1)^2 ] + kappa/2 V (v/V - 1)^2,   V = sum w, v = sum w J.
 
 Everything is written in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and
-C = dxi/dX G^-1 G^-T (dxi/dX)^T one has tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers of
-C and w, and growth of any kind is a change of these seven. The derivative with respect to D is
-w mu J^-2/3 D C + s cof D.
+C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers
+of C and 1/w, and growth of any kind is a change of these seven. The derivative with respect to D is
+mu J^-2/3 D C + s cof D.
 
 Elements lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane running fastest, so that
 each loop over lanes becomes vector instructions (unsigned indices and constant row offsets: otherwise LLVM can't
-rule out overlap and stays scalar, six times slower). Forces are stored per element and gathered per node in a
-fixed order, so that results are bitwise the same for any number of threads.
+rule out overlap and stays scalar, six times slower). ``blocks.Blocks`` says how blocks and nodes meet.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from llvmlite import ir
+from numba import njit, prange, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 WIDTH = 32              # lanes per block
-POINT = 7               # rows per Gauss point: C00 C01 C02 C11 C12 C22 w
+POINT = 7               # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
+MODULI = 3              # rows per element: mu, kappa, 1/V
 J_MIN = 0.1             # below this volume ratio the isochoric factor J^-2/3 is frozen, so that it stays finite
 
 _FAST = {"contract", "nsz", "arcp", "nnan", "ninf"}
 _U = np.uint64
 _W = np.uint64(WIDTH)
-_A = 0.5 - 0.5 / np.sqrt(3.0)   # shape functions of an edge at its Gauss points
-_B = 0.5 + 0.5 / np.sqrt(3.0)
+_R = 1.0 / np.sqrt(3.0)         # Gauss points of an edge lie at -R and R
+EIGHTH = 0.125                  # positions and forces are scaled by it, so that _between needs no factors
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _between(p, q, r, s):
-    """Half the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. Its own transpose."""
-    p0, p1 = _B * p + _A * q, _A * p + _B * q
-    r0, r1 = _B * r + _A * s, _A * r + _B * s
-    return (0.5 * (_B * p0 + _A * r0), 0.5 * (_B * p1 + _A * r1),
-            0.5 * (_A * p0 + _B * r0), 0.5 * (_A * p1 + _B * r1))  # fmt: skip
+    """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. Its own transpose."""
+    a, b, c, d = p + q, p - q, r + s, r - s
+    p0, p1, r0, r1 = a + _R * b, a - _R * b, c + _R * d, c - _R * d
+    a, b, c, d = p0 + r0, p0 - r0, p1 + r1, p1 - r1
+    return a + _R * b, c + _R * d, a - _R * b, c - _R * d
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.03 < J < 30, without a branch: two Halley steps, then four of Newton."""
+    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: a step of Halley's, then three of fourth order."""
     y = (J + 2.0) / (2.0 * J + 1.0)
-    r = J * y * y * y
-    y *= (r + 2.0) / (2.0 * r + 1.0)
-    for _ in range(4):
-        y *= (4.0 - J * y * y * y) * (1.0 / 3.0)
+    for _ in range(3):
+        e = 1.0 - J * y * y * y
+        y += y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
     return y
 
 
@@ -61,8 +63,9 @@ def _cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _det(a0, a1, a2, b0, b1, b2, c0, c1, c2):
-    return a0 * (b1 * c2 - b2 * c1) + a1 * (b2 * c0 - b0 * c2) + a2 * (b0 * c1 - b1 * c0)
+def _det(a, b, c):
+    return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+            + a[2] * (b[0] * c[1] - b[1] * c[0]))  # fmt: skip
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -80,16 +83,13 @@ def _times(d, c):
 def _point(d, c, mu, p):
     """dW/dD of one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
     k = _cofactor(*d)
-    w = c[6]
-    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) / w
-    held = max(J, J_MIN)
-    y = _inverse_cube_root(held)
+    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
+    y = _inverse_cube_root(max(J, J_MIN))
     u, v, z = _times(d, c)
     I1 = (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
-          + d[6] * z[0] + d[7] * z[1] + d[8] * z[2])  # fmt: skip
-    iso = mu * y * y
-    f = iso * w
-    s = p + 2.0 * mu * (J - 1.0) - (iso * I1 / (3.0 * held) if J > J_MIN else 0.0)
+          + d[6] * z[0] + d[7] * z[1] + d[8] * z[2]) * c[6]  # fmt: skip
+    f = mu * y * y
+    s = p + 2.0 * mu * (J - 1.0) - (f * I1 * y * y * y * (1.0 / 3.0) if J > J_MIN else 0.0)
     return (f * u[0] + s * k[0], f * u[1] + s * k[1], f * u[2] + s * k[2],
             f * v[0] + s * k[3], f * v[1] + s * k[4], f * v[2] + s * k[5],
             f * z[0] + s * k[6], f * z[1] + s * k[7], f * z[2] + s * k[8])  # fmt: skip
@@ -97,7 +97,7 @@ def _point(d, c, mu, p):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _edges(x, l):
-    """dx_r/dxi at the Gauss points for the coordinate r that ``x`` starts with, in three groups of four.
+    """dx_r/dxi at the Gauss points for the coordinate r that ``x`` (in eighths) starts with, in three groups of four.
 
     Along i at (j, k), along j at (i, k), along k at (i, j). Row 3 c of ``x`` belongs to corner c = 4 i + 2 j + k.
     """
@@ -122,7 +122,7 @@ def _gauss(xs, l):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _seven(g, l):
-    """C (six numbers) and w of the Gauss point whose rows start at ``l``."""
+    """C (six numbers) and 1/w of the Gauss point whose rows start at ``l``."""
     return (g[l], g[l + _W], g[l + _U(2) * _W], g[l + _U(3) * _W], g[l + _U(4) * _W], g[l + _U(5) * _W],
             g[l + _U(6) * _W])  # fmt: skip
 
@@ -136,17 +136,34 @@ def _points(g, l):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _volume_ratio(d, c):
-    """Grown volume V, and volume ratio v/V, of an element."""
-    v = (_det(*d[0]) + _det(*d[1]) + _det(*d[2]) + _det(*d[3])
-         + _det(*d[4]) + _det(*d[5]) + _det(*d[6]) + _det(*d[7]))  # fmt: skip
-    V = c[0][6] + c[1][6] + c[2][6] + c[3][6] + c[4][6] + c[5][6] + c[6][6] + c[7][6]
-    return V, v / V
+def _corner(xs, l, c):
+    l += _U(3 * c) * _W
+    return xs[l], xs[l + _W], xs[l + _U(2) * _W]
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _plus(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _volume(xs, l):
+    """Volume v of the trilinear brick from its corners in eighths: three determinants (Grandy 1997), not eight."""
+    x0, x7 = _corner(xs, l, 0), _corner(xs, l, 7)
+    a, b = _minus(x7, _corner(xs, l, 2)), _minus(_corner(xs, l, 5), x0)
+    c, d = _minus(x7, _corner(xs, l, 1)), _minus(_corner(xs, l, 3), x0)
+    e, f = _minus(_corner(xs, l, 6), x0), _minus(x7, _corner(xs, l, 4))
+    return (512.0 / 12.0) * (_det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d)))
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _corners(q, r):
-    """Minus the gradient for coordinate r of the corners, from dW/dD of the eight points: _edges transposed."""
+    """Minus the gradient for coordinate r of the corners in eighths, from dW/dD of the points: _edges transposed."""
     a, b, c = r, 3 + r, 6 + r
     s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
     t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
@@ -158,57 +175,102 @@ def _corners(q, r):
 @njit(forceinline=True, fastmath=_FAST)
 def _store(f, l, n):
     """The eight corner values of one coordinate into every third row from ``l``."""
-    f[l], f[l + _U(3) * _W], f[l + _U(6) * _W], f[l + _U(9) * _W] = n[0], n[1], n[2], n[3]
-    f[l + _U(12) * _W], f[l + _U(15) * _W], f[l + _U(18) * _W], f[l + _U(21) * _W] = n[4], n[5], n[6], n[7]
+    for c in range(8):
+        f[l + _U(3) * _U(c) * _W] = EIGHTH * n[c]
+
+
+@intrinsic
+def _prefetch(typing_context, array, index):
+    """Ask for the cache line of element ``index`` of a contiguous array: the next block's data on their way in time."""
+
+    def code(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
+        )
+        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+        builder.call(function, [line, word(0), word(3), word(1)])      # for reading, keep, data
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), code
 
 
 @njit(forceinline=True)
-def _fetch(x, conn, xs):
-    """Corner positions of a block: coordinate r of corner c into row 3 c + r."""
-    for c in range(8):
+def fetch(x, nodes, local, corners, scale, ahead, at, xs):
+    """Corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
+
+    ``ahead``, the data of the next block, is called into the cache meanwhile; ``at`` is scratch.
+    """
+    for s in range(len(nodes)):
+        n = nodes[s]
+        at[s, 0], at[s, 1], at[s, 2] = scale * x[n, 0], scale * x[n, 1], scale * x[n, 2]
+    for c in range(corners):
         for l in range(WIDTH):
-            n = conn[c * WIDTH + l]
-            for r in range(3):
-                xs[(3 * c + r) * WIDTH + l] = x[n, r]
+            s = local[c * WIDTH + l]
+            i = 3 * c * WIDTH + l
+            xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0], at[s, 1], at[s, 2]
+            _prefetch(ahead, 8 * (c * WIDTH + l))                       # a cache line holds 8 numbers
+
+
+@njit(forceinline=True)
+def deliver(xs, local, corners, force):
+    """Add the forces in ``xs`` (laid out as by ``fetch``) to the rows (rows, 3) of a block."""
+    for c in range(corners):
+        for l in range(WIDTH):
+            s = local[c * WIDTH + l]
+            i = 3 * c * WIDTH + l
+            force[s, 0] += xs[i]
+            force[s, 1] += xs[i + WIDTH]
+            force[s, 2] += xs[i + 2 * WIDTH]
+
+
+@njit(forceinline=True)
+def deliver_scalar(values, local, corners, rows):
+    """Add one value per lane (WIDTH,) to the rows of its corners."""
+    for c in range(corners):
+        for l in range(WIDTH):
+            rows[local[c * WIDTH + l]] += values[l]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def element_forces(x, conn, point, modulus, force):
-    """Nodal forces (minus the energy gradient) of every element into ``force`` (block, 24 WIDTH), row 3 c + r.
+def element_forces(x, nodes, start, local, point, modulus, force):
+    """Forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
 
-    x (N, 3); conn (block, 8 WIDTH) int32; point (block, 56 WIDTH); modulus (block, 2 WIDTH): mu, kappa.
+    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V.
     """
-    for b in prange(len(conn)):
-        xs, g, m, f = np.empty(24 * WIDTH), np.empty(56 * WIDTH), modulus[b], force[b]
-        _fetch(x, conn[b], xs)
-        g[:] = point[b]                     # one stream into the cache; read row by row, memory is half as fast
+    for b in prange(len(local)):
+        xs, g, m, at = np.empty(24 * WIDTH), point[b], modulus[b], np.empty((8 * WIDTH, 3))
+        ahead = point[min(b + 1, len(local) - 1)]
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs)
         for l in range(_W):
             d, c, mu = _gauss(xs, l), _points(g, l), m[l]
-            ratio = _volume_ratio(d, c)[1]
-            p = m[l + _W] * (ratio - 1.0)
+            p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - 1.0)
             q = (_point(d[0], c[0], mu, p), _point(d[1], c[1], mu, p), _point(d[2], c[2], mu, p),
                  _point(d[3], c[3], mu, p), _point(d[4], c[4], mu, p), _point(d[5], c[5], mu, p),
                  _point(d[6], c[6], mu, p), _point(d[7], c[7], mu, p))  # fmt: skip
-            _store(f, l, _corners(q, 0))
-            _store(f, l + _W, _corners(q, 1))
-            _store(f, l + _U(2) * _W, _corners(q, 2))
+            _store(xs, l, _corners(q, 0))
+            _store(xs, l + _W, _corners(q, 1))
+            _store(xs, l + _U(2) * _W, _corners(q, 2))
+        rows = force[start[b] : start[b + 1]]
+        rows[:] = 0.0
+        deliver(xs, local[b], 8, rows)
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _point_state(d, c, mu):
     """Energy, J, and a bound on the largest stiffness of one Gauss point (without the element's pressure)."""
     k = _cofactor(*d)
-    w = c[6]
-    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) / w
+    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
     y = _inverse_cube_root(max(J, J_MIN))
     u, v, z = _times(d, c)
-    I1 = y * y * (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
+    I1 = c[6] * y * y * (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
                   + d[6] * z[0] + d[7] * z[1] + d[8] * z[2])  # fmt: skip
-    energy = w * mu * (0.5 * (I1 - 3.0) + (J - 1.0) * (J - 1.0))
+    energy = mu * (0.5 * (I1 - 3.0) + (J - 1.0) * (J - 1.0)) / c[6]
     cc = (k[0] * k[0] + k[1] * k[1] + k[2] * k[2] + k[3] * k[3] + k[4] * k[4] + k[5] * k[5]
           + k[6] * k[6] + k[7] * k[7] + k[8] * k[8])  # fmt: skip
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
-    return energy, J, mu * (4.0 + I1) * (1.0 / 9.0) * cc / w
+    return energy, J, mu * (4.0 + I1) * (1.0 / 9.0) * cc * c[6]
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -218,20 +280,23 @@ def _square(n):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def element_state(x, conn, point, modulus, state):
-    """Per element into ``state`` (block, 5 WIDTH): energy, smallest J, largest J, v/V, stiffness bound.
+def element_state(x, nodes, start, local, point, modulus, state, stiffness):
+    """Per element into ``state`` (block, 4 WIDTH): energy, smallest J, largest J, v/V; per row into ``stiffness`` (R,)
+    the sum of its elements' stiffness bounds.
 
     The bound is near the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
     (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. Together it can fall short by a fifth in strongly
     deformed stiff elements; the safety factor on the mass covers that.
     """
-    for b in prange(len(conn)):
-        xs, g, m, out = np.empty(24 * WIDTH), np.empty(56 * WIDTH), modulus[b], state[b]
-        _fetch(x, conn[b], xs)
-        g[:] = point[b]
+    for b in prange(len(local)):
+        xs, g, m, out = np.empty(24 * WIDTH), point[b], modulus[b], state[b]
+        at, bound = np.empty((8 * WIDTH, 3)), np.empty(WIDTH)
+        ahead = point[min(b + 1, len(local) - 1)]
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs)
         for l in range(_W):
             d, c, mu, kappa = _gauss(xs, l), _points(g, l), m[l], m[l + _W]
-            V, ratio = _volume_ratio(d, c)
+            per_volume = m[l + _U(2) * _W]
+            ratio = _volume(xs, l) * per_volume
             s = (_point_state(d[0], c[0], mu), _point_state(d[1], c[1], mu), _point_state(d[2], c[2], mu),
                  _point_state(d[3], c[3], mu), _point_state(d[4], c[4], mu), _point_state(d[5], c[5], mu),
                  _point_state(d[6], c[6], mu), _point_state(d[7], c[7], mu))  # fmt: skip
@@ -239,82 +304,93 @@ def element_state(x, conn, point, modulus, state):
                  _cofactor(*d[4]), _cofactor(*d[5]), _cofactor(*d[6]), _cofactor(*d[7]))  # fmt: skip
             dv = _square(_corners(q, 0)) + _square(_corners(q, 1)) + _square(_corners(q, 2))
             out[l] = (s[0][0] + s[1][0] + s[2][0] + s[3][0] + s[4][0] + s[5][0] + s[6][0] + s[7][0]
-                      + 0.5 * kappa * V * (ratio - 1.0) * (ratio - 1.0))  # fmt: skip
+                      + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume)  # fmt: skip
             out[l + _W] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
             out[l + _U(2) * _W] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
             out[l + _U(3) * _W] = ratio
-            out[l + _U(4) * _W] = (kappa * dv / V + s[0][2] + s[1][2] + s[2][2] + s[3][2]
-                                   + s[4][2] + s[5][2] + s[6][2] + s[7][2])  # fmt: skip
+            bound[l] = (EIGHTH**2 * kappa * dv * per_volume + s[0][2] + s[1][2] + s[2][2] + s[3][2]
+                        + s[4][2] + s[5][2] + s[6][2] + s[7][2])  # fmt: skip
+        rows = stiffness[start[b] : start[b + 1]]
+        rows[:] = 0.0
+        deliver_scalar(bound, local[b], 8, rows)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def grow(point, point0, radial, stretch, tangential):
-    """Grown point data of the leading blocks: C and w at growth ``stretch`` (block, WIDTH) from those at growth 1.
+def grow(point, point0, radial, modulus, stretch, tangential):
+    """Grown point data and 1/V of blocks at growth ``stretch`` (block, WIDTH), from those at growth 1.
 
-    Isotropic, G = g I: C = C0 / g^2, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference radial
-    direction: C = C0 / g^2 + (1 - 1/g^2) n n, w = g^2 w0, where ``radial`` (block, 24 WIDTH) holds n = dxi/dX N.
+    Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
+    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (block, 24 WIDTH) holds n = sqrt(w0) dxi/dX N.
     """
     for b in prange(len(stretch)):
         for l in range(WIDTH):
             g = stretch[b, l]
-            s = 1.0 / (g * g)
-            t = 1.0 - s if tangential else 0.0
-            det = g * g if tangential else g * g * g
+            t = g * g - 1.0
+            volume = 0.0
             for q in range(8):
                 row = q * POINT * WIDTH + l
-                n = 3 * q * WIDTH + l
-                n0, n1, n2 = radial[b, n], radial[b, n + WIDTH], radial[b, n + 2 * WIDTH]
-                nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
-                for k in range(6):
-                    point[b, row + k * WIDTH] = s * point0[b, row + k * WIDTH] + t * nn[k]
-                point[b, row + 6 * WIDTH] = det * point0[b, row + 6 * WIDTH]
+                if tangential:
+                    n = 3 * q * WIDTH + l
+                    n0, n1, n2 = radial[b, n], radial[b, n + WIDTH], radial[b, n + 2 * WIDTH]
+                    nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
+                    for k in range(6):
+                        point[b, row + k * WIDTH] = point0[b, row + k * WIDTH] + t * nn[k]
+                else:
+                    for k in range(6):
+                        point[b, row + k * WIDTH] = g * point0[b, row + k * WIDTH]
+                det = g * g if tangential else g * g * g
+                point[b, row + 6 * WIDTH] = point0[b, row + 6 * WIDTH] / det
+                volume += det / point0[b, row + 6 * WIDTH]
+            modulus[b, 2 * WIDTH + l] = 1.0 / volume
 
 
 @njit(forceinline=True)
-def _gather(force, first, slots, n):
-    """Sum of the element forces at node n, in the fixed order of its slots."""
+def _gather(force, first, rows, n):
+    """Sum of the rows of node n, in their fixed order."""
     f0, f1, f2 = 0.0, 0.0, 0.0
     for k in range(first[n], first[n + 1]):
-        s = slots[k]
-        f0 += force[s]
-        f1 += force[s + WIDTH]
-        f2 += force[s + 2 * WIDTH]
+        s = rows[k]
+        f0 += force[s, 0]
+        f1 += force[s, 1]
+        f2 += force[s, 2]
     return f0, f1, f2
 
 
 @njit(parallel=True, cache=True)
-def gather(force, first, slots, out):
-    """Nodal sums (N, 3) of element forces; ``force`` is flat, node n owns ``slots[first[n]:first[n + 1]]``."""
+def gather(force, first, rows, out):
+    """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
     for n in prange(len(out)):
-        out[n, 0], out[n, 1], out[n, 2] = _gather(force, first, slots, n)
+        out[n, 0], out[n, 1], out[n, 2] = _gather(force, first, rows, n)
 
 
 @njit(parallel=True, cache=True)
-def gather_scalar(values, first, slots, out):
-    """Nodal sums (N,) of one value per element; ``slots`` are positions in the flat ``values``."""
+def gather_scalar(values, first, rows, out):
+    """Nodal sums (N,) of one value per row (R,)."""
     for n in prange(len(out)):
         total = 0.0
         for k in range(first[n], first[n + 1]):
-            total += values[slots[k]]
+            total += values[rows[k]]
         out[n] = total
 
 
 @njit(parallel=True, cache=True)
-def advance(x, v, force, first, slots, rest, extra, mass, free, keep):
+def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
     """One step of unit length: v <- keep v + f/m on the free coordinates, x <- x + v.
 
     ``rest`` (N, 3) is the round-off of the kernel in the reference state, subtracted so that a body that does not
     grow stays bitwise at rest; ``extra`` (S, 3) are the surface forces of effects on the first S nodes; ``free``
-    (N, 3) is 1 or 0.
+    (N, 3) is True where a coordinate may move.
     """
     for n in prange(len(x)):
-        f = _gather(force, first, slots, n)
+        f = _gather(force, first, rows, n)
+        per_mass = 1.0 / mass[n]
         for r in range(3):
             total = f[r] - rest[n, r]
             if n < len(extra):
                 total += extra[n, r]
-            v[n, r] = free[n, r] * (keep * v[n, r] + total / mass[n])
-            x[n, r] += v[n, r]
+            if free[n, r]:
+                v[n, r] = keep * v[n, r] + total * per_mass
+                x[n, r] += v[n, r]
 
 
 @njit(parallel=True, cache=True)

@@ -1,71 +1,101 @@
-"""Bilayer geometries as scikit-fem meshes: a layered cubed sphere of bricks, whole or cut by symmetry planes."""
+"""Bodies of a cortex on a core as scikit-fem meshes: layers of bricks under a surface of quads.
+
+Sphere and ellipsoid are layered cubed spheres, whole or cut by symmetry planes; a patch is a block with a flat
+surface between four symmetry planes, a strip the same, one brick deep: plane strain.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from skfem import MeshHex
-from skfem.refdom import RefHex
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from skfem import MeshHex, MeshTet
+
+from morphofold.sim.bricks import BINARY_CORNERS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 #: coordinates that each portion keeps at or above zero
 PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
 
-#: skfem's corner numbers in the order 4 i + 2 j + k of the kernels
-BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
-
 CORE_RATIO = 1.4        # each core layer is this much thicker than the one outside it,
 CORE_CAP = 4.0          # up to this many surface edges
+TILE = (4, 8)           # surface cells in the order of tiles: a block of 32 bricks then shares most of its nodes
+
+
+class Plane(NamedTuple):
+    """A symmetry plane ``x[axis] = at``; the body lies where ``side * (x[axis] - at) >= 0``."""
+
+    axis: int
+    at: float
+    side: int
 
 
 @dataclass(frozen=True, eq=False)
 class Bilayer:
-    """A cortex on a core, in layers of bricks that follow the surface inwards.
+    """A cortex on a core.
 
     Attributes
     ----------
-    mesh : skfem.MeshHex
-        Subdomains ``cortex`` and ``core``; boundaries ``pial``, ``hole`` and, where cut, ``plane0`` .. ``plane2``.
-    quads : (Q, 4) int
-        Outer quads, counter-clockwise from outside, as indices into one layer of ``n_surface`` nodes.
+    mesh : skfem.MeshHex or skfem.MeshTet
+        Subdomains ``cortex`` and ``core``; the elements of the cortex come first, the nodes of the pial surface too.
+    faces : (Q, 4) or (Q, 3) int
+        Cells of the pial surface, counter-clockwise from outside, over the first ``n_surface`` nodes.
     n_surface : int
-        Nodes per layer. Node s of layer l is ``l * n_surface + s``; layer 0 is the pial surface.
-    cortex_layers : int
-        Brick layers in the cortex: the white surface is node layer ``cortex_layers``.
-    planes : tuple of int
-        Axes of the symmetry planes (coordinate 0, body on the positive side).
+    white : (S, N) csr_matrix
+        White surface from the nodes: ``white @ x`` (S, 3); vertex i belongs to pial vertex i.
+    radial, foot : (N, 3) float64
+        At each node, the unit thickness direction outwards, and the pial point that it lies under [mm].
+    share : (N,) float64
+        1 on the pial surface, falling to 0 on the white surface and 0 below.
+    held : (H,) int
+        Nodes that never move.
+    planes : tuple of Plane
+    mirrored : tuple of int
+        Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
     edge : float
-        A quarter of a great circle over its cells [mm]; the mean edge is some 7 % shorter.
+        Largest edge of the pial surface [mm].
+    extent : float, optional
+        Length over which equilibrium must spread, of a body whose scene doesn't know it [mm].
     """
 
-    mesh: MeshHex
-    quads: NDArray[np.int64]
+    mesh: MeshHex | MeshTet
+    faces: Ints
     n_surface: int
-    cortex_layers: int
-    planes: tuple[int, ...]
+    white: sparse.csr_matrix
+    radial: Array
+    foot: Array
+    share: Array
+    held: Ints
+    planes: tuple[Plane, ...]
+    mirrored: tuple[int, ...]
     edge: float
-    radii: NDArray[np.float64] = field(repr=False)
+    extent: float | None = None
 
     @property
     def portion(self) -> float:
         """Share of the closed body that the mesh covers: 1, 1/2, 1/4 or 1/8."""
-        return 0.5 ** len(self.planes)
-
-    def layer(self, level: int) -> slice:
-        """Node numbers of node layer ``level`` (0 outermost)."""
-        return slice(level * self.n_surface, (level + 1) * self.n_surface)
+        return 0.5 ** len(self.mirrored)
 
 
-def _cube_surface(n: int, planes: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, cut by the planes."""
+def _tiles(i: Ints, j: Ints) -> Ints:
+    """Order of cells (i, j) tile by tile."""
+    a, b = TILE
+    return np.lexsort((j % b, i % a, j // b, i // a))
+
+
+def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
+    """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, cut where an axis is negative."""
     half = n // 2
     points, start = [], 0
     quads = []
     grid = np.arange(-half, half + 1)
     u, v = np.meshgrid(grid, grid, indexing="ij")
-    number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    corners = _grid_quads(n, n)
     for axis in range(3):
         for side in (-1, 1):
             p = np.empty((n + 1, n + 1, 3), dtype=np.int64)
@@ -76,7 +106,7 @@ def _cube_surface(n: int, planes: tuple[int, ...]) -> tuple[NDArray[np.int64], N
             start += p.shape[0] * p.shape[1]
     all_points, all_quads = np.concatenate(points), np.concatenate(quads)
     keep = np.ones(len(all_quads), dtype=bool)
-    for axis in planes:
+    for axis in axes:
         keep &= all_points[all_quads][:, :, axis].min(axis=1) >= 0
     used, first, inverse = np.unique(
         all_points[all_quads[keep].ravel()], axis=0, return_index=True, return_inverse=True
@@ -87,28 +117,82 @@ def _cube_surface(n: int, planes: tuple[int, ...]) -> tuple[NDArray[np.int64], N
     return used[order], rank[inverse].reshape(-1, 4)
 
 
-def layer_radii(outer: float, interface: float, hole: float, cortex_layers: int, edge: float) -> NDArray[np.float64]:
-    """Radii of the node layers from outside in: even through the cortex, growing geometrically in the core [mm]."""
-    step = (outer - interface) / cortex_layers
+def _grid_quads(nu: int, nv: int) -> Ints:
+    """Quads (nu nv, 4) of a grid of (nu + 1) (nv + 1) points, tile by tile, counter-clockwise in (u, v)."""
+    number = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    i, j = np.divmod(np.arange(nu * nv), nv)
+    return quads[_tiles(i, j)]
+
+
+def core_shares(first: float, depth: float, edge: float) -> Array:
+    """Depths of the node layers of the core as shares of it, from 0 to 1: steps that grow by ``CORE_RATIO``.
+
+    ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds ``CORE_CAP``
+    surface edges.
+    """
+    step = first
     steps: list[float] = []
-    while sum(steps) < interface - hole:
+    while sum(steps) < depth:
         step = min(step * CORE_RATIO, CORE_CAP * edge)
         steps.append(step)
-    scaled = np.array(steps) * (interface - hole) / sum(steps)
-    return np.concatenate([np.linspace(outer, interface, cortex_layers + 1), interface - np.cumsum(scaled)])
+    return np.concatenate([[0.0], np.cumsum(steps) / sum(steps)])
 
 
-def bilayer_sphere(
-    radius: float, cortex_thickness: float, hole_radius: float, portion: str, n: int, cortex_layers: int = 3
+def _extrude(
+    pial: Array, white: Array, base: Array, quads: Ints, normal: Array, cortex_layers: int, edge: float,
+    planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
+) -> Bilayer:  # fmt: skip
+    """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
+    n_surface = len(pial)
+    thickness = np.linalg.norm(pial - white, axis=1)
+    depth = np.linalg.norm(white - base, axis=1)
+    shares = core_shares(float(thickness.mean()) / cortex_layers, float(depth.mean()), edge)[1:]
+    cortex = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
+    levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
+    n_layers = len(levels) - 1
+    nodes = levels.reshape(-1, 3)
+    for plane in planes:                                                # exactly, so that mirrored copies weld
+        on_plane = np.abs(nodes[:, plane.axis] - plane.at) < 1e-9 * edge
+        nodes[on_plane, plane.axis] = plane.at
+
+    # corner (i, j, k): (i, j) along the quad, k outwards; then into the order of skfem's reference brick
+    quad_corner = quads[:, [0, 3, 1, 2]]                                # (i, j) = 00, 01, 10, 11
+    level = np.arange(n_layers)[:, None, None]
+    below = quad_corner[None] + (level + 1) * n_surface
+    above = quad_corner[None] + level * n_surface
+    binary = np.stack([below, above], axis=-1).reshape(-1, 8)           # 4 i + 2 j + k
+    t = np.empty((8, len(binary)), dtype=np.int64)
+    t[BINARY_CORNERS] = binary.T
+    n_cortex = cortex_layers * len(quads)
+    mesh = MeshHex(np.ascontiguousarray(nodes.T), t, validate=False).with_subdomains(
+        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(binary))}
+    )
+    share = np.maximum(1 - np.arange(n_layers + 1) / cortex_layers, 0.0)
+    surface = np.arange(n_surface)
+    picks = (np.ones(n_surface), (surface, cortex_layers * n_surface + surface))
+    return Bilayer(
+        mesh, quads, n_surface, sparse.csr_matrix(picks, (n_surface, len(nodes))),
+        np.tile(normal, (n_layers + 1, 1)), np.tile(pial, (n_layers + 1, 1)), np.repeat(share, n_surface),
+        n_layers * n_surface + surface, planes, mirrored, edge,
+    )  # fmt: skip
+
+
+def bilayer_ellipsoid(
+    semi_axes: ArrayLike, thickness: ArrayLike, hole_share: float, portion: str, n: int, cortex_layers: int = 3
 ) -> Bilayer:
-    """Layered cubed sphere: a cortex of given thickness on a core with a hole (Razavi et al. 2015, Fig. 2).
+    """Layered cubed ellipsoid: a cortex of given thickness on a core with a hole of the same shape.
 
     Parameters
     ----------
-    radius, cortex_thickness, hole_radius : float
-        C, T = C - B, and A of the paper [mm]; 0 < A < C - T.
+    semi_axes : (3,) float
+        Of the pial surface along x, y, z [mm].
+    thickness : float or callable
+        Thickness of the cortex [mm], along the surface normal; or a function that gives it (S,) at pial points (S, 3).
+    hole_share : float
+        Size of the held hole over that of the pial surface.
     portion : {"full", "half", "quarter", "octant"}
-        Symmetry planes cut away the negative side of no, one, two or three axes.
+        Symmetry planes cut away the negative side of no, one (z), two (y, z) or three axes.
     n : even int
         Surface cells along a quarter of a great circle (an edge of the cube).
     cortex_layers : int
@@ -117,50 +201,89 @@ def bilayer_sphere(
     Raises
     ------
     ValueError
-        If the radii leave no core or no cortex, or n is odd or below 4.
+        If the layers leave no core or no cortex, or n is odd or below 4.
     """
-    interface = radius - cortex_thickness
-    if not 0 < hole_radius < interface < radius:
-        raise ValueError(
-            f"the hole (radius {hole_radius:g}) must lie inside the core (radius {interface:g} = {radius:g} - cortex "
-            f"thickness {cortex_thickness:g}); make hole_radius smaller than {interface:g}."
-        )
+    axes = np.asarray(semi_axes, dtype=np.float64)
     if n < 4 or n % 2:
         raise ValueError(f"n must be an even number of cells, at least 4, got {n}.")
     if portion not in PLANES:
         raise ValueError(f"portion must be one of {', '.join(PLANES)}, got {portion!r}.")
-    planes = PLANES[portion]
-    lattice, quads = _cube_surface(n, planes)
-    edge = 0.5 * np.pi * radius / n
-    radii = layer_radii(radius, interface, hole_radius, cortex_layers, edge)
+    lattice, quads = _cube_surface(n, PLANES[portion])
     direction = np.tan(lattice * (0.5 * np.pi / n))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    n_surface, n_layers = len(lattice), len(radii) - 1
-    nodes = (radii[:, None, None] * direction).reshape(-1, 3)
+    pial = direction * axes
+    normal = direction / axes
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    t = np.broadcast_to(thickness(pial) if callable(thickness) else thickness, len(pial))
+    white = pial - t[:, None] * normal
+    inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))               # size of the ellipsoid through each point
+    if not 0 < hole_share < inside.min() or t.min() <= 0 or t.max() >= axes.min():
+        raise ValueError(
+            f"the hole ({hole_share:g} of the body) must lie inside the core, which ends at {inside.min():g} of it "
+            f"under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
+        )
+    planes = tuple(Plane(axis, 0.0, 1) for axis in PLANES[portion])
+    edge = 0.5 * np.pi * float(axes.max()) / n
+    return _extrude(pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, PLANES[portion])
 
-    # corner (i, j, k): (i, j) along the quad, k outwards; then into the order of skfem's reference brick
-    quad_corner = quads[:, [0, 3, 1, 2]]                                # (i, j) = 00, 01, 10, 11
-    level = np.arange(n_layers)[:, None, None]
-    below = quad_corner[None] + (level + 1) * n_surface
-    above = quad_corner[None] + level * n_surface
-    binary = np.stack([below, above], axis=-1).reshape(-1, 8)           # 4 i + 2 j + k
-    t = np.empty_like(binary)
-    t[:, BINARY_CORNERS] = binary
-    mesh = MeshHex(nodes.T.copy(), t.T.astype(np.int64).copy())
-    on_plane = {f"plane{a}": mesh.facets_satisfying(lambda x, a=a: np.abs(x[a]) < 1e-9 * radius, True) for a in planes}
-    r = lambda x: np.linalg.norm(x, axis=0)
-    facets = mesh.boundary_facets()
-    facet_radius = r(mesh.p[:, mesh.facets[:, facets]]).min(axis=0), r(mesh.p[:, mesh.facets[:, facets]]).max(axis=0)
-    mesh = mesh.with_boundaries(
-        {
-            "pial": facets[facet_radius[0] > radius * (1 - 1e-9)],
-            "hole": facets[facet_radius[1] < hole_radius * (1 + 1e-9)],
-            **on_plane,
-        }
-    ).with_subdomains(
-        {
-            "cortex": np.arange(cortex_layers * len(quads)),
-            "core": np.arange(cortex_layers * len(quads), n_layers * len(quads)),
-        }
-    )
-    return Bilayer(mesh, quads, n_surface, cortex_layers, planes, float(edge), radii)
+
+def bilayer_sphere(
+    radius: float, cortex_thickness: ArrayLike, hole_radius: float, portion: str, n: int, cortex_layers: int = 3
+) -> Bilayer:
+    """Layered cubed sphere: a cortex of given thickness on a core with a hole (Razavi et al. 2015, Fig. 2).
+
+    ``radius``, ``cortex_thickness`` and ``hole_radius`` are C, T = C - B, and A of the paper [mm]; the rest as in
+    :func:`bilayer_ellipsoid`.
+    """
+    return bilayer_ellipsoid([radius] * 3, cortex_thickness, hole_radius / radius, portion, n, cortex_layers)
+
+
+def bilayer_patch(
+    size: tuple[float, float], depth: float, thickness: float, edge: float, cortex_layers: int = 3
+) -> Bilayer:
+    """A flat block: pial surface at z = 0, base held at z = -depth, symmetry planes on all four sides.
+
+    Parameters
+    ----------
+    size : (2,) float
+        Width along x and y [mm]; a width along y of 0 makes a strip one brick deep, in plane strain.
+    depth, thickness : float
+        Of the block, and of the cortex, 0 < thickness < depth [mm].
+    edge : float
+        Largest surface edge [mm].
+    cortex_layers : int
+
+    Raises
+    ------
+    ValueError
+        If the cortex leaves no core.
+    """
+    if not 0 < thickness < depth:
+        raise ValueError(f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make it thinner.")
+    strip = size[1] == 0
+    nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
+    ny = 1 if strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
+    width = size[0] / nx if strip else size[1]
+    quads = _grid_quads(nx, ny)
+    u, v = np.meshgrid(np.linspace(0, size[0], nx + 1), np.linspace(0, width, ny + 1), indexing="ij")
+    pial = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)])
+    down, up = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
+    planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
+    edge = max(size[0] / nx, width / ny)
+    bilayer = _extrude(pial, pial + thickness * down, pial + depth * down, quads, up, cortex_layers, edge, planes)
+    if strip:
+        bilayer.foot[:, 1] = 0.0                                        # one imperfection for both sides
+    return bilayer
+
+
+def spot_factors(at: Array, spots) -> Array:
+    """Product (P,) of the factors of spots at points (P, 3).
+
+    A spot (centre, radius, factor) has its full factor at its centre and 1 beyond its radius [mm, straight lines], with
+    half a cosine between.
+    """
+    total = np.ones(len(at))
+    for centre, radius, factor in spots:
+        s = np.minimum(np.linalg.norm(at - np.asarray(centre), axis=1) / radius, 1.0)
+        total *= 1 + (factor - 1) * 0.5 * (1 + np.cos(np.pi * s))
+    return total

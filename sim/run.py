@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.sim.growth import volume as det_G
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Scene, load_scene
 from morphofold.surface import Cortex
@@ -26,8 +27,6 @@ Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
 RELAXATION = 0.15       # steps at the final growth, as a share of the steps of the whole ramp to it
 LOG_EVERY = 0.01        # growth between two lines of the log,
 LOG_STEPS = 100         # or steps
-
-VTK_CORNERS = [0, 4, 6, 2, 1, 5, 7, 3]  # corners 4 i + 2 j + k in the order of a VTK hexahedron
 
 
 @dataclass(frozen=True)
@@ -132,34 +131,18 @@ class _Run:
     def __init__(
         self, scene: Scene, out: Path, progress: Progress, describe: Describe, interrupted: Callable[[], bool]
     ):
-        from morphofold.sim.body import Body
-        from morphofold.sim.dynamics import Dynamics, Effect
-        from morphofold.sim.mesh import bilayer_sphere
+        from morphofold.sim.dynamics import Dynamics
+        from morphofold.sim.effects import build_effects
+        from morphofold.sim.geometry import build_body
 
         self.scene, self.out, self.progress, self.describe = scene, out, progress, describe
         self.interrupted = interrupted
         self.started = time.perf_counter()
-        geometry, effects = scene.geometry, scene.effects
-        bilayer = bilayer_sphere(
-            geometry.radius, geometry.cortex_thickness, geometry.hole_radius, geometry.portion, scene.cells,
-            scene.accuracy.elements_through_cortex,
-        )  # fmt: skip
-        X = None
-        if effects.perturbation is not None:
-            from morphofold.sim.effects.perturbation import perturbed_nodes
-
-            options = effects.perturbation
-            degree = options.degree or 0.8 * geometry.radius / geometry.cortex_thickness
-            X = perturbed_nodes(bilayer, amplitude=options.amplitude, degree=degree, seed=options.seed)
-        mu_cortex, mu_core, kappa = scene.moduli
-        self.body = Body(bilayer, mu_cortex=mu_cortex, mu_core=mu_core, kappa=kappa, law=scene.growth.law, X=X)
-        acting: list[Effect] = []
-        if effects.contact is not None:
-            from morphofold.sim.effects.contact import Contact
-
-            acting.append(Contact(self.body))
-        self.dynamics = Dynamics(self.body, acting, steps_per_unit=scene.steps_per_unit)
-        self.relaxing = int(RELAXATION * scene.steps_per_unit * (scene.growth.final - 1))
+        effects = build_effects(scene)
+        self.body = build_body(scene, effects)
+        steps_per_unit = scene.steps_per_unit(self.body.bilayer.extent)
+        self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit)
+        self.relaxing = int(RELAXATION * steps_per_unit * (scene.growth.final - 1))
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
@@ -199,14 +182,13 @@ class _Run:
                 "healthy": not warnings,
                 "warnings": warnings,
                 "stages": stages,
-                "elements": body.n_elements,
+                "elements": body.elements.n,
                 "nodes": len(body.X),
-                "cells_per_quarter": self.scene.cells,
                 "surface_edge_mm": body.bilayer.edge,
                 "steps": self.dynamics.state.step,
                 "seconds": round(self._elapsed(), 2),
                 "seconds_by_phase": {k: round(v, 3) for k, v in self.dynamics.seconds.items()},
-                "effects": list(effects.named),
+                "effects": list(self.scene.called_effects),
                 "effects_left_out": [n for n in type(effects).model_fields if n not in effects.named],
             },
         )
@@ -265,7 +247,7 @@ class _Run:
 
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
-        from morphofold.sim.health import broken_bounds, enclosed_volume, overlap
+        from morphofold.sim.health import broken_bounds, check_surface, enclosed_volume
         from morphofold.sim.surfaces import whole_surfaces
 
         folder = stage_folder(self.out, g)
@@ -273,12 +255,12 @@ class _Run:
             return json.loads((folder / "stage.json").read_text())["health"]
         scene, body, state = self.scene, self.body, self.dynamics.state
         white, pial = whole_surfaces(body, state.x)
-        grown = self.grown_volume(g)
+        grown = self.grown_volume()
         numbers = {
             "growth": g,
             **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},
             "lowest_J": state.lowest_J,
-            "overlap": overlap(pial),
+            **check_surface(pial),
             "volume_drift": abs((enclosed_volume(pial) - enclosed_volume(white)) / grown - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()),
         }
@@ -287,8 +269,9 @@ class _Run:
             "g": g,
             "law": scene.growth.law,
             "mu_ratio": scene.material.mu_ratio,
+            "shape": scene.geometry.shape,
             "reference_thickness": scene.geometry.cortex_thickness,
-            "reference_radius": scene.geometry.radius,
+            "reference_radius": float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
             "portion": body.bilayer.portion,
             "units": "mm",
             "health": numbers,
@@ -310,28 +293,29 @@ class _Run:
             self._write_json(temporary / "stage.json", info)
         return numbers
 
-    def grown_volume(self, g: float) -> float:
+    def grown_volume(self) -> float:
         """Volume of the closed cortex after free growth: the reference volume times det G [mm^3]."""
-        from morphofold.sim.kernels import POINT
-
         body = self.body
-        volume = body.point0.reshape(len(body.point0), 8, POINT, -1)[:, :, POINT - 1].sum(axis=1).ravel()
-        det_G = g**3 if self.scene.growth.law == "isotropic" else g**2
-        return float(volume[: body.n_cortex].sum()) / body.bilayer.portion * det_G
+        stretch = 1 + (body.growth - 1) * np.asarray(body.pattern)
+        volume = body.elements.volume[: body.elements.n_cortex] * det_G(stretch, body.law)
+        return float(volume.sum()) / body.bilayer.portion
 
     def _write_volume(self, path: Path) -> None:
         import meshio
 
-        from morphofold.sim.mesh import BINARY_CORNERS
+        from morphofold.sim.bricks import BINARY_CORNERS
 
         body, state = self.body, self.dynamics.state
-        corners = body.bilayer.mesh.t[BINARY_CORNERS].T[:, VTK_CORNERS]
-        element = body.element_state()
-        layer = np.zeros(body.n_elements)
-        layer[: body.n_cortex] = 1
+        element = body.elements.state()
+        layer = np.zeros(body.elements.n)
+        layer[: body.elements.n_cortex] = 1
+        corners = body.bilayer.mesh.t.T
+        bricks = corners.shape[1] == 8
+        if bricks:
+            corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]          # VTK's order of i, j, k
         meshio.Mesh(
             state.x,
-            [("hexahedron", corners)],
+            [("hexahedron" if bricks else "tetra", corners)],
             point_data={"reference": body.X, "displacement": state.x - body.X},
             cell_data={
                 "cortex": [layer],

@@ -3,55 +3,195 @@
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-#: accuracy level: (surface edge over cortex thickness, steps per unit of growth and cell of a quarter circle)
+#: accuracy level: (surface edge over cortex thickness, steps per unit of growth and cell along the body's extent)
 LEVELS = {"draft": (0.80, 110.0), "standard": (0.55, 140.0), "fine": (0.40, 180.0)}
 
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
+
+#: effects that a shape can have, where it can't have them all
+EFFECTS_OF = {
+    "radial": ("core_growth",),
+    "patch": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia", "bulk_viscosity"),
+    "strip": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia", "bulk_viscosity"),
+    "mesh": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia"),
+}
 
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class Geometry(_Table):
-    """Bilayer sphere (Razavi et al. 2015, Fig. 2): C = radius, C - B = cortex_thickness, A = hole_radius [mm]."""
+Direction = tuple[float, float, float]
+
+
+class _Layers(_Table):
+    """What every body has: a cortex on a core [mm]."""
+
+    cortex_thickness: Positive = 2.0
+
+    @property
+    def extent(self) -> float:
+        """Length over which equilibrium must spread [mm]; a quarter of a great circle on a sphere."""
+        raise ValueError("a radial body has no extent along its surface, that of a file is only known once it is read.")
+
+
+class Spot(_Table):
+    """A region around a pial point ``centre`` [mm]: full ``factor`` there, 1 beyond ``radius`` [mm]."""
+
+    centre: Annotated[Direction, Field(strict=False)]
+    radius: Positive
+    factor: Annotated[float, Field(gt=0, le=4)]
+
+
+class Sphere(_Layers):
+    """Bilayer sphere (Razavi et al. 2015, Fig. 2): C = radius, C - B = cortex_thickness, A = hole_radius [mm].
+
+    ``thickness_spots``: regions of another cortical thickness, their factors times ``cortex_thickness``.
+    """
 
     shape: Literal["sphere"] = "sphere"
     radius: Positive = 50.0
-    cortex_thickness: Positive = 2.0
     hole_radius: Positive = 25.0
     portion: Literal["full", "half", "quarter", "octant"] = "half"
+    thickness_spots: Annotated[tuple[Spot, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Geometry:
-        if self.cortex_thickness >= self.radius:
-            raise ValueError(
-                f"cortex_thickness {self.cortex_thickness:g} leaves no core in radius {self.radius:g}; make it smaller"
-            )
-        core = self.radius - self.cortex_thickness
-        if self.hole_radius >= core:
-            raise ValueError(
-                f"hole_radius {self.hole_radius:g} is not inside the core of radius {core:g} (radius {self.radius:g} - "
-                f"cortex_thickness {self.cortex_thickness:g}); make it smaller than {core:g}"
-            )
+    def _layers_fit(self) -> Sphere:
+        _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
+        return self
+
+    @property
+    def semi_axes(self) -> Direction:
+        return (self.radius, self.radius, self.radius)
+
+    @property
+    def extent(self) -> float:
+        return 0.5 * math.pi * self.radius
+
+
+class Ellipsoid(_Layers):
+    """Bilayer ellipsoid; ``semi_axes`` of the pial surface [mm], the hole a copy of it, ``hole_share`` as large."""
+
+    shape: Literal["ellipsoid"]
+    semi_axes: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = (60.0, 45.0, 40.0)
+    hole_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    portion: Literal["full", "half", "quarter", "octant"] = "half"
+    thickness_spots: Annotated[tuple[Spot, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Ellipsoid:
+        _check_layers(min(self.semi_axes), self.cortex_thickness, self.hole_share * min(self.semi_axes))
+        return self
+
+    @property
+    def extent(self) -> float:
+        return 0.5 * math.pi * max(self.semi_axes)
+
+
+class Patch(_Layers):
+    """A flat block of ``size`` along x and y and of ``depth`` [mm], symmetry planes on its sides, held at its base."""
+
+    shape: Literal["patch"]
+    size: Annotated[tuple[Positive, Positive], Field(strict=False)] = (40.0, 40.0)
+    depth: Positive = 25.0
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Patch:
+        _check_layers(self.depth, self.cortex_thickness, 0.0)
+        return self
+
+    @property
+    def extent(self) -> float:
+        return max(*self.size, self.depth)
+
+
+class Strip(_Layers):
+    """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
+
+    shape: Literal["strip"]
+    length: Positive = 80.0
+    depth: Positive = 25.0
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Strip:
+        _check_layers(self.depth, self.cortex_thickness, 0.0)
+        return self
+
+    @property
+    def extent(self) -> float:
+        return max(self.length, self.depth)
+
+
+class Radial(_Layers):
+    """The sphere in one dimension: it stays a sphere, whether stable or not. Names as in the sphere [mm]."""
+
+    shape: Literal["radial"]
+    radius: Positive = 50.0
+    hole_radius: Positive = 25.0
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Radial:
+        _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
         return self
 
 
-class Material(_Table):
-    """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: kappa over mu of the core, for
-    both layers; from mu_ratio 2 on it is raised by mu_ratio / 2, so that a stiff cortex stays nearly incompressible.
+class MeshFile(_Layers):
+    """Any body of tetrahedra, from a ``file`` that meshio reads, lengths times ``scale`` to mm.
+
+    The cortex is what lies less than ``cortex_thickness`` below the outer surface, or the tetrahedra whose cell data
+    ``label`` hold the value ``cortex_label``. ``held`` names what never moves: an ``inner`` surface (a ventricle), or
+    ``nothing``.
     """
+
+    shape: Literal["mesh"]
+    file: Annotated[str, Field(min_length=1)]
+    scale: Positive = 1.0
+    label: str | None = None
+    cortex_label: int = 1
+    held: Literal["inner", "nothing"] = "nothing"
+
+
+def _check_layers(radius: float, thickness: float, hole: float) -> None:
+    if thickness >= radius:
+        raise ValueError(f"cortex_thickness {thickness:g} leaves no core in {radius:g} mm; make it smaller")
+    if hole >= radius - thickness:
+        raise ValueError(
+            f"hole_radius {hole:g} is not inside the core of radius {radius - thickness:g} ({radius:g} - "
+            f"cortex_thickness {thickness:g}); make it smaller than {radius - thickness:g}"
+        )
+
+
+SHAPES = {"sphere": Sphere, "ellipsoid": Ellipsoid, "patch": Patch, "strip": Strip, "radial": Radial, "mesh": MeshFile}
+
+
+def _shape(table: Any) -> str:
+    """Which geometry a table means; a sphere unless it says otherwise."""
+    named = table.get("shape", "sphere") if isinstance(table, dict) else getattr(table, "shape", "sphere")
+    return named if isinstance(named, str) else "sphere"
+
+
+Geometry = Annotated[
+    Annotated[Sphere, Tag("sphere")] | Annotated[Ellipsoid, Tag("ellipsoid")] | Annotated[Patch, Tag("patch")]
+    | Annotated[Strip, Tag("strip")] | Annotated[Radial, Tag("radial")] | Annotated[MeshFile, Tag("mesh")],
+    Discriminator(_shape, custom_error_type="shape", custom_error_message=f"shape must be one of {', '.join(SHAPES)}"),
+]  # fmt: skip
+
+
+class Material(_Table):
+    """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: bulk over shear modulus, in
+    both layers."""
 
     mu_ratio: Positive = 1.0
     kappa_ratio: Annotated[float, Field(ge=5, le=2000)] = 50.0
@@ -72,17 +212,63 @@ class Contact(_Table):
 class Perturbation(_Table):
     """Random smooth imperfection of the cortical thickness: rms amplitude over the thickness, and its seed.
 
-    ``degree``: waves per turn; by default 0.8 radius / thickness, about the wrinkles' own.
+    ``wavelength`` [mm]: by default 7.85 cortical thicknesses, about the wrinkles' own.
     """
 
     amplitude: Annotated[float, Field(gt=0, le=0.3)] = 0.02
     seed: Annotated[int, Field(ge=0)] = 0
-    degree: Positive | None = None
+    wavelength: Positive | None = None
+
+
+class CoreGrowth(_Table):
+    """Isotropic growth of the core, to ``final`` when the cortex reaches its own (g_c of Eq. 9)."""
+
+    final: Annotated[float, Field(gt=0.5, le=4)] = 1.2
+
+
+class RegionalGrowth(_Table):
+    """Regions where the cortex takes ``factor`` times the growth g - 1."""
+
+    spots: Annotated[tuple[Spot, ...], Field(strict=False, min_length=1)]
+
+
+class Ramp(_Table):
+    """Shape of the growth ramp; without it growth rises linearly. The number of steps stays about the same."""
+
+    shape: Literal["exponential", "smooth", "slowing"]
+
+
+class Enclosure(_Table):
+    """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it."""
+
+    gap: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 2.0
+
+
+class Inertia(_Table):
+    """True inertia. ``duration``: time in which growth rises by 1, ``damping``: share of the velocity lost per time, in
+    the time a shear wave takes to cross 1 mm of core at density 1."""
+
+    density: Positive = 1.0
+    duration: Positive = 500.0
+    damping: Annotated[float, Field(ge=0, le=10)] = 0.05
+
+
+class BulkViscosity(_Table):
+    """Viscous pressure against volume rate, as in the program that the paper used."""
+
+    linear: Annotated[float, Field(ge=0, le=1)] = 0.06
+    quadratic: Annotated[float, Field(ge=0, le=5)] = 1.2
 
 
 class Effects(_Table):
     contact: Contact | None = None
     perturbation: Perturbation | None = None
+    core_growth: CoreGrowth | None = None
+    regional_growth: RegionalGrowth | None = None
+    ramp: Ramp | None = None
+    enclosure: Enclosure | None = None
+    inertia: Inertia | None = None
+    bulk_viscosity: BulkViscosity | None = None
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -91,17 +277,11 @@ class Effects(_Table):
 
 
 class Accuracy(_Table):
-    """Preset, or the number of brick layers through the cortex and of cells along a quarter circle."""
+    """Preset, or the number of element layers through the cortex and the largest surface edge [mm]."""
 
     level: Literal["draft", "standard", "fine"] = "standard"
     elements_through_cortex: Annotated[int, Field(ge=1, le=12)] = 3
-    cells_per_quarter: Annotated[int, Field(ge=4, le=400)] | None = None
-
-    @model_validator(mode="after")
-    def _even(self) -> Accuracy:
-        if self.cells_per_quarter is not None and self.cells_per_quarter % 2:
-            raise ValueError(f"cells_per_quarter must be even, got {self.cells_per_quarter}")
-        return self
+    edge: Positive | None = None
 
 
 class Output(_Table):
@@ -118,7 +298,7 @@ class Scene(_Table):
 
     name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$")]
     title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
-    geometry: Geometry = Geometry()
+    geometry: Geometry = Sphere()
     material: Material = Material()
     growth: Growth = Growth()
     effects: Effects = Effects()
@@ -138,14 +318,25 @@ class Scene(_Table):
         return self
 
     @model_validator(mode="after")
+    def _effects_fit_the_shape(self) -> Scene:
+        shape, effects = self.geometry.shape, self.effects
+        fits = EFFECTS_OF.get(shape)
+        for name in effects.named:
+            if fits is not None and name not in fits:
+                raise ValueError(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
+        if effects.core_growth is not None and self.growth.final == 1:
+            raise ValueError("effects.core_growth needs a cortex that grows: growth.final is 1")
+        if effects.ramp is not None and self.growth.final == 1:
+            raise ValueError("effects.ramp needs growth: growth.final is 1")
+        return self
+
+    @model_validator(mode="after")
     def _fits_in_memory(self) -> Scene:
-        share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[self.geometry.portion]
-        bricks = 6 * self.cells**2 * share * (self.accuracy.elements_through_cortex + 6)
+        bricks = self.bricks
         if bricks > MOST_BRICKS:
             raise ValueError(
-                f"this takes about {bricks:.1e} bricks ({self.cells} cells along a quarter circle), more than "
-                f"{MOST_BRICKS:.0e}; take a thicker cortex, a smaller portion, a coarser accuracy.level or fewer "
-                "accuracy.cells_per_quarter"
+                f"this takes about {bricks:.1e} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
+                "take a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
             )
         return self
 
@@ -155,23 +346,48 @@ class Scene(_Table):
         return tuple(sorted({*self.output.stages, self.growth.final}))
 
     @property
+    def edge(self) -> float:
+        """Largest surface edge asked for [mm]."""
+        thinnest = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
+        thickness = self.geometry.cortex_thickness * min(thinnest, 1.0)
+        return self.accuracy.edge or LEVELS[self.accuracy.level][0] * thickness
+
+    @property
     def cells(self) -> int:
-        """Surface cells along a quarter of a great circle."""
-        if self.accuracy.cells_per_quarter is not None:
-            return self.accuracy.cells_per_quarter
-        edge = LEVELS[self.accuracy.level][0] * self.geometry.cortex_thickness
-        return max(8, 2 * round(0.5 * 1.5707963 * self.geometry.radius / edge))
+        """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
+        return max(4, 2 * math.ceil(0.5 * self.geometry.extent / self.edge - 1e-9))
 
     @property
-    def steps_per_unit(self) -> float:
-        """Steps for growth to rise by 1: a wave needs as many more steps to cross as there are more cells."""
-        return LEVELS[self.accuracy.level][1] * self.cells / self.growth.rate
+    def bricks(self) -> float:
+        """About how many bricks the body has; 0 where it isn't made of bricks by us."""
+        geometry, layers = self.geometry, self.accuracy.elements_through_cortex + 8
+        if isinstance(geometry, Sphere | Ellipsoid):
+            share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[geometry.portion]
+            return 6 * self.cells**2 * share * layers
+        if isinstance(geometry, Patch):
+            return geometry.size[0] * geometry.size[1] / self.edge**2 * layers
+        if isinstance(geometry, Strip):
+            return geometry.length / self.edge * layers
+        return 0.0
+
+    def steps_per_unit(self, extent: float | None = None) -> float:
+        """Steps for growth to rise by 1: a wave needs as many more steps to cross as there are more cells.
+
+        ``extent`` [mm] is that of a body from a file, which the scene doesn't know.
+        """
+        cells = (self.geometry.extent if extent is None else extent) / self.edge
+        return LEVELS[self.accuracy.level][1] * cells / self.growth.rate
 
     @property
-    def moduli(self) -> tuple[float, float, float]:
-        """mu of cortex and core, and kappa, in units of mu of the core."""
-        mu = self.material.mu_ratio
-        return mu, 1.0, self.material.kappa_ratio * max(1.0, mu / 2)
+    def called_effects(self) -> dict[str, Any]:
+        """Options of the effects that run, by name: those named, and those that the geometry brings along."""
+        called = {name: getattr(self.effects, name) for name in self.effects.named}
+        planes = isinstance(self.geometry, Patch | Strip) or getattr(self.geometry, "portion", "full") != "full"
+        if planes and self.effects.contact is not None:
+            called["symmetry"] = None
+        if isinstance(self.geometry, Strip):
+            called["plane_strain"] = None
+        return called
 
     def to_toml(self) -> str:
         """This scene, every value spelled out, as TOML."""
@@ -203,6 +419,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{where}: not a TOML file: {error}.") from None
+    tables = _with_base(tables, where)
     settings = list(settings)
     changed = {_put(tables, setting): setting for setting in settings}
     if "growth.final" in changed and "output.stages" not in changed:
@@ -227,6 +444,28 @@ def _read(source: str | Path) -> tuple[str, str]:
         return path.read_text("utf-8"), str(path)
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not a TOML file: it is not UTF-8 text.") from None
+
+
+def _with_base(tables: dict[str, Any], where: str) -> dict[str, Any]:
+    """The tables put over those of the scene that ``like`` names, if it names one."""
+    if "like" not in tables:
+        return tables
+    like = tables.pop("like")
+    if not isinstance(like, str):
+        raise ValueError(f"{where}: like must name a scene, got {like!r}.")
+    text, _ = _read(like)
+    below = tomllib.loads(text)
+    if "like" in below:
+        raise ValueError(f"{where}: like = {like!r} is itself like another scene; name that one.")
+    return _over(below, tables)
+
+
+def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _over(merged[key], value) if both else value
+    return merged
 
 
 def _put(tables: dict[str, Any], setting: str) -> str:
@@ -258,6 +497,7 @@ def _drop_late_stages(tables: dict[str, Any]) -> None:
 def _explain(problem: Mapping[str, Any], text: str, where: str, changed: Mapping[str, str]) -> str:
     """One problem as: where, which key, what is wrong, what to do."""
     loc = [str(part) for part in problem["loc"]]
+    shape = loc.pop(1) if loc[:1] == ["geometry"] and len(loc) > 1 else None        # pydantic's tag of the union
     key = ".".join(loc) or "scene"
     words = [word.strip(".,:;()").split(".") for word in problem["msg"].split()]
     line = next((n for word in words if (n := _line_of(text, loc + word, exact=True))), None) or _line_of(text, loc)
@@ -267,8 +507,9 @@ def _explain(problem: Mapping[str, Any], text: str, where: str, changed: Mapping
     at = f"setting {blamed[0]}" if blamed else at
     if problem["type"] == "extra_forbidden":
         model: Any = Scene
-        for part in loc[:-1]:
-            model = next(iter(_models(model.model_fields[part].annotation)), model)
+        for part in (part for part in loc[:-1] if not part.isdigit()):
+            inner = _inner(model.model_fields[part].annotation, model)
+            model = SHAPES[shape] if part == "geometry" and shape else inner
         close = difflib.get_close_matches(loc[-1], model.model_fields, n=1)
         names = ", ".join(model.model_fields)
         known = f"Did you mean {close[0]}?" if close else f"Known here: {names}." if names else "It has no options."
@@ -290,9 +531,12 @@ _WORDS = {
 }
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    options = getattr(annotation, "__args__", (annotation,))
-    return [option for option in options if isinstance(option, type) and issubclass(option, BaseModel)]
+def _inner(annotation: Any, otherwise: Any) -> Any:
+    """The table inside an annotation, such as ``Spot`` of ``tuple[Spot, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = [_inner(option, None) for option in getattr(annotation, "__args__", ())]
+    return next((table for table in found if table is not None), otherwise)
 
 
 def _line_of(text: str, loc: list[str], exact: bool = False) -> int | None:
@@ -331,6 +575,8 @@ def _value(v: Any) -> str:
     if isinstance(v, str):
         escaped = v.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
         return f'"{escaped}"'
+    if isinstance(v, dict):
+        return "{" + ", ".join(f"{key} = {_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):
         return "[" + ", ".join(_value(x) for x in v) + "]"
     return repr(v)

@@ -32,23 +32,24 @@ def element_speed(cells: int = 32, portion: str = "half", threads: int = 1, seco
         ``bricks``, ``threads``, and million brick-steps per second: ``best`` and ``median`` over the repeats.
         A brick has 8 Gauss points.
     """
-    body = Body(bilayer_sphere(50, 3, 25, portion, cells), mu_cortex=1.0, mu_core=1.0, kappa=50.0, law="isotropic")
+    bilayer = bilayer_sphere(50, 3, 25, portion, cells)
+    body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     x = body.X + 0.05 * np.random.default_rng(0).standard_normal(body.X.shape)
     before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
-        body.element_forces(x)
+        body.elements.compute_forces(x)
         times: list[float] = []
         end = time.perf_counter() + seconds
         while time.perf_counter() < end or len(times) < 5:
             start = time.perf_counter()
-            body.element_forces(x)
+            body.elements.compute_forces(x)
             times.append(time.perf_counter() - start)
     finally:
         numba.set_num_threads(before)
-    millions = body.n_elements / 1e6
+    millions = body.elements.n / 1e6
     return {
-        "bricks": body.n_elements,
+        "bricks": body.elements.n,
         "threads": threads,
         "best": millions / min(times),
         "median": millions / float(np.median(times)),

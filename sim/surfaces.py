@@ -25,10 +25,10 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     diagonal draws saw-teeth on walls that run along the other one.
     """
     bilayer, n = body.bilayer, body.n_surface
-    faces = smooth_diagonals(x[:n], bilayer.quads)
-    pial, white = x[bilayer.layer(0)], x[bilayer.layer(bilayer.cortex_layers)]
+    faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
+    pial, white = x[:n], np.asarray(bilayer.white @ x)
     seam = body.on_plane[:n]
-    for axis in bilayer.planes:
+    for axis in bilayer.mirrored:
         count = len(pial)
         image = np.arange(count)
         off = np.flatnonzero(~seam[:, axis])

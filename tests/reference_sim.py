@@ -3,7 +3,8 @@
 import numpy as np
 from skfem import Basis, ElementHex1, ElementVector, LinearForm
 
-from morphofold.sim.body import GAUSS, GAUSS_WEIGHT, Body
+from morphofold.sim.body import Body
+from morphofold.sim.bricks import GAUSS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
 from morphofold.sim.material import brick_energy, brick_stress
 
@@ -15,7 +16,8 @@ class Twin:
         self.body = body
         mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
         self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS, np.full(8, GAUSS_WEIGHT)))
-        at = np.moveaxis(self.basis.mapping.F(GAUSS), 0, -1)
+        shape = np.stack([ElementHex1().lbasis(GAUSS, i)[0] for i in range(8)])
+        at = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
         stretch = np.ones(mesh.nelements)
         stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
         radial = at / np.linalg.norm(at, axis=-1, keepdims=True)

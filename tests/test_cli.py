@@ -198,7 +198,7 @@ def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
     # a real SIGINT to a real process
-    small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.cells_per_quarter=16"]
+    small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]
     small.append("output.stages=[]")
     scene = ["demo", *(word for s in small for word in ("--set", s))]
     argv = [sys.executable, "-m", "morphofold", "simulate", *scene, "-o", "run"]

@@ -1,13 +1,16 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from morphofold.sim.body import Body
-from morphofold.sim.effects.contact import Contact, _nearest_weights, find_facing, node_normals
+from morphofold.sim.effects.contact import GAP, Contact, _nearest_weights, find_facing, node_normals, triangles
+from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.mesh import bilayer_sphere
 
 
 def make_body(portion="full", n=16):
-    return Body(bilayer_sphere(50, 3, 25, portion, n), mu_cortex=1.0, mu_core=1.0, kappa=50.0, law="isotropic")
+    return Body(bilayer_sphere(50, 3, 25, portion, n), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
 
 
 def pinched(body, distance):
@@ -21,7 +24,7 @@ def test_facing_nodes_are_those_of_brute_force():
     body = make_body()
     n = body.n_surface
     x = pinched(body, 3.0)[:n]
-    tri = Contact(body)._tri
+    tri = triangles(body.bilayer.faces)
     normals = -node_normals(x, tri, n)                                   # inwards: the two sheets face each other
     found = np.empty(n, dtype=np.int64)
     find_facing(x, body.X[:n], normals, n, 4.0, 20.0, found)
@@ -48,14 +51,20 @@ def test_weights_name_the_nearest_point_of_the_triangle(rng):
         assert np.linalg.norm(w @ [a, b, c] - p) <= best + 1e-12
 
 
+def standing(body, x):
+    """What an effect sees of a run that stands at ``x``."""
+    return SimpleNamespace(body=body, state=SimpleNamespace(x=x, v=np.zeros_like(x)))
+
+
 def two_sheets(distance):
     """A body whose surface is turned inside out and pressed flat: upper and lower sheet face each other."""
     body = make_body()
-    contact = Contact(body)
+    contact = Contact()
+    contact.prepare(body)
     contact._tri = contact._tri[:, ::-1].copy()
     x = pinched(body, distance)
     body.update_state(body.X)
-    contact.refresh(body, x, np.zeros_like(x))
+    contact.refresh(standing(body, x))
     extra = np.zeros((body.n_surface, 3))
     contact.add_forces(body, x, np.zeros_like(x), extra)
     return contact, x, extra
@@ -87,7 +96,7 @@ def test_contact_energy_is_that_of_its_springs_and_ends_with_them():
     assert contact.record()["pairs"] == np.count_nonzero(contact._depth)
     body = make_body()
     body.update_state(body.X)
-    contact.refresh(body, body.X, np.zeros_like(x))                          # a sphere again: nothing faces anything
+    contact.refresh(standing(body, body.X))                                  # a sphere again: nothing faces anything
     contact.add_forces(body, body.X, np.zeros_like(x), np.zeros((body.n_surface, 3)))
     assert contact.record()["pairs"] == 0
     assert contact.energy() == 0.0
@@ -106,13 +115,14 @@ def test_contact_never_attracts():
 
 def test_a_symmetry_plane_acts_as_the_mirror_image():
     body = make_body("octant")
-    contact = Contact(body)
+    planes = Symmetry()
+    planes.prepare(body)
     body.update_state(body.X)
     x, extra = body.X.copy(), np.zeros((body.n_surface, 3))
     node = int(np.argmin(np.abs(body.X[: body.n_surface] - 50 / 3**0.5).sum(axis=1)))
     x[node, 0] = -0.5
-    contact.add_forces(body, x, np.zeros_like(x), extra)
+    planes.add_forces(body, x, np.zeros_like(x), extra)
     assert extra[node, 0] > 0
     assert np.count_nonzero(extra) == 1
-    assert contact.record()["on_planes"] == 1
-    assert contact.energy() == pytest.approx(0.5 * extra[node, 0] * (0.5 + 0.1 * contact._h))   # half force times depth
+    assert planes.record()["pressed"] == 1
+    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * (0.5 + 0.5 * GAP * body.filter.h))

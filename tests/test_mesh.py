@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from morphofold.sim.mesh import BINARY_CORNERS, PLANES, bilayer_sphere, layer_radii
+from morphofold.sim.bricks import BINARY_CORNERS
+from morphofold.sim.mesh import PLANES, bilayer_ellipsoid, bilayer_patch, bilayer_sphere, core_shares, spot_factors
 
 
 @pytest.mark.parametrize("portion", PLANES)
@@ -24,37 +25,67 @@ def test_portions_are_parts_of_one_mesh():
 def test_layers_hold_the_radii_they_name():
     bilayer = bilayer_sphere(50, 2, 25, "octant", 8)
     r = np.linalg.norm(bilayer.mesh.p, axis=0)
-    np.testing.assert_allclose(r[bilayer.layer(0)], 50.0)
-    np.testing.assert_allclose(r[bilayer.layer(bilayer.cortex_layers)], 48.0)
-    assert len(r) == bilayer.n_surface * len(bilayer.radii)
+    np.testing.assert_allclose(r[bilayer.share == 1], 50.0)
+    np.testing.assert_allclose(np.linalg.norm(bilayer.white @ bilayer.mesh.p.T, axis=1), 48.0)
+    np.testing.assert_allclose(bilayer.share, np.clip((r - 48) / 2, 0, 1), atol=1e-12)
+    np.testing.assert_allclose(r[bilayer.held], 25.0)
+    np.testing.assert_allclose(bilayer.foot, 50 * bilayer.radial)
     cortex = bilayer.mesh.t[:, bilayer.mesh.subdomains["cortex"]]
     assert r[cortex].min() == pytest.approx(48.0)
 
 
-def test_boundaries_lie_where_they_say():
-    bilayer = bilayer_sphere(50, 2, 25, "quarter", 8)
-    mesh = bilayer.mesh
-    for name, radius in (("pial", 50), ("hole", 25)):
-        nodes = np.unique(mesh.facets[:, mesh.boundaries[name]])
-        np.testing.assert_allclose(np.linalg.norm(mesh.p[:, nodes], axis=0), radius)
-    for axis in bilayer.planes:
-        nodes = np.unique(mesh.facets[:, mesh.boundaries[f"plane{axis}"]])
-        assert np.array_equal(mesh.p[axis, nodes], np.zeros(len(nodes)))   # exactly: mirrored copies must weld
-    assert sum(map(len, mesh.boundaries.values())) == len(mesh.boundary_facets())
+def test_nodes_of_symmetry_planes_lie_on_them_exactly():
+    for bilayer in (bilayer_sphere(50, 2, 25, "quarter", 8), bilayer_patch((30.0, 20.0), 12.0, 2.0, 1.7)):
+        for axis, at, _ in bilayer.planes:
+            near = np.abs(bilayer.mesh.p[axis] - at) < 1e-6
+            assert np.array_equal(bilayer.mesh.p[axis, near], np.full(near.sum(), at))  # mirrored copies must weld
+            assert near.sum() > 10
 
 
-def test_core_layers_grow_inwards_and_end_at_the_hole():
-    radii = layer_radii(50, 47, 25, 3, edge=2.0)
-    steps = -np.diff(radii)
-    np.testing.assert_allclose(steps[:3], 1.0)
-    assert (np.diff(steps[3:]) >= -1e-12).all()
-    assert radii[-1] == pytest.approx(25)
+def test_the_cortex_of_an_ellipsoid_is_as_thick_as_asked_everywhere():
+    axes = np.array([60.0, 45.0, 40.0])
+    bilayer = bilayer_ellipsoid(axes, 2.5, 0.5, "octant", 12)
+    pial, white = bilayer.mesh.p.T[: bilayer.n_surface], bilayer.white @ bilayer.mesh.p.T
+    np.testing.assert_allclose(((pial / axes) ** 2).sum(axis=1), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(pial - white, axis=1), 2.5)
+    gradient = pial / axes**2
+    gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
+    np.testing.assert_allclose((pial - white) / 2.5, gradient, atol=1e-12)
+
+
+def test_a_spot_of_thin_cortex_is_thin_at_its_centre_and_nowhere_beyond():
+    spots = [((0, 0, 50.0), 20.0, 0.5)]
+    bilayer = bilayer_sphere(50, lambda at: 2 * spot_factors(at, spots), 25, "octant", 16)
+    pial, white = bilayer.mesh.p.T[: bilayer.n_surface], bilayer.white @ bilayer.mesh.p.T
+    thickness, away = np.linalg.norm(pial - white, axis=1), np.linalg.norm(pial - [0, 0, 50], axis=1)
+    assert thickness[away.argmin()] == pytest.approx(1.0)
+    np.testing.assert_allclose(thickness[away > 20], 2.0)
+    assert (np.diff(thickness[np.argsort(away)]) > -1e-9).all()
+
+
+def test_a_patch_is_a_block_and_a_strip_one_brick_deep():
+    from skfem import Basis, ElementHex1
+
+    patch, strip = bilayer_patch((30.0, 20.0), 12.0, 2.0, 1.7), bilayer_patch((30.0, 0.0), 12.0, 2.0, 1.7)
+    assert Basis(patch.mesh, ElementHex1()).dx.sum() == pytest.approx(30 * 20 * 12)
+    assert patch.edge <= 1.7
+    assert strip.mesh.p[1].max() == pytest.approx(30 / 18)
+    assert len(strip.faces) == 18
+    assert Basis(strip.mesh, ElementHex1()).dx.sum() == pytest.approx(30 * 30 / 18 * 12)
+
+
+def test_core_layers_grow_inwards_and_end_at_the_base():
+    shares = core_shares(1.0, 22.0, edge=2.0)
+    steps = 22.0 * np.diff(shares)
+    assert (shares[0], shares[-1]) == (0, 1)
+    assert (np.diff(steps) >= -1e-12).all()
+    assert steps.max() < 8 * 1.01
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((50, 2, 48, "half", 8), "make hole_radius smaller than 48"),
+        ((50, 2, 48.5, "half", 8), "make the hole smaller or the cortex thinner"),
         ((50, 60, 25, "half", 8), "must lie inside the core"),
         ((50, 2, 25, "half", 7), "even number of cells"),
         ((50, 2, 25, "third", 8), "portion must be one of full, half, quarter, octant"),

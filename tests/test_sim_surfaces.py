@@ -11,7 +11,7 @@ from morphofold.surface import Surface
 
 @pytest.mark.parametrize("portion", PLANES)
 def test_every_portion_gives_the_whole_closed_sphere(portion):
-    body = Body(bilayer_sphere(50, 3, 25, portion, 12), mu_cortex=1.0, mu_core=1.0, kappa=50.0, law="isotropic")
+    body = Body(bilayer_sphere(50, 3, 25, portion, 12), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     white, pial = whole_surfaces(body, body.X)
     V, F = len(pial.verts), pial.faces
     edges = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)

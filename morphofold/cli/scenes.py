@@ -19,10 +19,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     width = max(len(s.name) for s in scenes)
     for s in scenes:
-        geometry = s.geometry
+        where = " ".join(filter(None, (getattr(s.geometry, "portion", ""), s.geometry.shape)))
         print(
-            f"{s.name:{width}}  {s.title}: {geometry.portion} {geometry.shape}, T/C {geometry.cortex_thickness:g}/"
-            f"{geometry.radius:g}, mu ratio {s.material.mu_ratio:g}, {s.growth.law} growth to {s.growth.final:g}; "
+            f"{s.name:{width}}  {s.title}: {where}, cortex {s.geometry.cortex_thickness:g} mm, mu ratio "
+            f"{s.material.mu_ratio:g}, {s.growth.law} growth to {s.growth.final:g}; "
             f"effects: {', '.join(s.effects.named) or 'none'}"
         )
     return 0

@@ -1,1 +1,80 @@
-"""Optional effects, one file each; a scene that does not name an effect never imports it."""
+"""Optional effects, one file each; a scene that does not name an effect never imports it.
+
+A module ``effects/NAME.py`` holds a function ``build(options, scene) -> Effect``, where ``options`` is the table
+``[effects.NAME]`` of the scene. An effect overrides the hooks that it needs; the others cost nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+    from morphofold.sim.dynamics import Dynamics
+    from morphofold.sim.mesh import Bilayer
+    from morphofold.sim.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class Effect:
+    """What an optional effect may do. Hooks are called in the order of the scene's effects."""
+
+    name = ""
+
+    def reshape(self, bilayer: Bilayer, X: Array) -> Array:
+        """Reference positions (N, 3), before the body is built."""
+        return X
+
+    def prepare(self, body: Body) -> None:
+        """Called once, when the body is built."""
+
+    def refresh(self, run: Dynamics) -> None:
+        """Called every ``REFRESH`` steps, after the mass was measured."""
+
+    def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
+        """Add to the element forces ``body.elements.blocks.force``, every step."""
+
+    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
+        """Add forces on the surface nodes to ``extra`` (S, 3), every step."""
+
+    def after_step(self, x: Array, v: Array) -> None:
+        """Correct positions and velocities (N, 3) in place, every step."""
+
+    def pace(self, g: float) -> float:
+        """Share of the full growth rate at growth g."""
+        return 1.0
+
+    def energy(self) -> float:
+        """Energy stored in the effect at the last step."""
+        return 0.0
+
+    def record(self) -> dict[str, Any]:
+        """Numbers for the log."""
+        return {}
+
+    def save(self) -> dict[str, NDArray]:
+        """Arrays for a checkpoint; ``load`` takes them back."""
+        return {}
+
+    def load(self, arrays: dict[str, NDArray]) -> None:
+        """Take up what ``save`` gave."""
+
+
+def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
+    """The effects that do something in a hook."""
+    return [effect for effect in effects if getattr(type(effect), hook) is not getattr(Effect, hook)]
+
+
+def build_effects(scene: Scene) -> list[Effect]:
+    """The effects that a scene calls for; imports their modules and no others."""
+    built = []
+    for name, options in scene.called_effects.items():
+        effect = import_module(f"{__name__}.{name}").build(options, scene)
+        effect.name = name
+        built.append(effect)
+    return built

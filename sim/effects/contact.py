@@ -1,4 +1,4 @@
-"""Self-contact of the pial surface: nodes against triangles, and against its own mirror image at symmetry planes.
+"""Self-contact of the pial surface: nodes against triangles.
 
 A node looks for the nearest node whose surface faces it (opposed normals, far apart in the reference), then keeps
 the best triangle around that node. The pairing is renewed when the surface has moved by a fifth of the search
@@ -15,6 +15,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
 
 Array = NDArray[np.float64]
 
@@ -218,47 +219,36 @@ def add_pushes(tri, partner, push, weight, depth, extra):
                     extra[tri[t, k], r] -= weight[i, k] * push[i, r]
 
 
-@njit(cache=True)
-def press_planes(x, v, mass, on_plane, axes, gap, extra):
-    """Contact with the mirror image: surface nodes stay half a gap on their side of each symmetry plane.
-
-    Returns how many nodes press, and their energy.
-    """
-    count, energy = 0, 0.0
-    for a in axes:
-        for i in range(len(extra)):
-            distance = x[i, a]
-            if distance < gap and not on_plane[i, a]:
-                force = mass[i] * (STIFFNESS * (gap - distance) - DASHPOT * v[i, a])
-                if force > 0.0:
-                    extra[i, a] += force
-                    count += 1
-                    energy += 0.5 * mass[i] * STIFFNESS * (gap - distance) ** 2
-    return count, energy
+def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Quads (Q, 4) split along one diagonal, triangles as they are."""
+    return faces if faces.shape[1] == 3 else np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
 
 
-class Contact:
+def build(options, scene) -> Contact:
+    return Contact()
+
+
+class Contact(Effect):
     """Self-contact of the surface nodes; see the module for the rules."""
 
     name = "contact"
 
-    def __init__(self, body: Body):
-        n, quads = body.n_surface, body.bilayer.quads
-        self._tri = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    def prepare(self, body: Body) -> None:
+        n = body.n_surface
+        self._tri = triangles(body.bilayer.faces)
         order = np.argsort(self._tri.ravel(), kind="stable")
         self._ring = order // 3
         self._ring_first = np.concatenate([[0], np.cumsum(np.bincount(self._tri.ravel(), minlength=n))])
-        self._planes = np.array(body.bilayer.planes, dtype=np.int64)
         self._facing = np.full(n, -1)
         self._partner = np.full(n, -1)
         self._paired_at = np.full((n, 3), np.inf)
         self._push, self._weight = np.zeros((n, 3)), np.zeros((n, 3))
         self._depth, self._energy = np.zeros(n), np.zeros(n)
-        self._on_planes = (0, 0.0)
         self._h = body.filter.h
         self.searches = 0
 
-    def refresh(self, body: Body, x: Array, v: Array) -> None:
+    def refresh(self, run) -> None:
+        body, x = run.body, run.state.x
         n = body.n_surface
         self._h = body.filter.h
         radius = SEARCH * self._h
@@ -275,25 +265,29 @@ class Contact:
             self._depth[:] = self._energy[:] = 0.0
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
-        gap = GAP * self._h
         if self._partner.max() >= 0:
-            press(x, v, body.X, body.mass, self._tri, self._partner, gap, DEEPEST * SEARCH * self._h,
+            press(x, v, body.X, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
                   APART * body.bilayer.edge, self._push, self._weight, self._depth, self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
-        if len(self._planes):
-            self._on_planes = press_planes(x, v, body.mass, body.on_plane, self._planes, 0.5 * gap, extra)
+
+    def pace(self, g: float) -> float:
+        """Slower growth while nodes are pressed deeper than the gap, through the triangle that they face."""
+        return min(1.0, GAP * self._h / max(float(self._depth.max()), 1e-300))
 
     def energy(self) -> float:
-        return float(self._energy.sum()) + self._on_planes[1]
+        return float(self._energy.sum())
 
     def record(self) -> dict[str, Any]:
         deepest = float(self._depth.max() / (GAP * self._h))
         pairs = int((self._depth > 0).sum())
-        return {"pairs": pairs, "on_planes": self._on_planes[0], "deepest_in_gaps": deepest, "searches": self.searches}
+        return {"pairs": pairs, "deepest_in_gaps": deepest, "searches": self.searches}
 
     def save(self) -> dict[str, NDArray]:
-        return {"facing": self._facing.copy(), "paired_at": self._paired_at.copy(), "searches": np.array(self.searches)}
+        return {
+            "facing": self._facing.copy(), "paired_at": self._paired_at.copy(), "depth": self._depth.copy(),
+            "searches": np.array(self.searches),
+        }  # fmt: skip
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         self._facing, self._paired_at = arrays["facing"].copy(), arrays["paired_at"].copy()
-        self.searches = int(arrays["searches"])
+        self._depth, self.searches = arrays["depth"].copy(), int(arrays["searches"])

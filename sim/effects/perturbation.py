@@ -5,40 +5,52 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.sim.effects import Effect
 from morphofold.sim.mesh import Bilayer
 
+Array = NDArray[np.float64]
+
 WAVES = 200
-SPREAD = 0.3            # wave numbers lie within this share of the degree
+SPREAD = 0.3            # wave numbers lie within this share of the mean one
+WAVELENGTH = 7.85       # mean wavelength in cortical thicknesses: that of the first wrinkles, nearly
 
 
-def perturbed_nodes(bilayer: Bilayer, *, amplitude: float, degree: float, seed: int) -> NDArray[np.float64]:
-    """Reference positions with a cortex whose thickness varies by a random smooth field.
+def build(options, scene) -> Perturbation:
+    thickness = scene.geometry.cortex_thickness
+    return Perturbation(options.amplitude * thickness, options.wavelength or WAVELENGTH * thickness, options.seed)
+
+
+class Perturbation(Effect):
+    """The thickness of the cortex varies by a random smooth field.
 
     Parameters
     ----------
     amplitude : float
-        Root mean square of the field, as a share of the cortical thickness.
-    degree : float
-        Waves per turn around the sphere; plane waves of random direction and phase have
-        ``|k| radius = degree (1 +- 0.3)``.
+        Root mean square of the field [mm].
+    wavelength : float
+        Of the plane waves, 200 of random direction and phase, that the field is the sum of [mm]; within 30 %.
     seed : int
         The field is a function of position and seed alone, so meshes of any size carry the same one.
-
-    Returns
-    -------
-    X : (N, 3) float64
-        The pial surface moves radially by the field, the white surface not at all, linear in between [mm].
     """
-    rng = np.random.default_rng(seed)
-    axis = rng.standard_normal((WAVES, 3))
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    wave = axis * (degree * (1 + SPREAD * rng.uniform(-1, 1, WAVES)))[:, None]
-    phase = rng.uniform(0, 2 * np.pi, WAVES)
-    X = np.array(bilayer.mesh.p.T)
-    outer, inner = bilayer.radii[0], bilayer.radii[bilayer.cortex_layers]
-    direction = X[bilayer.layer(0)] / outer
-    field = np.sqrt(2 / WAVES) * np.cos(direction @ wave.T + phase).sum(axis=1)
-    for level in range(bilayer.cortex_layers):
-        share = (bilayer.radii[level] - inner) / (outer - inner)
-        X[bilayer.layer(level)] += (amplitude * (outer - inner) * share * field)[:, None] * direction
-    return X
+
+    name = "perturbation"
+
+    def __init__(self, amplitude: float, wavelength: float, seed: int):
+        rng = np.random.default_rng(seed)
+        axis = rng.standard_normal((WAVES, 3))
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        self._amplitude = amplitude
+        self._wave = axis * (2 * np.pi / wavelength * (1 + SPREAD * rng.uniform(-1, 1, WAVES)))[:, None]
+        self._phase = rng.uniform(0, 2 * np.pi, WAVES)
+
+    def field(self, at: Array) -> Array:
+        """The field (P,) at points (P, 3) of the pial surface [mm]."""
+        return self._amplitude * np.sqrt(2 / WAVES) * np.cos(at @ self._wave.T + self._phase).sum(axis=1)
+
+    def reshape(self, bilayer: Bilayer, X: Array) -> Array:
+        """The pial surface moves along the thickness by the field, the white surface not at all, linear in between."""
+        X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
+        for nodes in np.array_split(inside, 1 + len(inside) // 20_000):         # bounds the memory of the waves
+            step = bilayer.share[nodes] * self.field(bilayer.foot[nodes])
+            X[nodes] += step[:, None] * bilayer.radial[nodes]
+        return X

@@ -25,7 +25,7 @@ def test_the_pattern_of_folds_is_that_of_a_finer_mesh(tmp_path):
     """Same imperfection on 40 and 48 cells: the radius over the reference directions correlates."""
     radii = []
     for cells in (40, 48):
-        settings = [f"accuracy.cells_per_quarter={cells}", "growth.final=1.7", "geometry.portion=octant"]
+        settings = [f"accuracy.edge={78.54 / cells}", "growth.final=1.7", "geometry.portion=octant"]
         cortex = mf.simulate("demo", tmp_path / str(cells), settings=[*settings, "output.stages=[]"]).cortex()
         radii.append(_radius_by_direction(cortex.pial.verts, cells))
     r = np.corrcoef(*radii)[0, 1]

@@ -1,0 +1,135 @@
+"""The bricks of a body in the form that the kernels read: grown geometry at the Gauss points, moduli, state."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import ElementHex1, MappingIsoparametric, MeshHex
+from skfem.refdom import RefHex
+
+from morphofold.sim import kernels
+from morphofold.sim.blocks import Blocks, from_lanes, to_lanes
+from morphofold.sim.kernels import POINT, WIDTH
+
+Array = NDArray[np.float64]
+
+#: skfem's corner numbers in the order 4 i + 2 j + k of the kernels
+BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
+
+#: Gauss points of skfem's brick [0, 1]^3 in the kernels' order 4 i + 2 j + k, and their common weight
+GAUSS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
+GAUSS_WEIGHT = 0.125
+
+CHUNK = 1 << 16         # bricks set up at once: bounds the memory of scikit-fem's mapping
+
+
+class Bricks:
+    """Eight-node Q1P0 bricks; see :mod:`morphofold.sim.kernels` for the energy.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshHex
+    X : (N, 3) float64
+        Reference positions of its nodes [mm].
+    radial : (N, 3) float64
+        Unit thickness direction at the nodes, along which tangential growth adds nothing.
+    cortex : (E,) bool
+        The bricks that grow; they come first.
+    mu, kappa : (E,) float64
+        Shear modulus, and modulus of the pressure: a brick resists uniform compression with kappa + 2 mu.
+    law : {"isotropic", "tangential"}
+
+    Raises
+    ------
+    ValueError
+        If bricks are inside out.
+    """
+
+    LOCAL = 2.0             # modulus of the local volumetric term over mu; see the energy in kernels
+
+    def __init__(
+        self, mesh: MeshHex, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str
+    ):
+        self.n, self.n_cortex, self.law = mesh.nelements, int(cortex.sum()), law
+        corners = mesh.t[BINARY_CORNERS].T
+        self.blocks = Blocks(corners, len(X))
+        n_blocks = self.blocks.count
+        self._grown = -(-self.n_cortex // WIDTH)                        # leading blocks that hold cortex
+        self.point = np.empty((n_blocks, 8 * POINT * WIDTH))
+        self._radial = np.empty((self._grown, 24 * WIDTH)) if law == "tangential" else np.empty((0, 0))
+        self.volume = np.empty(self.n)
+        moved = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
+        mapping = MappingIsoparametric(moved, ElementHex1())
+        for start in range(0, self.n, CHUNK):
+            tind = np.arange(start, min(start + CHUNK, self.n))
+            self._set_up(mapping, tind, radial[mesh.t[:, tind]])
+        self._point0 = self.point[: self._grown].copy()
+        moduli = to_lanes(np.column_stack([mu, kappa, 1 / self.volume]), n_blocks)
+        moduli.reshape(n_blocks, 3, WIDTH)[-1, :2, self.n - (n_blocks - 1) * WIDTH :] = 0.0
+        self.modulus = moduli
+        self._state = np.zeros((n_blocks, 4 * WIDTH))
+        self._stiffness = np.zeros(len(self.blocks.nodes))
+
+    def _set_up(self, mapping: MappingIsoparametric, tind: NDArray[np.int64], radial: Array) -> None:
+        """Point data of the bricks ``tind``; ``radial`` (8, chunk, 3) are the directions at their corners."""
+        inv = mapping.invDF(GAUSS, tind)                                # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
+        det = mapping.detDF(GAUSS, tind)                                # (chunk, 8)
+        if det.min() <= 0:
+            bad = np.flatnonzero(det.min(axis=1) <= 0)
+            raise ValueError(
+                f"at least {len(bad)} of {self.n:,} bricks are inside out before anything grows, the first is "
+                f"{tind[bad[0]]}; make effects.perturbation.amplitude smaller."
+            )
+        w = det * GAUSS_WEIGHT
+        C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)           # 4: parent brick [-1, 1]^3
+        data = np.empty((len(tind), 8, POINT))
+        data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
+        data[..., 6] = 1 / w
+        self.volume[tind] = w.sum(axis=1)
+        block = slice(tind[0] // WIDTH, -(-(tind[-1] + 1) // WIDTH))
+        self.point[block] = to_lanes(data.reshape(len(tind), -1), block.stop - block.start)
+        if self.law == "tangential" and block.start < self._grown:
+            shape = np.stack([ElementHex1().lbasis(GAUSS, i)[0] for i in range(8)])
+            normal = np.einsum("iq,iej->jeq", shape, radial)
+            normal /= np.linalg.norm(normal, axis=0)
+            n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
+            lanes = to_lanes(n.reshape(len(n), -1), block.stop - block.start)
+            self._radial[block] = lanes[: self._grown - block.start]
+
+    def grow(self, cortex: Array, core: float = 1.0) -> None:
+        """Set the growth stretch of each brick of the cortex (n_cortex,), and isotropic growth of the core."""
+        if core != 1.0 and len(self._point0) < self.blocks.count:       # only a core that grows needs its start kept
+            self._point0 = np.concatenate([self._point0, self.point[self._grown :]])
+        blocks = len(self._point0)
+        flat = np.full(blocks * WIDTH, core)
+        flat[: self.n_cortex] = cortex
+        stretch = flat.reshape(blocks, WIDTH)
+        tangential, k = self.law == "tangential", self._grown
+        kernels.grow(self.point[:k], self._point0[:k], self._radial, self.modulus[:k], stretch[:k], tangential)
+        if blocks > k:
+            kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
+            mixed = self.n_cortex % WIDTH
+            if tangential and mixed:                                    # the core's lanes in the last cortex block
+                last = slice(k - 1, k)
+                point, modulus = self.point[last].copy(), self.modulus[last].copy()
+                kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
+                for mine, core_s in ((self.point, point), (self.modulus, modulus)):
+                    mine[k - 1].reshape(-1, WIDTH)[:, mixed:] = core_s.reshape(-1, WIDTH)[:, mixed:]
+
+    def compute_forces(self, x: Array) -> None:
+        """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
+        b = self.blocks
+        kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force)
+
+    def measure(self, x: Array) -> Array:
+        """Measure the bricks at ``x``; nodal sums (N,) of a bound on their stiffness."""
+        b = self.blocks
+        kernels.element_state(
+            x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness
+        )
+        return b.nodal_sums(self._stiffness)
+
+    def state(self) -> dict[str, Array]:
+        """Per brick, from the last ``measure``: energy, J_min, J_max, volume_ratio; (E,) each."""
+        columns = from_lanes(self._state, self.n)
+        return {"energy": columns[:, 0], "J_min": columns[:, 1], "J_max": columns[:, 2], "volume_ratio": columns[:, 3]}

@@ -1,0 +1,81 @@
+"""Bulk viscosity, linear and quadratic, as in the explicit program that the paper used (0.06 and 1.2).
+
+A pressure against the rate of volume, b1 rho c L e + rho (b2 L e)^2 [only where e < 0], with e the volumetric strain
+rate, rho the density, c the speed of pressure waves, rho c^2 = kappa + 4/3 mu, and L the cube root of the
+brick's volume. The density is that of the present nodal masses, fictitious or real.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from morphofold.sim import kernels
+from morphofold.sim.body import Body
+from morphofold.sim.bricks import Bricks
+from morphofold.sim.effects import Effect
+from morphofold.sim.kernels import _FAST, _U, _W, EIGHTH, WIDTH
+
+LOCAL = Bricks.LOCAL
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _scaled(p, d):
+    k = kernels._cofactor(*d)
+    return (p * k[0], p * k[1], p * k[2], p * k[3], p * k[4], p * k[5], p * k[6], p * k[7], p * k[8])
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear, quadratic, force):
+    """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3) are the positions a step ago."""
+    for b in prange(len(local)):
+        now, last, m = np.empty(24 * WIDTH), np.empty(24 * WIDTH), modulus[b]
+        at, mine, rho = np.empty((8 * WIDTH, 3)), nodes[start[b] : start[b + 1]], np.empty(WIDTH)
+        kernels.fetch(x, mine, local[b], 8, EIGHTH, m, at, now)
+        kernels.fetch(before, mine, local[b], 8, EIGHTH, m, at, last)
+        rho[:] = 0.0
+        for c in range(8):
+            for l in range(WIDTH):
+                rho[l] += 0.125 * density[mine[local[b, c * WIDTH + l]]]
+        for l in range(_W):
+            v = kernels._volume(now, l)
+            rate = 1.0 - kernels._volume(last, l) / v
+            wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]               # rho c^2
+            size = v ** (2.0 / 3.0)
+            p = linear * np.sqrt(rho[l] * wave * size) * rate
+            p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
+            p = p if wave > 0.0 else 0.0                                # lanes that only fill the last block
+            d = kernels._gauss(now, l)
+            q = (_scaled(p, d[0]), _scaled(p, d[1]), _scaled(p, d[2]), _scaled(p, d[3]),
+                 _scaled(p, d[4]), _scaled(p, d[5]), _scaled(p, d[6]), _scaled(p, d[7]))  # fmt: skip
+            for r in range(3):
+                kernels._store(now, l + _U(r) * _W, kernels._corners(q, r))
+        kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
+
+
+def build(options, scene) -> BulkViscosity:
+    return BulkViscosity(options.linear, options.quadratic)
+
+
+class BulkViscosity(Effect):
+    """Viscous pressure of the bricks; ``linear`` (b1) and ``quadratic`` (b2) are pure numbers."""
+
+    name = "bulk_viscosity"
+
+    def __init__(self, linear: float, quadratic: float):
+        self._linear, self._quadratic = linear, quadratic
+
+    def prepare(self, body: Body) -> None:
+        if not isinstance(body.elements, Bricks):
+            raise ValueError("effects.bulk_viscosity acts on bricks, and this body is of tetrahedra; drop it.")
+        self._volume = body.nodal_volumes()
+        self._before = np.empty_like(body.X)
+
+    def refresh(self, run) -> None:
+        self._density = run.body.mass / self._volume
+
+    def add_element_forces(self, body: Body, x, v) -> None:
+        np.subtract(x, v, out=self._before)
+        b = body.elements.blocks
+        add_viscous_forces(x, self._before, self._density, b.nodes, b.start, b.local, body.elements.modulus,
+                           self._linear, self._quadratic, b.force)  # fmt: skip

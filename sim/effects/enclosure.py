@@ -1,0 +1,72 @@
+"""A rigid enclosure: the pial surface can't leave a shell of the shape that it had at first, a skull."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+
+Array = NDArray[np.float64]
+
+STIFFNESS, DASHPOT = 0.1, 0.5           # as in contact: force per mass and depth, per mass and speed
+
+
+@njit(cache=True)
+def press_shell(x, v, mass, semi_axes, extra):
+    """Push the surface nodes outside the ellipsoid back in; returns how many, and their energy.
+
+    The depth is taken along the gradient of the level function |x / a| - 1: exact on a sphere, first order otherwise.
+    """
+    count, energy = 0, 0.0
+    for i in range(len(extra)):
+        level, slope = 0.0, 0.0
+        for r in range(3):
+            level += (x[i, r] / semi_axes[r]) ** 2
+            slope += (x[i, r] / semi_axes[r] ** 2) ** 2
+        level, slope = np.sqrt(level), np.sqrt(slope)
+        if level <= 1.0:
+            continue
+        depth, speed = (level - 1.0) * level / slope, 0.0
+        for r in range(3):
+            speed += v[i, r] * x[i, r] / semi_axes[r] ** 2 / slope
+        force = mass[i] * (STIFFNESS * depth + DASHPOT * speed)
+        if force > 0.0:
+            for r in range(3):
+                extra[i, r] -= force * x[i, r] / semi_axes[r] ** 2 / slope
+            count += 1
+            energy += 0.5 * mass[i] * STIFFNESS * depth * depth
+    return count, energy
+
+
+def build(options, scene) -> Enclosure:
+    return Enclosure(np.array(scene.geometry.semi_axes) + options.gap)
+
+
+class Enclosure(Effect):
+    """An ellipsoid that the surface nodes stay inside of, without friction.
+
+    Parameters
+    ----------
+    semi_axes : (3,) float64
+        Of the enclosure [mm].
+    """
+
+    name = "enclosure"
+
+    def __init__(self, semi_axes: Array):
+        self._semi_axes = np.asarray(semi_axes, dtype=np.float64)
+        self._pressed, self._energy = 0, 0.0
+
+    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
+        self._pressed, self._energy = press_shell(x, v, body.mass, self._semi_axes, extra)
+
+    def energy(self) -> float:
+        return self._energy
+
+    def record(self) -> dict[str, Any]:
+        return {"pressed": self._pressed}

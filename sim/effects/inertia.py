@@ -1,0 +1,59 @@
+"""True inertia: the mass is that of the material, and time is measured, instead of a relaxation to equilibrium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+
+Array = NDArray[np.float64]
+
+
+def build(options, scene) -> Inertia:
+    return Inertia(options.density, options.duration, options.damping)
+
+
+class Inertia(Effect):
+    """The step of the solver, one unit long, stands for the longest time that the real masses let be stable.
+
+    Parameters
+    ----------
+    density : float
+        Of the reference body, in units in which lengths are mm and the core's shear modulus is 1.
+    duration : float
+        Time in which growth rises by 1, in mm sqrt(density / mu of the core): a shear wave takes 1 per mm in the core.
+    damping : float
+        Share of the velocity lost per unit of time.
+    """
+
+    name = "inertia"
+
+    def __init__(self, density: float, duration: float, damping: float):
+        self._density, self._duration, self._damping = density, duration * np.sqrt(density), damping / np.sqrt(density)
+        self._dt, self._time, self._step = 0.0, 0.0, 0
+
+    def prepare(self, body: Body) -> None:
+        self._mass = self._density * body.nodal_volumes()
+
+    def refresh(self, run) -> None:
+        dt = float(np.sqrt(np.min(self._mass / run.body.mass)))         # body.mass: the least for a step of one
+        if self._dt:
+            run.state.v *= dt / self._dt                                # velocities are per step
+            self._time += (run.state.step - self._step) * self._dt
+        self._dt, self._step = dt, run.state.step
+        run.body.mass[:] = self._mass / dt**2
+        run.rate = dt / self._duration
+        run.damping = -np.expm1(-self._damping * dt)
+
+    def record(self) -> dict[str, Any]:
+        return {"time": self._time, "time_step": self._dt}
+
+    def save(self) -> dict[str, NDArray]:
+        return {"dt": np.array(self._dt), "time": np.array(self._time), "step": np.array(self._step)}
+
+    def load(self, arrays: dict[str, NDArray]) -> None:
+        self._dt, self._time, self._step = arrays["dt"].item(), arrays["time"].item(), arrays["step"].item()

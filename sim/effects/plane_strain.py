@@ -1,0 +1,31 @@
+"""Plane strain in a strip one brick deep: both sides move as one, so that round-off can't grow across it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+
+Array = NDArray[np.float64]
+
+
+def build(options, scene) -> PlaneStrain:
+    return PlaneStrain()
+
+
+class PlaneStrain(Effect):
+    """Each node of the far side (y > 0) follows its twin on the near side."""
+
+    name = "plane_strain"
+
+    def prepare(self, body: Body) -> None:
+        p = body.bilayer.mesh.p
+        order = np.lexsort((p[1], p[2], p[0]))
+        self._near, self._far = order[0::2], order[1::2]
+
+    def after_step(self, x: Array, v: Array) -> None:
+        for r in (0, 2):
+            x[self._far, r] = x[self._near, r]
+            v[self._far, r] = v[self._near, r]

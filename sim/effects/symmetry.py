@@ -1,0 +1,59 @@
+"""Contact of the pial surface with its own mirror image: nodes stay half a gap on their side of a symmetry plane."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+from morphofold.sim.effects.contact import DASHPOT, GAP, STIFFNESS
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True)
+def press_plane(x, v, mass, held, axis, at, side, gap, extra):
+    """Push the surface nodes that are not ``held`` (S,) by the plane away from it; returns how many, and energy."""
+    count, energy = 0, 0.0
+    for i in range(len(extra)):
+        depth = gap - side * (x[i, axis] - at)
+        if depth > 0.0 and not held[i]:
+            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
+            if force > 0.0:
+                extra[i, axis] += side * force
+                count += 1
+                energy += 0.5 * mass[i] * STIFFNESS * depth * depth
+    return count, energy
+
+
+def build(options, scene) -> Symmetry:
+    return Symmetry()
+
+
+class Symmetry(Effect):
+    """The planes themselves hold their nodes (see ``Body``); this keeps the others from crossing."""
+
+    name = "symmetry"
+
+    def prepare(self, body: Body) -> None:
+        n = body.n_surface
+        held = [np.ascontiguousarray(body.bilayer.mesh.p[axis, :n] == at) for axis, at, _ in body.bilayer.planes]
+        self._planes = list(zip(body.bilayer.planes, held))
+        self._pressed, self._energy = 0, 0.0
+
+    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
+        self._pressed, self._energy = 0, 0.0
+        for (axis, at, side), held in self._planes:
+            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * GAP * body.filter.h, extra)
+            self._pressed += count
+            self._energy += energy
+
+    def energy(self) -> float:
+        return self._energy
+
+    def record(self) -> dict[str, Any]:
+        return {"pressed": self._pressed}
