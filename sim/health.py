@@ -38,8 +38,8 @@ class Cover(NamedTuple):
     most: int           # largest winding number on any ray: 1 if the surface doesn't pass through itself
 
 
-def check_surface(pial: Surface) -> dict[str, float | int]:
-    """What the health of a stage says of its closed pial surface.
+def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
+    """What the health of a stage says of its pial surface; how often it covers space only if that is ``closed``.
 
     Returns
     -------
@@ -48,10 +48,10 @@ def check_surface(pial: Surface) -> dict[str, float | int]:
         the surface by more than CROSSING_TOLERANCE; ``deepest_crossing``, the depth of the deepest in mean edges;
         ``mean_edge_mm``.
     """
-    space, found = cover(pial), self_intersections(pial)
+    found = self_intersections(pial)
+    space = cover(pial)._asdict() if closed else {}
     return {
-        "overlap": space.twice,
-        "winding_max": space.most,
+        **{name: space[key] for name, key in (("overlap", "twice"), ("winding_max", "most")) if space},
         "crossings": found.deeper_than(CROSSING_TOLERANCE),
         "deepest_crossing": found.deepest_share,
         "mean_edge_mm": found.mean_edge,

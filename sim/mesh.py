@@ -77,6 +77,11 @@ class Bilayer:
     extent: float | None = None
 
     @property
+    def closed(self) -> bool:
+        """Whether the surfaces, mirrored, enclose the body; those of a patch end at its sides."""
+        return len(self.planes) == len(self.mirrored)
+
+    @property
     def portion(self) -> float:
         """Share of the closed body that the mesh covers: 1, 1/2, 1/4 or 1/8."""
         return 0.5 ** len(self.mirrored)

@@ -255,14 +255,16 @@ class _Run:
             return json.loads((folder / "stage.json").read_text())["health"]
         scene, body, state = self.scene, self.body, self.dynamics.state
         white, pial = whole_surfaces(body, state.x)
+        closed = body.bilayer.closed
         grown = self.grown_volume()
+        found = enclosed_volume(pial) - enclosed_volume(white) if closed else self._cortex_volume()
         numbers = {
             "growth": g,
             **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},
             "lowest_J": state.lowest_J,
-            **check_surface(pial),
-            "volume_drift": abs((enclosed_volume(pial) - enclosed_volume(white)) / grown - 1),
-            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()),
+            **check_surface(pial, closed),
+            "volume_drift": abs(found / grown - 1),
+            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
         }
         info = {
             "name": scene.name,
@@ -299,6 +301,14 @@ class _Run:
         stretch = 1 + (body.growth - 1) * np.asarray(body.pattern)
         volume = body.elements.volume[: body.elements.n_cortex] * det_G(stretch, body.law)
         return float(volume.sum()) / body.bilayer.portion
+
+    def _cortex_volume(self) -> float:
+        """Present volume of the elements of the cortex [mm^3]."""
+        body = self.body
+        n = body.elements.n_cortex
+        stretch = 1 + (body.growth - 1) * np.asarray(body.pattern)
+        grown = body.elements.volume[:n] * det_G(stretch, body.law)
+        return float(np.sum(grown * body.elements.state()["volume_ratio"][:n])) / body.bilayer.portion
 
     def _write_volume(self, path: Path) -> None:
         import meshio

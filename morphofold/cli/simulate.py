@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     print(
         f"{simulation.path}: {len(health['stages'])} stages to g = {last['growth']:.2f}, "
         f"{health['elements']:,} bricks, {health['steps']:,} steps in {health['seconds']:.0f} s; "
-        f"min J {last['min_J']:.2f}, overlap {last['overlap']:.2%}, {'healthy' if health['healthy'] else 'NOT healthy'}"
+        f"min J {last['min_J']:.2f}, {last['crossings']} crossings, {'healthy' if health['healthy'] else 'NOT healthy'}"
     )
     for warning in health["warnings"]:
         print(f"warning: {warning}")
