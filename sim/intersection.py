@@ -39,11 +39,12 @@ class Intersections:
     point : (K, 3) float64
         Where [mm].
     depth : (K,) float64
-        How far the edge has passed [mm]: the least of the distances of its two ends from the plane of the face, and of
-        ``point`` from the three sides of the face. A displacement of that length undoes the crossing, either by
-        drawing the nearer end back or, over a ridge, by lifting the edge off the face: so the number is zero when the
-        edge only grazes, and grows steadily from there. It is a lower bound where many faces are crossed, and never
-        more than the radius of the circle inside the face, 0.29 of an edge for an equilateral one.
+        How far the edge has passed [mm]: the least displacement that undoes the crossing, either by drawing the nearer
+        end back to the plane of the face, or by lifting the edge over a ridge, a side or a corner of the face next to
+        which the surface, seen along the edge, turns its other side or ends. Over other sides there is no way out:
+        the edge would cross the next face. So the depth is zero for an edge that only grazes a ridge or touches a face
+        with its end, grows steadily from there, and does not depend on where in a smooth wall the sides of its faces
+        run. It is never more than half of the edge.
     vertex : (P,) int64
         Vertices behind a wall that faces them.
     vertex_depth : (P,) float64
@@ -96,9 +97,8 @@ def self_intersections(surface: Surface) -> Intersections:
     -----
     Signs are exact (:mod:`morphofold.sim.signs`). Touching is no crossing: ties are decided as if the vertices were
     displaced by next to nothing, so that an edge exactly through another edge or a vertex crosses one triangle there,
-    and what then has the depth zero is left out. An edge through an edge has that depth too: a surface that passes
-    through its own mirror image, vertex for vertex, is found by its vertices alone. Two triangles folded flat on each
-    other over a common edge touch.
+    and what then has the depth zero is left out. A surface that passes through its own mirror image meets it edge on
+    edge, and is found. Two triangles folded flat on each other over a common edge touch.
 
     A vertex has passed if, first, it lies behind a face of another wall, whose normal is turned from its own by more
     than 60 degrees, less than one mean edge from the nearest such face, and second, the surface winds around the space
@@ -111,7 +111,8 @@ def self_intersections(surface: Surface) -> Intersections:
     mean_edge = float(np.linalg.norm(verts[edges[:, 0]] - verts[edges[:, 1]], axis=1).mean())
     tree = box_tree(verts, faces)
     edge, face = _crossings(verts, faces, edges, tree)
-    point, depth = _point_and_depth(verts, edge, faces[face])
+    point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
+    _measure(verts, faces, *_rings(faces, len(verts)), edge, face, point, depth)
     kept = depth > 0
     behind = _passed(verts, faces, _node_normals(verts, faces), *tree, mean_edge) if closed else np.zeros(len(verts))
     vertex = np.flatnonzero(behind > 0)
@@ -126,6 +127,12 @@ def _edges(faces: Indices) -> tuple[Indices, bool]:
     return np.stack(np.divmod(key, n), axis=1), bool((count == 2).all())
 
 
+def _rings(faces: Indices, n: int) -> tuple[Indices, Indices]:
+    """Faces around each of n vertices: where they begin (n + 1,) in the list of all (3 M,)."""
+    corners = faces.ravel()
+    return np.concatenate([[0], np.cumsum(np.bincount(corners, minlength=n))]), np.argsort(corners, kind="stable") // 3
+
+
 def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
     first = np.concatenate([[0], np.cumsum(_count(verts, faces, edges, *tree))])
@@ -134,25 +141,6 @@ def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> t
     number = np.repeat(np.arange(len(edges)), np.diff(first))
     order = np.lexsort([face, number])
     return edges[number[order]], face[order]
-
-
-def _point_and_depth(verts: Array, edge: Indices, tri: Indices) -> tuple[Array, Array]:
-    """Point (K, 3) and depth (K,) of crossings; exactly 0 where a sign is zero, and for faces without area."""
-    p, q = verts[edge[:, 0]], verts[edge[:, 1]]
-    corner = verts[tri]                                                 # (K, 3, 3)
-    along = np.roll(corner, -1, axis=1) - corner
-    normal = np.cross(along[:, 0], along[:, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
-    ends = np.stack([np.einsum("ij,ij->i", x - corner[:, 0], normal) for x in (p, q)], axis=1)
-    span = ends[:, 0] - ends[:, 1]
-    share = np.clip(np.divide(ends[:, 0], span, out=np.full(len(p), 0.5), where=span != 0), 0.0, 1.0)
-    point = p + share[:, None] * (q - p)
-    area = np.linalg.norm(np.cross(along, point[:, None] - corner), axis=2)
-    length = np.linalg.norm(along, axis=2)
-    sides = np.divide(area, length, out=np.zeros_like(area), where=length > 0)
-    distances = np.concatenate([np.abs(ends), sides], axis=1)
-    distances[_plain_signs(verts, edge, tri) == 0] = 0.0
-    return point, distances.min(axis=1, initial=np.inf)
 
 
 @njit(parallel=True, cache=True)
@@ -207,16 +195,51 @@ def _crosses(verts, p, q, tri):
 
 
 @njit(cache=True)
-def _plain_signs(verts, edge, tri):
-    """Signs (K, 5) of both ends against the plane, and of the edge against the three sides; true zeros stay zero."""
-    signs = np.empty((len(edge), 5))
+def _measure(verts, faces, first, ring, edge, face, point, depth):
+    """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
-        p, q = verts[edge[e, 0]], verts[edge[e, 1]]
-        a, b, c = verts[tri[e, 0]], verts[tri[e, 1]], verts[tri[e, 2]]
-        signs[e, 0], signs[e, 1] = plane_sign(a, b, c, p, 1.0), plane_sign(a, b, c, q, 1.0)
-        signs[e, 2], signs[e, 3] = plane_sign(p, q, a, b, 1.0), plane_sign(p, q, b, c, 1.0)
-        signs[e, 4] = plane_sign(p, q, c, a, 1.0)
-    return signs
+        p, q, tri = verts[edge[e, 0]], verts[edge[e, 1]], faces[face[e]]
+        a, b, c = verts[tri[0]], verts[tri[1]], verts[tri[2]]
+        n, along = area_vector(a, b, c), less(q, p)
+        length = max(dot(n, n) ** 0.5, 1e-300)
+        before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
+        share = before / (before + after) if before + after > 0.0 else 0.5
+        for r in range(3):
+            point[e, r] = p[r] + share * along[r]
+        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
+        for k in range(3):
+            reach = min(reach, _way_out(verts, faces, first, ring, edge[e], face[e], k, point[e], along))
+        depth[e] = reach
+
+
+@njit(cache=True)
+def _way_out(verts, faces, first, ring, edge, f, k, point, along):
+    """Distance of a crossing from corner k of face f, and from the side that begins there, where there is a way out.
+
+    There is one where the surface, seen along the edge, shows its other side next to f, or ends.
+    """
+    i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
+    p, q = verts[edge[0]], verts[edge[1]]
+    facing = dot(along, area_vector(verts[i], verts[j], verts[h]))
+    over_corner, open_side, over_side = False, True, False
+    for s in range(first[i], first[i + 1]):
+        a, b, c = faces[ring[s]]
+        if ring[s] != f:
+            turned = facing * dot(along, area_vector(verts[a], verts[b], verts[c])) <= 0.0
+            over_corner |= turned
+            if a == j or b == j or c == j:
+                open_side = False
+                over_side |= turned
+    away, side_line = less(point, verts[i]), less(verts[j], verts[i])
+    on_side = plane_sign(p, q, verts[i], verts[j], 1.0) == 0
+    distance = np.inf
+    if open_side or over_side:
+        offset = cross(side_line, away)
+        distance = 0.0 if on_side else (dot(offset, offset) / max(dot(side_line, side_line), 1e-300)) ** 0.5
+    if over_corner:
+        on_corner = on_side and plane_sign(p, q, verts[h], verts[i], 1.0) == 0
+        distance = min(distance, 0.0 if on_corner else dot(away, away) ** 0.5)
+    return distance
 
 
 @njit(cache=True)

@@ -15,15 +15,16 @@ from morphofold.surface import Surface
 def brute_force(verts, faces):
     """Edge and face of each crossing, from all pairs in plain floating point: right where nothing is tied."""
     edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
-    p, q = (verts[edges[:, None, k]] for k in (0, 1))
-    a, b, c = (verts[faces[None, :, k]] for k in range(3))
     volume = lambda a, b, c, d: np.sign(np.einsum("...i,...i", np.cross(b - a, c - a), d - a))
-    turn = volume(p, q, a, b)
-    crosses = (volume(a, b, c, p) * volume(a, b, c, q) < 0) & (turn != 0)
-    crosses &= (volume(p, q, b, c) == turn) & (volume(p, q, c, a) == turn)
-    crosses &= ~(edges[:, None, :, None] == faces[None, :, None, :]).any(axis=(2, 3))
-    edge, face = np.nonzero(crosses)
-    return {(*map(int, edges[e]), int(f)) for e, f in zip(edge, face)}
+    found = set()
+    for f, (i, j, k) in enumerate(faces):
+        p, q = verts[edges.T]
+        crosses = volume(*verts[[i, j, k]], p) * volume(*verts[[i, j, k]], q) < 0
+        crosses &= ~np.isin(edges, [i, j, k]).any(axis=1)
+        turns = np.stack([volume(p, q, verts[s], verts[t]) for s, t in ((i, j), (j, k), (k, i))])
+        crosses &= (turns > 0).all(axis=0) | (turns < 0).all(axis=0)
+        found |= {(int(v), int(w), f) for v, w in edges[crosses]}
+    return found
 
 
 def brute_force_with_ties(verts, faces):
@@ -190,17 +191,49 @@ def test_the_wide_shallow_overlap_of_two_spheres_is_as_deep_as_its_lens():
     assert set(found.vertex[found.vertex_depth > 0.0999]) == apex
 
 
-def test_a_surface_through_its_own_mirror_image_is_found_by_its_vertices():
-    """Edge meets edge in the plane of symmetry, all with the depth zero."""
-    regular = pressed_sphere(5, press=1.2)
-    found = self_intersections(regular)
-    assert len(found) == 0
-    assert len(crossings(regular.verts.copy(), regular.faces.copy())) > 0
-    x = regular.verts[found.vertex, 0]
-    image = {tuple(np.round(v, 9)) for v in regular.verts[found.vertex] * [-1, 1, 1]}
-    assert image == {tuple(np.round(v, 9)) for v in regular.verts[found.vertex]}
-    assert (found.vertex_depth <= 2 * np.abs(x) + 1e-12).all()           # the mirrored vertex is that far away
-    assert found.vertex_depth.max() > np.abs(x).max()
+def test_a_surface_through_its_own_mirror_image_crosses_it_edge_on_edge():
+    surface = pressed_sphere(5, press=1.2)
+    place = {tuple(np.round(v, 9) + 0.0): i for i, v in enumerate(surface.verts)}
+    image = np.array([place[tuple(np.round(v * [-1, 1, 1], 9) + 0.0)] for v in surface.verts])
+    found = self_intersections(surface)
+    np.testing.assert_allclose(found.point[:, 0], 0, atol=1e-12)
+    edges = [tuple(map(int, edge)) for edge in found.edge]
+    assert len(set(edges)) == len(edges) > 10                            # once each, not once for each face at the edge
+    assert {tuple(sorted(map(int, image[list(edge)]))) for edge in edges} == set(edges)
+    assert found.depth.min() > 0
+    assert set(image[found.vertex]) == set(found.vertex)
+    x = np.abs(surface.verts[found.vertex, 0])
+    assert (found.vertex_depth <= 2 * x + 1e-12).all()                   # the mirrored vertex is that far away
+    assert found.vertex_depth.max() > x.max()
+
+
+@pytest.mark.parametrize("divisions", [1, 2, 5])
+def test_the_depth_through_a_plate_does_not_depend_on_how_it_is_divided(divisions):
+    """A grid whose lines pass by the crossings, at 1e-3 or more, and a spike 0.3 deep."""
+    t = np.linspace(-3, 3, divisions + 1) + 1e-3 * (divisions > 1)
+    number = np.arange((divisions + 1) ** 2).reshape(divisions + 1, -1)
+    a, b, c, d = (number[u, v].ravel() for u in (slice(-1), slice(1, None)) for v in (slice(-1), slice(1, None)))
+    plate = np.stack([*np.meshgrid(t, t, indexing="ij"), np.zeros(number.shape)], axis=-1).reshape(-1, 3)
+    n = len(plate)
+    spike = np.array([[0, 0, -0.3], [1, 0, 2], [-1, 1, 2], [-1, -1, 2]])
+    tip = n + np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
+    faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1), tip])
+    found = self_intersections(Surface(np.concatenate([plate, spike]), faces))
+    ends = found.edge.max(axis=1) >= n                                   # edges of the spike
+    np.testing.assert_allclose(found.depth[ends], 0.3)
+    assert ends.sum() == 3
+
+
+@pytest.mark.parametrize("gap", [0.0, -1e-9, -0.1])
+def test_an_edge_over_a_tip_has_passed_by_the_way_over_the_tip(gap):
+    """A pyramid of eight faces under a roof: two or three of its faces lie before the tip, as many beyond it."""
+    angle = np.arange(8) * np.pi / 4 + 0.1
+    base = np.column_stack([np.cos(angle), np.sin(angle), -np.ones(8)]) * 3
+    roof = np.array([[-9, 0, gap], [9, 0, gap], [0, 9, 9], [0, -9, 9]])
+    faces = [[0, 1 + k, 1 + (k + 1) % 8] for k in range(8)] + [[10, 9, 11], [9, 10, 12]]
+    found = self_intersections(Surface(np.concatenate([[[0, 0, 0]], base, roof]), np.array(faces)))
+    assert found.deepest <= -1.5 * gap
+    assert (len(found) > 0) == (gap < 0)
 
 
 def test_a_dent_pressed_until_its_walls_all_but_touch_has_not_passed():
