@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+KINDS = ("Figures of the paper", "Their twins, growing along the surface only", "Spheres", "Other bodies")
+HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print as JSON")
+    parser.add_argument("--json", action="store_true", help="print as JSON, with titles")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -16,13 +23,34 @@ def run(args: argparse.Namespace) -> int:
     scenes = [load_scene(name) for name in scene_names()]
     if args.json:
         print(json.dumps([{"name": s.name, "title": s.title, "effects": s.effects.named} for s in scenes], indent=1))
-        return 0
-    width = max(len(s.name) for s in scenes)
-    for s in scenes:
-        where = " ".join(filter(None, (getattr(s.geometry, "portion", ""), s.geometry.shape)))
-        print(
-            f"{s.name:{width}}  {s.title}: {where}, cortex {s.geometry.cortex_thickness:g} mm, mu ratio "
-            f"{s.material.mu_ratio:g}, {s.growth.law} growth to {s.growth.final:g}; "
-            f"effects: {', '.join(s.effects.named) or 'none'}"
-        )
+    else:
+        print(_table(scenes))
     return 0
+
+
+def _kind(scene: Scene) -> str:
+    if scene.name.startswith("fig"):
+        return KINDS[1] if scene.growth.law == "tangential" else KINDS[0]
+    return KINDS[2] if scene.geometry.shape == "sphere" else KINDS[3]
+
+
+def _row(scene: Scene) -> tuple[str, ...]:
+    geometry = scene.geometry
+    shape = " ".join(filter(None, (getattr(geometry, "portion", "").replace("full", ""), geometry.shape)))
+    thickness, ratio, final = geometry.cortex_thickness, scene.material.mu_ratio, scene.growth.final
+    effects = ", ".join(scene.effects.named) or "-"
+    return scene.name, shape, f"{thickness:g} mm", f"{ratio:g}", scene.growth.law, f"{final:.2f}", effects
+
+
+def _table(scenes: list[Scene]) -> str:
+    """The scenes by kind, in columns."""
+    rows = {scene.name: _row(scene) for scene in scenes}
+    widths = [max(map(len, column)) for column in zip(HEADINGS, *rows.values())]
+
+    def line(row: tuple[str, ...]) -> str:
+        return "  ".join(f"{text:{width}}" for text, width in zip(row, widths)).rstrip()
+
+    lines = [line(HEADINGS)]
+    for kind in KINDS:
+        lines += ["", kind, *(line(rows[scene.name]) for scene in scenes if _kind(scene) == kind)]
+    return "\n".join(lines)
