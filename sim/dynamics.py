@@ -95,7 +95,10 @@ class Dynamics:
             increment = self.rate * REFRESH * self._pace()
             left = g - self.state.growth
             self.state.growth = g if left <= 1.5 * increment else self.state.growth + increment
+            clock = _Clock(self.seconds)
+            clock.start()
             self.body.grow(self.state.growth)
+            clock.lap("grow")
             self._run(REFRESH)
             after(self.state)
 

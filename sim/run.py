@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import time
@@ -156,6 +157,13 @@ class _Run:
         self._take_up()
         try:
             self._grow()
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise OSError(
+                f"{self.out}: the disk is full at g = {self.dynamics.state.growth:.3f}. What was written stands; free some "
+                "space and go on with --resume."
+            ) from error
         except UnstableError as error:
             self._write_log()
             self._write_arrays(self.out / "last-sound-state.npz", error.sound)

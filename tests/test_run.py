@@ -1,6 +1,8 @@
+import errno
 import json
 import subprocess
 import sys
+import time
 
 import meshio
 import numpy as np
@@ -179,3 +181,39 @@ def test_too_many_threads_are_refused(tmp_path):
     with pytest.raises(ValueError, match="threads must be 1 to"):
         simulate("demo", tmp_path / "x", threads=10_000)
     assert not (tmp_path / "x").exists()
+
+
+def test_a_killed_process_loses_one_interval_at_most_and_ends_with_the_same_bytes(folder, tmp_path):
+    out = tmp_path / "small"
+    often = [*SMALL, "output.checkpoint_minutes=1e-6"]
+    code = f"import morphofold as mf; mf.simulate('demo', {str(out)!r}, settings={often!r})"
+    process = subprocess.Popen([sys.executable, "-c", code])
+    while not (out / "stages" / "g1.20").exists() or not (out / "checkpoint.npz").exists():
+        assert process.poll() is None, "ended before it could be killed"
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
+        assert checkpoint["growth"] >= 1.2 - 0.02
+    simulate("demo", out, settings=often, resume=True)
+    for name in ("lh.pial", "lh.white"):
+        ends = [(o / "stages" / "g1.60" / "surf" / name).read_bytes() for o in (folder, out)]
+        assert _geometry(ends[0]) == _geometry(ends[1])
+
+
+def test_a_full_disk_is_said_and_leaves_what_was_written(tmp_path, monkeypatch):
+    out = tmp_path / "small"
+    write = type(out).write_bytes
+
+    def full(self, content):
+        if self.name.startswith(".") and "checkpoint" in self.name and (out / "checkpoint.npz").exists():
+            raise OSError(errno.ENOSPC, "No space left on device", str(self))
+        return write(self, content)
+
+    monkeypatch.setattr(type(out), "write_bytes", full)
+    often = [*SMALL, "output.checkpoint_minutes=1e-6"]
+    with pytest.raises(OSError, match=r"the disk is full at g = 1\.0.*free some space and go on with --resume"):
+        simulate("demo", out, settings=often)
+    with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
+        assert np.isfinite(checkpoint["x"]).all()
+    assert not list(out.glob(".*checkpoint*"))                              # no half-written file is left

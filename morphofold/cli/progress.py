@@ -57,6 +57,7 @@ def _lines(label: str) -> Tell:
         if tenth > told[0]:
             told[0] = tenth
             seconds = time.monotonic() - started
-            print(f"{label}: {share:4.0%} after {seconds:.0f} s  {text}", file=sys.stderr, flush=True)
+            left = f", {seconds * (1 - share) / share:.0f} s left" if 0 < share < 1 else ""
+            print(f"{label}: {share:4.0%} after {seconds:.0f} s{left}  {text}", file=sys.stderr, flush=True)
 
     return tell
