@@ -2,10 +2,10 @@
 
 Two runs grow side by side, one of them kicked once by a small displacement. While the grown state is stable
 the difference between them dies away; past the bifurcation it grows. The onset is the growth at which the
-difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Of a random
-kick, waves that die slowly hide for long those that grow; so the kick of a second pass is what was left of the first one
-at its least: the critical mode, nearly alone. The onset lags behind the bifurcation of the same mesh by what the
-rate of growth costs, and tends to it as growth slows down.
+difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Of a
+random kick, waves that die slowly hide for long those that grow; so the kick of a second pass is what was left of the
+first one at its least: the critical mode, nearly alone. The onset lags behind the bifurcation of the same mesh by what
+the rate of growth costs, and tends to it as growth slows down.
 """
 
 from __future__ import annotations

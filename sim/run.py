@@ -161,8 +161,8 @@ class _Run:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             raise OSError(
-                f"{self.out}: the disk is full at g = {self.dynamics.state.growth:.3f}. What was written stands; free some "
-                "space and go on with --resume."
+                f"{self.out}: the disk is full at g = {self.dynamics.state.growth:.3f}. What was written stands; free "
+                "some space and go on with --resume."
             ) from error
         except UnstableError as error:
             self._write_log()
