@@ -363,7 +363,7 @@ def test_check_prints_the_same_growth_by_finite_elements(capsys):
 
 @pytest.mark.parametrize("wrong", [1.3, float("nan")])
 def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
-    monkeypatch.setattr("morphofold.sim.statics.critical_growth_of_degree", lambda *_, **__: wrong)
+    monkeypatch.setattr("morphofold.sim.radial_statics.critical_growth_of_degree", lambda *_, **__: wrong)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
     told = capsys.readouterr()
     assert "difference" in told.out
@@ -374,6 +374,6 @@ def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
 def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
     found = theory.bifurcation(0.04, 2.0)
     near = found.g_crit * (1 + 0.9e-6)
-    monkeypatch.setattr("morphofold.sim.statics.critical_growth_of_degree", lambda *_, **__: near)
+    monkeypatch.setattr("morphofold.sim.radial_statics.critical_growth_of_degree", lambda *_, **__: near)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
     assert capsys.readouterr().err == ""
