@@ -1,0 +1,168 @@
+"""A simulation folder: what it holds, who may write it, and the parts that every run writes the same way."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import __version__
+from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.sim.scene import Scene, load_scene
+from morphofold.surface import Cortex, Surface
+
+Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A folder of growth stages."""
+
+    path: Path
+    scene: Scene
+
+    @property
+    def stages(self) -> tuple[float, ...]:
+        """Growth stretches whose surfaces are written, ascending."""
+        return tuple(sorted(float(p.name[1:]) for p in (self.path / "stages").glob("g*")))
+
+    @property
+    def health(self) -> dict[str, Any]:
+        """Contents of ``health.json``."""
+        return json.loads((self.path / "health.json").read_text())
+
+    def cortex(self, g: float | None = None) -> Cortex:
+        """The surfaces at growth stretch ``g``, by default the final one."""
+        return read_cortex(stage_folder(self.path, self.stages[-1] if g is None else g))
+
+
+def stage_folder(out: Path, g: float) -> Path:
+    return out / "stages" / f"g{g:.2f}"
+
+
+def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
+    """Whether ``folder`` holds this very simulation, finished; refuses a folder that can't be used. Writes nothing."""
+    written = folder / "scene.toml"
+    if folder.exists() and not folder.is_dir():
+        raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
+    if not written.exists():
+        if folder.exists() and any(folder.iterdir()):
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
+        return False
+    if not resume:
+        raise FileExistsError(f"{folder}: holds a simulation; ask to resume it, or choose another folder.")
+    if load_scene(written) != scene:
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
+    return (folder / "health.json").exists()
+
+
+class FolderWriter:
+    """Writes the folder of one scene; each file whole or not at all.
+
+    Parameters
+    ----------
+    out : Path
+    scene : Scene
+    describe : callable
+        Per-vertex maps of a stage's ``Cortex``, by name.
+    """
+
+    def __init__(self, out: Path, scene: Scene, describe: Describe):
+        self.out, self.scene, self._describe = out, scene, describe
+
+    def begin(self) -> None:
+        """The folder and its ``scene.toml``, unless they are there."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        if not (self.out / "scene.toml").exists():
+            with atomic_file(self.out / "scene.toml") as temporary:
+                temporary.write_text(self.scene.to_toml())
+
+    @contextmanager
+    def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:
+        """Say of an error that the disk is full, and how far the run came."""
+        try:
+            yield
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise OSError(
+                f"{self.out}: the disk is full at g = {growth():.3f}. What was written stands; free some space and go "
+                "on with --resume."
+            ) from error
+
+    def log(self, lines: list[dict[str, Any]]) -> None:
+        """All lines of ``log.jsonl``."""
+        with atomic_file(self.out / "log.jsonl") as temporary:
+            temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
+
+    def arrays(self, name: str, arrays: Mapping[str, NDArray]) -> None:
+        """Arrays by name, as ``NAME`` (.npz)."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)                                      # type: ignore[arg-type]
+        with atomic_file(self.out / name) as temporary:
+            temporary.write_bytes(buffer.getvalue())
+
+    def health_of(self, g: float) -> dict[str, Any] | None:
+        """Numbers of a stage that was written before a stop."""
+        path = stage_folder(self.out, g) / "stage.json"
+        return json.loads(path.read_text())["health"] if path.exists() else None
+
+    def stage(
+        self, g: float, white: Surface, pial: Surface, *, portion: float, reference_radius: float,
+        numbers: Mapping[str, Any], warnings: list[str], beside: Callable[[Path], None] = lambda folder: None,
+    ) -> None:  # fmt: skip
+        """The surfaces of a stage, their maps, ``stage.json``, and what ``beside`` writes into the same folder."""
+        scene = self.scene
+        info: dict[str, Any] = {
+            "name": scene.name,
+            "g": g,
+            "law": scene.growth.law,
+            "mu_ratio": scene.material.mu_ratio,
+            "shape": scene.geometry.shape,
+            "reference_thickness": scene.geometry.cortex_thickness,
+            "reference_radius": reference_radius,
+            "portion": portion,
+            "units": "mm",
+            "health": numbers,
+            "warnings": warnings,
+        }
+        cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=portion, info=info)
+        maps = self._describe(cortex)
+        missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
+        if missing:
+            info["vertices_without_value_written_as_0"] = missing
+        with atomic_folder(stage_folder(self.out, g)) as temporary:
+            (temporary / "surf").mkdir()
+            for surface in (white, pial):
+                write_surface(temporary / "surf" / surface.name, surface)
+            for name, values in maps.items():
+                write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
+            beside(temporary)
+            _write_json(temporary / "stage.json", info)
+
+    def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
+        """``health.json``, with which a run is finished."""
+        effects = self.scene.effects
+        content = {
+            "morphofold": __version__,
+            "healthy": not warnings,
+            "warnings": warnings,
+            "stages": stages,
+            **numbers,
+            "effects": list(self.scene.called_effects),
+            "effects_left_out": [name for name in type(effects).model_fields if name not in effects.named],
+        }
+        _write_json(self.out / "health.json", content)
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
