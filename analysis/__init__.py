@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from morphofold.analysis.depth import sulcal_depth
     from morphofold.analysis.gyrification import gyrification_index
     from morphofold.analysis.measures import Measures, measure
+    from morphofold.analysis.prominence import prominent_peaks
     from morphofold.analysis.regions import region_table
+    from morphofold.analysis.spectrum import Spectrum, power_spectrum
     from morphofold.analysis.thickness import GyralThickness, cortical_thickness, gyral_thickness
 
 _PUBLIC = {
@@ -28,6 +30,7 @@ _PUBLIC = {
     "FoldingIndices": "_curvature",
     "GyralThickness": "thickness",
     "Measures": "measures",
+    "Spectrum": "spectrum",
     "cortical_thickness": "thickness",
     "curvature": "_curvature",
     "euler_characteristic": "_mesh",
@@ -35,15 +38,17 @@ _PUBLIC = {
     "gyral_thickness": "thickness",
     "gyrification_index": "gyrification",
     "measure": "measures",
+    "power_spectrum": "spectrum",
+    "prominent_peaks": "prominence",
     "region_table": "regions",
     "sulcal_depth": "depth",
     "vertex_areas": "_mesh",
     "vertex_normals": "_mesh",
 }
 __all__ = [
-    "Curvature", "FoldingIndices", "GyralThickness", "Measures", "cortical_thickness", "curvature",
-    "euler_characteristic", "folding_indices", "gyral_thickness", "gyrification_index", "measure", "region_table",
-    "sulcal_depth", "vertex_areas", "vertex_normals",
+    "Curvature", "FoldingIndices", "GyralThickness", "Measures", "Spectrum", "cortical_thickness", "curvature",
+    "euler_characteristic", "folding_indices", "gyral_thickness", "gyrification_index", "measure", "power_spectrum",
+    "prominent_peaks", "region_table", "sulcal_depth", "vertex_areas", "vertex_normals",
 ]  # fmt: skip
 
 

@@ -1,6 +1,9 @@
 """Readable twins of the measuring room's kernels: the same mathematics in plain NumPy, one vertex at a time."""
 
+from math import factorial
+
 import numpy as np
+from scipy.special import lpmv
 
 
 def vertex_areas(verts, faces):
@@ -85,3 +88,9 @@ def distance_to_convex_hull(verts, points):
             best = min(best, np.sqrt(found.fun))
         answer.append(best)
     return np.array(answer)
+
+
+def harmonic(directions, l, m):
+    """Complex spherical harmonic of degree l and order m >= 0 at unit directions (N, 3); int |Y|^2 = 1."""
+    size = np.sqrt((2 * l + 1) / (4 * np.pi) * factorial(l - m) / factorial(l + m))
+    return size * lpmv(m, l, directions[:, 2]) * np.exp(1j * m * np.arctan2(directions[:, 1], directions[:, 0]))
