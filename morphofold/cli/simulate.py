@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -32,11 +37,22 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(health, indent=1))
         return 0
     last = health["stages"][-1]
-    print(
-        f"{simulation.path}: {len(health['stages'])} stages to g = {last['growth']:.2f}, "
-        f"{health['elements']:,} bricks, {health['steps']:,} steps in {health['seconds']:.0f} s; "
-        f"min J {last['min_J']:.2f}, {last['crossings']} crossings, {'healthy' if health['healthy'] else 'NOT healthy'}"
-    )
+    stages = f"{len(health['stages'])} stages to g = {last['growth']:.2f}"
+    print(f"{simulation.path}: {stages}, {_what_was_done(scene, health)}")
     for warning in health["warnings"]:
         print(f"warning: {warning}")
     return 0
+
+
+def _what_was_done(scene: Scene, health: Mapping[str, Any]) -> str:
+    last, shape = health["stages"][-1], scene.geometry.shape
+    if shape == "radial":
+        return (
+            f"in one dimension in {health['seconds']:.1f} s; outer radius {last['mean_radius_mm']:.2f} mm, "
+            f"min J {last['min_J']:.3f}"
+        )
+    return (
+        f"{health['elements']:,} {'tetrahedra' if shape == 'mesh' else 'bricks'}, {health['steps']:,} steps in "
+        f"{health['seconds']:.0f} s; min J {last['min_J']:.2f}, {last['crossings']} crossings, "
+        f"{'healthy' if health['healthy'] else 'NOT healthy'}"
+    )

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from morphofold.sim.body import Body
+from typing import TYPE_CHECKING
+
 from morphofold.sim.effects import Effect
+
+if TYPE_CHECKING:                                       # a body of one dimension calls for this effect too
+    from morphofold.sim.body import Body
 
 
 def build(options, scene) -> CoreGrowth:
@@ -11,12 +15,12 @@ def build(options, scene) -> CoreGrowth:
 
 
 class CoreGrowth(Effect):
-    """The core takes a fixed share of the growth g - 1 of the cortex."""
+    """The core takes a fixed ``share`` of the growth g - 1 of the cortex."""
 
     name = "core_growth"
 
     def __init__(self, share: float):
-        self._share = share
+        self.share = share
 
     def prepare(self, body: Body) -> None:
-        body.core_share = self._share
+        body.core_share = self.share

@@ -1,0 +1,148 @@
+"""A scene in one dimension: radial equilibria by finite elements, written as a simulation folder like any other.
+
+The sphere stays one, whether stable or not; nothing of the solver in three dimensions is imported. A stage costs
+some hundredths of a second, and its measuring more than that.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.shapes import icosphere
+from morphofold.sim.effects import build_effects
+from morphofold.sim.folder import FolderWriter
+from morphofold.sim.growth import volume as det_G
+from morphofold.sim.radial_statics import LAYERS, RadialState, radial_equilibrium
+from morphofold.sim.scene import Scene
+from morphofold.surface import Surface
+
+Array = NDArray[np.float64]
+
+SPHERE_LEVEL = 4        # of the icosphere that is written: 2,562 vertices
+POINTS = 41             # of the written profile, in each layer
+QUADRATURE = 64         # Gauss points in each layer for the energy
+
+
+class RadialRun:
+    """One run of a scene whose shape is radial."""
+
+    def __init__(
+        self, scene: Scene, writer: FolderWriter, progress: Callable[[float, str], None],
+        interrupted: Callable[[], bool],
+    ):  # fmt: skip
+        self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted
+        self._effects = build_effects(scene)
+        self._share = next((effect.share for effect in self._effects if effect.name == "core_growth"), 0.0)
+
+    def go(self) -> None:
+        started, growth = time.perf_counter(), 1.0
+        self._writer.begin()
+        stages: list[dict[str, Any]] = []
+        log: list[dict[str, Any]] = []
+        solving = 0.0
+        with self._writer.telling_a_full_disk(lambda: growth):
+            for growth in self._scene.stages:
+                before = time.perf_counter()
+                state = self.equilibrium(growth)
+                numbers = {"growth": growth, "step": 0, **self.numbers(state, growth)}
+                solving += time.perf_counter() - before
+                if self._writer.health_of(growth) is None:              # else written before a stop
+                    self._write_stage(growth, state, numbers)
+                stages.append(numbers)
+                log.append({**numbers, "elapsed": round(time.perf_counter() - started, 3),
+                            "effects": {effect.name: {} for effect in self._effects}})  # fmt: skip
+                self._writer.log(log)
+                self._progress(0.99 * len(stages) / len(self._scene.stages),
+                               f"g {growth:.3f}, min J {numbers['min_J']:.2f}")  # fmt: skip
+                if self._interrupted():
+                    raise KeyboardInterrupt
+            self._writer.health(
+                stages, [], quadrature_points=len(state.R), steps=0,
+                seconds=round(time.perf_counter() - started, 2), seconds_by_phase={"radial": round(solving, 3)},
+            )  # fmt: skip
+        self._progress(1.0, "done")
+
+    def equilibrium(self, g: float) -> RadialState:
+        """The sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
+        geometry, material = self._scene.geometry, self._scene.material
+        return radial_equilibrium(
+            g, geometry.cortex_thickness / geometry.radius, material.mu_ratio, self._scene.growth.law,
+            material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius, g_core=self._core(g),
+        )  # fmt: skip
+
+    def _core(self, g: float) -> float:
+        return 1 + (g - 1) * self._share
+
+    def numbers(self, state: RadialState, g: float) -> dict[str, float]:
+        """What the health of a stage says, of a sphere: in units of mm and of the core's shear modulus."""
+        radius = self._scene.geometry.radius
+        white, pial = self._radii(state)
+        grown = 1 - (1 - self._scene.geometry.cortex_thickness / radius) ** 3
+        grown *= det_G(g, self._scene.growth.law) * radius**3
+        return {
+            "strain_energy": self._energy(state, g),
+            "kinetic_energy": 0.0,
+            "kinetic_over_strain": 0.0,
+            "min_J": float(state.J.min()),
+            "lowest_J": float(state.J.min()),
+            "overlap": 0.0,
+            "winding_max": 1,
+            "crossings": 0,
+            "deepest_crossing": 0.0,
+            "volume_drift": abs((pial**3 - white**3) / grown - 1),
+            "mean_radius_mm": pial,
+        }
+
+    def _radii(self, state: RadialState) -> tuple[float, float]:
+        """Deformed radii of the white and the pial surface [mm]."""
+        B = 1 - self._scene.geometry.cortex_thickness / self._scene.geometry.radius
+        white, pial = self._scene.geometry.radius * state.at([B, 1.0], "cortex").r
+        return float(white), float(pial)
+
+    def _energy(self, state: RadialState, g: float) -> float:
+        """Elastic energy [mu of the core mm^3]: the integral of det G W of ``material.energy`` over the layers."""
+        nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
+        material, isotropic, total = self._scene.material, self._scene.growth.law == "isotropic", 0.0
+        for layer, mu in zip(LAYERS, (1.0, material.mu_ratio)):
+            low, high = self._ends(layer)
+            at = state.at(low + (high - low) * (nodes + 1) / 2, layer)
+            tangential = g if layer == "cortex" else self._core(g)
+            grown = tangential**3 if isotropic or layer == "core" else tangential**2
+            beta = at.r / (at.R * tangential)
+            invariant = at.J ** (-2 / 3) * ((at.J / beta**2) ** 2 + 2 * beta**2)
+            W = 0.5 * mu * (invariant - 3) + 0.5 * material.kappa_ratio * mu * (at.J - 1) ** 2
+            total += 0.5 * (high - low) * float(np.sum(weights * grown * W * 4 * np.pi * at.R**2))
+        return total * self._scene.geometry.radius**3
+
+    def _ends(self, layer: str) -> tuple[float, float]:
+        """Inner and outer radius of a layer over that of the sphere."""
+        geometry = self._scene.geometry
+        B = 1 - geometry.cortex_thickness / geometry.radius
+        return (geometry.hole_radius / geometry.radius, B) if layer == "core" else (B, 1.0)
+
+    def _write_stage(self, g: float, state: RadialState, numbers: dict[str, Any]) -> None:
+        verts, faces = icosphere(SPHERE_LEVEL)
+        white, pial = (Surface(r * verts, faces, name=f"lh.{name}")
+                       for r, name in zip(self._radii(state), ("white", "pial")))  # fmt: skip
+        self._writer.stage(
+            g, white, pial, portion=1.0, reference_radius=self._scene.geometry.radius, numbers=numbers, warnings=[],
+            beside=lambda folder: self._write_profile(folder / "profile.tsv", state),
+        )  # fmt: skip
+
+    def _write_profile(self, path: Path, state: RadialState) -> None:
+        """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""
+        C = self._scene.geometry.radius
+        lines = ["layer\tR_mm\tr_mm\tsigma_r\tsigma_theta\tJ"]
+        for layer in LAYERS:
+            at = state.at(np.linspace(*self._ends(layer), POINTS), layer)
+            lines += [
+                f"{layer}\t{C * R:.9g}\t{C * r:.9g}\t{s:.9g}\t{t:.9g}\t{J:.9g}"
+                for R, r, s, t, J in zip(at.R, at.r, at.sigma_r, at.sigma_theta, at.J)
+            ]
+        path.write_text("\n".join(lines) + "\n")

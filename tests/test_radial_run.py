@@ -1,0 +1,144 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import morphofold as mf
+from morphofold.cli import main
+from morphofold.sim import theory
+from morphofold.sim.material import energy
+from morphofold.sim.run import simulate
+
+COLUMNS = ["layer", "R_mm", "r_mm", "sigma_r", "sigma_theta", "J"]
+
+
+@pytest.fixture(scope="module")
+def fig3(tmp_path_factory):
+    return simulate("fig3", tmp_path_factory.mktemp("radial") / "fig3", settings=["output.stages=[1.2, 1.5]"])
+
+
+def profile(simulation, g):
+    """Columns of a stage's profile by name, and whether each row lies in the cortex."""
+    head, *rows = (simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv").read_text().splitlines()
+    assert head.split("\t") == COLUMNS
+    layers, *columns = zip(*(row.split("\t") for row in rows))
+    return dict(zip(COLUMNS[1:], np.array(columns, dtype=float))), np.array(layers) == "cortex"
+
+
+def test_the_radius_of_fig_3a_follows_equation_11(fig3):
+    assert fig3.stages == (1.2, 1.5, 2.0)
+    for stage in fig3.health["stages"]:
+        exact = 48 * theory.deformed_radius(stage["growth"], 50 / 48)
+        assert stage["mean_radius_mm"] == pytest.approx(exact, rel=1.5e-3)      # kappa = 2000 mu, and p = -5 mu
+
+
+def test_the_stresses_of_fig_3b_are_those_of_the_theory(fig3):
+    exact = theory.stresses(2.0, 48.0, 50.0, A=25.0)
+    found, cortex = profile(fig3, 2.0)
+    for name in ("sigma_r", "sigma_theta"):
+        at = np.interp(found["r_mm"][cortex], exact.r, getattr(exact, name))
+        np.testing.assert_allclose(found[name][cortex], at, atol=0.02 * np.abs(exact.sigma_theta).max())
+    assert found["sigma_r"][-1] == pytest.approx(0, abs=1e-6)                   # a free surface
+
+
+def test_a_profile_goes_through_both_layers_in_mm(fig3):
+    found, cortex = profile(fig3, 1.5)
+    assert found["R_mm"][[0, -1]] == pytest.approx([25, 50])
+    assert found["R_mm"][cortex].min() == found["R_mm"][~cortex].max() == pytest.approx(48)
+    assert found["r_mm"][0] == pytest.approx(25)                                # the hole is held
+    assert np.all(np.diff(found["r_mm"][cortex]) > 0)
+    interface = np.flatnonzero(found["R_mm"] == 48)
+    assert np.ptp(found["r_mm"][interface]) < 1e-7
+    assert np.ptp(found["sigma_r"][interface]) < 1e-4                           # equilibrium; sigma_theta jumps
+    assert np.ptp(found["sigma_theta"][interface]) > 1
+
+
+def test_the_surfaces_of_a_stage_are_the_spheres_of_its_profile(fig3):
+    cortex, (found, outer) = fig3.cortex(1.5), profile(fig3, 1.5)
+    for surface, r in ((cortex.white, found["r_mm"][outer][0]), (cortex.pial, found["r_mm"][-1])):
+        np.testing.assert_allclose(np.linalg.norm(surface.verts, axis=1), r, rtol=1e-6)
+        assert 2_000 < len(surface.verts) < 10_000
+    assert (cortex.portion, cortex.info["shape"], cortex.info["reference_radius"]) == (1.0, "radial", 50.0)
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_the_energy_is_that_of_the_material_over_the_grown_body(tmp_path, law):
+    settings = [f"growth.law={law}", "output.stages=[]", "growth.final=1.5", "effects.core_growth.final=1.1"]
+    simulation = simulate("fig3-thick", tmp_path / "x", settings=[*settings, "material.mu_ratio=2"])
+    found, cortex = profile(simulation, 1.5)
+    total = 0.0
+    for layer, g, mu in ((~cortex, 1.1, 1.0), (cortex, 1.5, 2.0)):
+        R, r, J = (found[name][layer] for name in ("R_mm", "r_mm", "J"))
+        beta = r / R / g
+        A = np.zeros((len(R), 3, 3))
+        A[:, 0, 0], A[:, 1, 1], A[:, 2, 2] = J / beta**2, beta, beta
+        grown = g**2 if law == "tangential" and mu == 2 else g**3
+        total += np.trapezoid(grown * energy(A, mu, 2000.0 * mu) * 4 * np.pi * R**2, R)
+    assert simulation.health["stages"][0]["strain_energy"] == pytest.approx(total, rel=1e-3)
+
+
+def test_a_core_that_grows_follows_equations_9_and_10(tmp_path):
+    soft = ["material.kappa_ratio=2000", "material.mu_ratio=1", "output.stages=[1.4]"]
+    simulation = simulate("radial", tmp_path / "x", settings=soft)
+    for g, core in ((1.4, 1.1), (1.8, 1.2)):                                    # its share of the way: 0.2 to 0.8
+        found, _ = profile(simulation, g)
+        for name, R in (("white", 47.0), ("pial", 50.0)):
+            exact = 47 * theory.deformed_radius(g, 50 / 47, R_bar=R / 47, g_core=core, A_bar=25 / 47)
+            at = found["r_mm"][np.flatnonzero(found["R_mm"] == R)[-1]]
+            assert at == pytest.approx(exact, rel=2e-3), name
+    assert simulation.health["effects"] == ["core_growth"]
+
+
+def test_a_scene_of_one_dimension_never_touches_the_solver_of_three(tmp_path):
+    code = (
+        "import sys, morphofold as mf; mf.simulate('fig3', 'x', settings=['output.stages=[1.5]'])\n"
+        "print(*[m.removeprefix('morphofold.sim.') for m in sys.modules if m.startswith('morphofold.sim.')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert {"radial_run", "radial_statics"} <= loaded
+    assert not loaded & {"kernels", "dynamics", "body", "mesh", "bricks", "geometry", "health"}
+    assert not [name for name in loaded if name.startswith("effects.")]
+    health = json.loads((tmp_path / "x" / "health.json").read_text())
+    assert set(health["seconds_by_phase"]) == {"radial"}
+    assert health["effects"] == []
+
+
+def test_a_radial_stage_carries_the_maps_of_a_freesurfer_subject(tmp_path):
+    cortex = mf.simulate("fig3-thick", tmp_path / "x", settings=["output.stages=[]", "growth.final=1.5"]).cortex()
+    white, pial = (np.linalg.norm(s.verts, axis=1).mean() for s in (cortex.white, cortex.pial))
+    assert cortex.maps["thickness"].mean() == pytest.approx(pial - white, rel=1e-2)
+    assert cortex.maps["curv"].mean() == pytest.approx(-1 / white, rel=1e-2)
+
+
+def test_a_stopped_radial_run_goes_on_with_the_stages_left(fig3, tmp_path):
+    class Stop(Exception):
+        pass
+
+    def stop(share, text):
+        raise Stop
+
+    settings, out = ["output.stages=[1.2, 1.5]"], tmp_path / "fig3"
+    with pytest.raises(Stop):
+        simulate("fig3", out, settings=settings, progress=stop)
+    assert [p.name for p in (out / "stages").iterdir()] == ["g1.20"]
+    written = (out / "stages" / "g1.20" / "stage.json").stat().st_mtime_ns
+    again = simulate("fig3", out, settings=settings, resume=True)
+    assert (out / "stages" / "g1.20" / "stage.json").stat().st_mtime_ns == written
+    assert again.stages == fig3.stages
+    assert again.health["stages"] == fig3.health["stages"]
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    assert [line["growth"] for line in lines] == [1.2, 1.5, 2.0]
+    with pytest.raises(FileExistsError, match="ask to resume"):
+        simulate("fig3", out, settings=settings)
+
+
+def test_the_command_tells_the_radius(tmp_path, capsys):
+    out = tmp_path / "x"
+    settings = ["--set", "growth.final=1.5", "--set", "output.stages=[]"]
+    assert main(["simulate", "fig3", "-o", str(out), *settings, "-q"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(f"{out}: 1 stages to g = 1.50, in one dimension in ")
+    assert "outer radius 54.2" in told
