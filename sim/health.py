@@ -136,10 +136,10 @@ def _along_rays(verts, faces, bounds, order, directions):
     most, centre = np.zeros(rays, dtype=np.int64), np.zeros(rays, dtype=np.int64)
     for r in prange(rays):
         at, sign = np.empty(64), np.empty(64)
-        hits, centre[r] = ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign, -1)
+        hits, centre[r] = ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign)
         if hits > len(at):
             at, sign = np.empty(hits), np.empty(hits)
-            ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign, -1)
+            ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign)
         twice[r], once[r], most[r] = _lengths(at[:hits], sign[:hits])
     return twice, once, most, centre
 

@@ -281,7 +281,7 @@ def _passed(verts, faces, normals, bounds, order, single, radius):
             continue
         own = np.int64(i)                                               # prange counts in another type: compiled once
         distance = _wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
-        if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none, own)[1] > 0:
+        if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
             behind[i] = distance
     return behind
 

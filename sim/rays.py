@@ -11,7 +11,7 @@ from morphofold.sim.vectors import cross, dot, less
 
 
 @njit(cache=True)
-def ray_hits(verts, faces, bounds, order, origin, direction, at, sign, own):
+def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     """Where a ray crosses a surface, and which way: exact, also through edges and vertices.
 
     Where it meets an edge or a vertex, the ray counts as turned towards ASIDE by next to nothing: of the faces there it
@@ -25,8 +25,6 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign, own):
         Unit direction.
     at, sign : (S,) float64
         Written: distance [mm] and sign of each hit, 1 outwards and -1 inwards, unsorted, as many as fit.
-    own : int
-        Faces of this vertex are left out; -1: none are.
 
     Returns
     -------
@@ -42,8 +40,6 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign, own):
                 continue
             for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
                 i, j, l = faces[order[s]]
-                if i == own or j == own or l == own:
-                    continue
                 a, b, c = verts[i], verts[j], verts[l]
                 hit = _ray_sign(a, b, c, origin, direction)
                 if hit != 0:

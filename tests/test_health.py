@@ -88,6 +88,14 @@ def test_bodies_in_one_another_are_covered_as_often_as_there_are_bodies():
     assert thrice.most == 3
 
 
+def test_any_number_of_walls_along_a_ray_is_counted():
+    verts, faces = icosphere(1, radius=10.0)
+    scale = np.linspace(0.1, 1, 100)
+    found = cover(joined(*(s * verts for s in scale), faces=faces), rays=50)
+    assert found.most == 100
+    assert found.twice == pytest.approx(scale[-2])
+
+
 def test_a_shell_turned_inwards_leaves_a_hole_that_is_covered_no_more():
     verts, faces = icosphere(3, radius=10.0)
     shells = Surface(
