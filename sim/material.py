@@ -1,7 +1,7 @@
-"""Neo-Hookean energy and stress in the elastic tensor A, and its Q1P0 form on a brick. Readable twins of the kernels.
+"""Neo-Hookean energy and stress in the elastic tensor A, and its form on a brick and on a patch of tetrahedra.
 
-The kernels of the explicit solver evaluate ``brick_energy`` and its gradient in another arrangement; a test
-holds the two together. Everything here is plain NumPy with trailing 3x3 axes.
+Readable twins: the kernels of the explicit solver evaluate ``brick_energy``, ``patch_energy`` and their gradients in
+another arrangement; tests hold them together. Everything here is plain NumPy with trailing 3x3 axes.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim.kernels import J_MIN
+from morphofold.sim.tet_kernels import BLEND, CRUSHED
 
 Array = NDArray[np.float64]
 
@@ -87,3 +88,63 @@ def brick_stress(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
     ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
     pressure = (kappa * (ratio - 1))[:, None, None, None]
     return stress(A, mu[:, None], 2 * mu[:, None]) + pressure * cofactor(A)
+
+
+def isochoric_energy(A: Array, mu: Array | float) -> Array:
+    """Volume-preserving energy of tetrahedra per grown volume [Pa], ``mu/2 (phi(J) tr(A^T A) - 3)``.
+
+    That of :func:`energy` but for crushed ones: phi = J^-2/3 goes on as its tangent where J < 0.03, so that the
+    stress is continuous and the resistance to collapse never gives way.
+    """
+    J = np.linalg.det(A)
+    held = np.maximum(J, CRUSHED)
+    phi = held ** (-2 / 3) - 2 / 3 * held ** (-5 / 3) * (J - held)
+    return 0.5 * mu * (phi * np.einsum("...ij,...ij->...", A, A) - 3)
+
+
+def isochoric_stress(A: Array, mu: Array | float) -> Array:
+    """First Piola-Kirchhoff stress dU/dA [Pa] of :func:`isochoric_energy`, (..., 3, 3)."""
+    J = np.linalg.det(A)
+    held = np.maximum(J, CRUSHED)
+    phi = held ** (-2 / 3) - 2 / 3 * held ** (-5 / 3) * (J - held)
+    slope = -held ** (-5 / 3) / 3 * np.einsum("...ij,...ij->...", A, A)
+    return np.asarray(mu * phi)[..., None, None] * A + np.asarray(mu * slope)[..., None, None] * cofactor(A)
+
+
+def patch_energy(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
+    """Energy of patches of tetrahedra.
+
+    Parameters
+    ----------
+    A : (P, T, 3, 3) float64
+        Elastic tensor of each tetrahedron.
+    w : (P, T) float64
+        Its grown volume [mm^3]; 0 where a patch has fewer than T.
+    mu, kappa : (P,) float64
+        Moduli of each patch.
+
+    Returns
+    -------
+    (P,) float64
+        ``BLEND sum_t w_t U(A_t) + (1 - BLEND) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the :func:`isochoric_energy`,
+        V = sum w, v = sum w J, Am = sum w A / V. One pressure for a patch keeps it from locking (de Souza Neto et al.
+        2005, F-bar patch); the share of the mean gradient takes away most of what else makes linear tetrahedra
+        stiff, and the share of each tetrahedron's own keeps it from collapsing.
+    """
+    V = w.sum(axis=1)
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
+    own = (w * isochoric_energy(A, mu[:, None])).sum(axis=1)
+    common = V * isochoric_energy(_mean(A, w), mu)
+    return BLEND * own + (1 - BLEND) * common + 0.5 * kappa * V * (ratio - 1) ** 2
+
+
+def patch_stress(A: Array, w: Array, mu: Array, kappa: Array) -> Array:
+    """dE/dA / w of :func:`patch_energy` for each tetrahedron, (P, T, 3, 3) [Pa]."""
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (ratio - 1))[:, None, None, None]
+    common = isochoric_stress(_mean(A, w), mu)[:, None]
+    return BLEND * isochoric_stress(A, mu[:, None]) + (1 - BLEND) * common + pressure * cofactor(A)
+
+
+def _mean(A: Array, w: Array) -> Array:
+    return np.einsum("pt,ptij->pij", w, A) / w.sum(axis=1)[:, None, None]

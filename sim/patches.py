@@ -1,0 +1,143 @@
+"""Patches of a tetrahedral mesh: groups of up to six tetrahedra of one material that share faces.
+
+A linear tetrahedron is too stiff alone; six of them with one pressure and one mean gradient behave like a brick. On
+a mesh that was split from bricks, six around a diagonal each, the patches are the bricks. Elsewhere they grow
+greedily: from the tetrahedron with the fewest free neighbours, by the neighbour that adds no new node, else the one
+that would be left alone soonest, else the nearest. Nothing is random, and most patches come out with five or six.
+"""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from skfem import MeshTet
+
+from morphofold.sim.tet_kernels import NODES, TETS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
+    """Cluster tetrahedra into patches of at most 6 with at most 8 nodes.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshTet
+    X : (N, 3) float64
+        Positions of its nodes.
+    material : (E,) int
+        Only tetrahedra of the same number share a patch.
+
+    Returns
+    -------
+    patches : (P, 6) int
+        Tetrahedra of each patch, -1 where it has fewer; every tetrahedron stands in one. They are ordered by
+        their lowest node, so that neighbours stand near each other as far as nodes do.
+    """
+    patch, rings = _rings(mesh, X, material)
+    across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)     # the other one of the two at a face
+    across[material[across] != material] = -1                                  # also -1, at the boundary
+    tets = np.ascontiguousarray(mesh.t.T)
+    count = _grow(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
+    order = np.argsort(patch, kind="stable")
+    size = np.bincount(patch, minlength=count)
+    patches = np.full((count, TETS), -1)
+    patches[patch[order], np.arange(mesh.nelements) - np.repeat(np.cumsum(size) - size, size)] = order
+    lowest = tets.min(axis=1)[patches].min(axis=1, where=patches >= 0, initial=len(X))
+    return patches[np.argsort(lowest, kind="stable")]
+
+
+def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
+    """Patch of each tetrahedron, -1 for none yet, and their number: rings of six around an edge, the longest first.
+
+    Of the edges that have six tetrahedra around them, each tetrahedron names its longest; where all six name the
+    same one, they are a patch. In a brick cut along its diagonal that edge is the diagonal.
+    """
+    a, b = mesh.edges
+    count = len(a)
+    around = np.bincount(mesh.t2e.ravel(), minlength=count)
+    length = np.where(around == TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
+    longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
+    lowest, highest = np.full(count, material.max()), np.full(count, material.min())
+    np.minimum.at(lowest, longest, material)
+    np.maximum.at(highest, longest, material)
+    named = np.bincount(longest, minlength=count)
+    ring = (around == TETS) & (named == TETS) & (lowest == highest)
+    return np.where(ring, np.cumsum(ring) - 1, -1)[longest], int(ring.sum())
+
+
+@njit(cache=True)
+def _free_neighbours(across, patch):
+    """For each tetrahedron, how many of its neighbours have no patch."""
+    free = np.zeros(len(across), np.int64)
+    for e in range(len(across)):
+        for i in range(4):
+            if across[e, i] >= 0 and patch[across[e, i]] < 0:
+                free[e] += 1
+    return free
+
+
+@njit(cache=True)
+def _known(nodes, count, tet):
+    """How many corners of ``tet`` are among the first ``count`` of ``nodes``."""
+    known = 0
+    for c in range(4):
+        for k in range(count):
+            known += nodes[k] == tet[c]
+    return known
+
+
+@njit(cache=True)
+def _next(tets, across, centre, patch, free, members, size, nodes, count):
+    """The neighbour by which a patch should grow, or -1."""
+    best, score = -1, (0, 0, 0.0, 0)
+    at = np.zeros(3)
+    for k in range(size):
+        at += centre[members[k]] / size
+    for k in range(size):
+        for i in range(4):
+            e = across[members[k], i]
+            if e < 0 or patch[e] >= 0:
+                continue
+            known = _known(nodes, count, tets[e])
+            if count + 4 - known > NODES:
+                continue
+            far = (centre[e, 0] - at[0]) ** 2 + (centre[e, 1] - at[1]) ** 2 + (centre[e, 2] - at[2]) ** 2
+            mine = (4 - known, free[e], far, e)
+            if best < 0 or mine < score:
+                best, score = e, mine
+    return best
+
+
+@njit(cache=True)
+def _grow(tets, across, centre, patch, count):
+    """Give each tetrahedron without a patch one, numbered from ``count``; returns the number of patches."""
+    free = _free_neighbours(across, patch)
+    heap = [(free[e], e) for e in range(len(tets)) if patch[e] < 0]
+    heapq.heapify(heap)
+    members, nodes = np.empty(TETS, np.int64), np.empty(NODES, np.int64)
+    while len(heap):
+        f, e = heapq.heappop(heap)
+        if patch[e] >= 0 or f != free[e]:                               # an entry that is out of date
+            continue
+        size, known = 0, 0
+        while e >= 0:
+            patch[e], members[size] = count, e
+            size += 1
+            for n in tets[e]:
+                if not (nodes[:known] == n).any():
+                    nodes[known] = n
+                    known += 1
+            for i in range(4):
+                o = across[e, i]
+                if o >= 0:
+                    free[o] -= 1
+                    if patch[o] < 0:
+                        heapq.heappush(heap, (free[o], o))
+            e = _next(tets, across, centre, patch, free, members, size, nodes, known) if size < TETS else -1
+        count += 1
+    return count

@@ -1,0 +1,367 @@
+"""Numba loops of the tetrahedral element: nodal forces, growth and state of patches of linear tetrahedra.
+
+The element is a patch of up to six tetrahedra of one material that share faces. Linear tetrahedra alone are too
+stiff: nearly incompressible they lock, and they follow a shear that no single one of them can follow. A patch has one
+pressure, from its mean volume ratio, and takes a share 1 - BLEND of its volume-preserving energy from its mean
+gradient. With F the deformation gradient of a tetrahedron, A = F G^-1, J = det A, w its grown volume, V = sum w,
+Am = sum w A / V, and U(A) = mu/2 (phi(J) tr(A^T A) - 3), phi = J^-2/3,
+
+    W = BLEND sum w U(A) + (1 - BLEND) V U(Am) + kappa/2 V (sum w J / V - 1)^2.
+
+Nothing but U keeps a single tetrahedron from collapsing while its patch keeps its volume, so U must not give way:
+where J < CRUSHED, phi goes on as its tangent. Frozen there, as in bricks, it lets tetrahedra snap through to J = 0.
+
+A tetrahedron enters with its edge vectors: ``d`` as it is, ``e`` as growth would leave it, both as matrices whose
+columns are three edges from its first corner. So A = d e^-1 and w = det e / 6, and with k the cofactors of e the
+gradient of w U with respect to the edges d is dU/dA k / 6.
+
+Patches lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH), in the manner of ``kernels``. Positions are
+fetched once per node of a patch, forces summed once per node, so that a node gathers from patches, not from
+tetrahedra; which corner of a tetrahedron is which node of its patch is read lane by lane, so a patch may have
+any shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from morphofold.sim.kernels import _FAST, _U, _W, WIDTH, _cofactor, deliver, fetch
+
+TETS = 6                # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
+NODES = 8               # nodes of a patch at most
+BLEND = 0.5             # share of the volume-preserving energy that each tetrahedron has of its own
+CRUSHED = 0.03          # volume ratio below which U goes on with a tangent
+
+_TINY = 1e-300
+
+
+@njit(forceinline=True)
+def _to_edges(near, corner, d):
+    """Edge vectors, coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r, from row 3 c + r for node c."""
+    for t in range(TETS):
+        for l in range(WIDTH):
+            o = 3 * WIDTH * np.int64(corner[4 * t * WIDTH + l]) + l
+            x0, x1, x2 = near[o], near[o + WIDTH], near[o + 2 * WIDTH]
+            for i in range(3):
+                o = 3 * WIDTH * np.int64(corner[(4 * t + i + 1) * WIDTH + l]) + l
+                row = (9 * t + 3 * i) * WIDTH + l
+                d[row] = near[o] - x0
+                d[row + WIDTH] = near[o + WIDTH] - x1
+                d[row + 2 * WIDTH] = near[o + 2 * WIDTH] - x2
+
+
+@njit(forceinline=True)
+def _to_nodes(q, corner, f):
+    """Minus the gradient for the nodes of each patch into ``f``, from that for the edges: _to_edges transposed."""
+    f[:] = 0.0
+    for t in range(TETS):
+        for l in range(WIDTH):
+            s0, s1, s2 = 0.0, 0.0, 0.0
+            for i in range(3):
+                o = 3 * WIDTH * np.int64(corner[(4 * t + i + 1) * WIDTH + l]) + l
+                row = (9 * t + 3 * i) * WIDTH + l
+                q0, q1, q2 = q[row], q[row + WIDTH], q[row + 2 * WIDTH]
+                f[o] -= q0
+                f[o + WIDTH] -= q1
+                f[o + 2 * WIDTH] -= q2
+                s0 += q0
+                s1 += q1
+                s2 += q2
+            o = 3 * WIDTH * np.int64(corner[4 * t * WIDTH + l]) + l
+            f[o] += s0
+            f[o + WIDTH] += s1
+            f[o + 2 * WIDTH] += s2
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _inverse_cube_root(J):
+    """J^-1/3 to round-off for 0.02 < J < 50, without a branch: two steps of Halley's, then three of fourth order."""
+    y = (J + 2.0) / (2.0 * J + 1.0)
+    r = J * y * y * y
+    y *= (r + 2.0) / (2.0 * r + 1.0)
+    for _ in range(3):
+        e = 1.0 - J * y * y * y
+        y += y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
+    return y
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _det(a):
+    return (a[0] * (a[4] * a[8] - a[5] * a[7]) + a[1] * (a[5] * a[6] - a[3] * a[8])
+            + a[2] * (a[3] * a[7] - a[4] * a[6]))  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _nine(m, l):
+    """The 3x3 matrix in the nine rows from ``l``, column by column."""
+    return (m[l], m[l + _W], m[l + _U(2) * _W], m[l + _U(3) * _W], m[l + _U(4) * _W], m[l + _U(5) * _W],
+            m[l + _U(6) * _W], m[l + _U(7) * _W], m[l + _U(8) * _W])  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _put(m, l, a):
+    """The transpose of :func:`_nine`: a 3x3 matrix into the nine rows from ``l``."""
+    m[l], m[l + _W], m[l + _U(2) * _W] = a[0], a[1], a[2]
+    m[l + _U(3) * _W], m[l + _U(4) * _W], m[l + _U(5) * _W] = a[3], a[4], a[5]
+    m[l + _U(6) * _W], m[l + _U(7) * _W], m[l + _U(8) * _W] = a[6], a[7], a[8]
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _elastic(d, e):
+    """A = d e^-1, the cofactors of e, and the grown volume det e / 6."""
+    k = _cofactor(*e)
+    det = e[0] * k[0] + e[1] * k[1] + e[2] * k[2]
+    s = 1.0 / det
+    return (((d[0] * k[0] + d[3] * k[3] + d[6] * k[6]) * s, (d[1] * k[0] + d[4] * k[3] + d[7] * k[6]) * s,
+             (d[2] * k[0] + d[5] * k[3] + d[8] * k[6]) * s, (d[0] * k[1] + d[3] * k[4] + d[6] * k[7]) * s,
+             (d[1] * k[1] + d[4] * k[4] + d[7] * k[7]) * s, (d[2] * k[1] + d[5] * k[4] + d[8] * k[7]) * s,
+             (d[0] * k[2] + d[3] * k[5] + d[6] * k[8]) * s, (d[1] * k[2] + d[4] * k[5] + d[7] * k[8]) * s,
+             (d[2] * k[2] + d[5] * k[5] + d[8] * k[8]) * s), k, det * (1.0 / 6.0))  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _isochoric(a):
+    """Cofactors c of A, J, phi, tr(A^T A), and s: dU/dA = mu (phi A + s c)."""
+    c = _cofactor(*a)
+    J = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
+    held = max(J, CRUSHED)
+    y, per = _inverse_cube_root(held), 1.0 / held
+    y *= y
+    I1 = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
+          + a[6] * a[6] + a[7] * a[7] + a[8] * a[8])  # fmt: skip
+    return c, J, y + (2.0 / 3.0) * y * (held - J) * per, I1, -(1.0 / 3.0) * y * per * I1
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _combine(f, a, s, c):
+    """f A + s C."""
+    return (f * a[0] + s * c[0], f * a[1] + s * c[1], f * a[2] + s * c[2],
+            f * a[3] + s * c[3], f * a[4] + s * c[4], f * a[5] + s * c[5],
+            f * a[6] + s * c[6], f * a[7] + s * c[7], f * a[8] + s * c[8])  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _push(P, k):
+    """P k: the gradient with respect to the edges, six-fold, from the stress dW/dA per grown volume."""
+    return (P[0] * k[0] + P[3] * k[1] + P[6] * k[2], P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
+            P[2] * k[0] + P[5] * k[1] + P[8] * k[2], P[0] * k[3] + P[3] * k[4] + P[6] * k[5],
+            P[1] * k[3] + P[4] * k[4] + P[7] * k[5], P[2] * k[3] + P[5] * k[4] + P[8] * k[5],
+            P[0] * k[6] + P[3] * k[7] + P[6] * k[8], P[1] * k[6] + P[4] * k[7] + P[7] * k[8],
+            P[2] * k[6] + P[5] * k[7] + P[8] * k[8])  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _sum(a, w, i):
+    """Sum of w A over the six tetrahedra, number i of nine."""
+    return (w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i]
+            + w[3] * a[3][i] + w[4] * a[4][i] + w[5] * a[5][i])  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _tet_gradient(q, l, a, k, mean, p, mu, weight):
+    """Gradient with respect to the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
+    c, _, phi, _, s = _isochoric(a)
+    P = _combine(weight * mu * phi, a, weight * (mu * s + p), c)
+    _put(q, l, _push(_combine(1.0, P, weight, mean), k))
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _patch_gradient(d, e, m, q, l):
+    """Gradient of a patch's energy with respect to all edges of its tetrahedra into ``q`` (54 rows)."""
+    mu, kappa, count = m[l], m[l + _W], m[l + _U(2) * _W]
+    b, c, g, h, i = l + _U(9) * _W, l + _U(18) * _W, l + _U(27) * _W, l + _U(36) * _W, l + _U(45) * _W
+    r1, r2, r3 = 1.0 if count > 1.0 else 0.0, 1.0 if count > 2.0 else 0.0, 1.0 if count > 3.0 else 0.0
+    r4, r5 = 1.0 if count > 4.0 else 0.0, 1.0 if count > 5.0 else 0.0
+    a0, k0, w0 = _elastic(_nine(d, l), _nine(e, l))
+    a1, k1, w1 = _elastic(_nine(d, b), _nine(e, b))
+    a2, k2, w2 = _elastic(_nine(d, c), _nine(e, c))
+    a3, k3, w3 = _elastic(_nine(d, g), _nine(e, g))
+    a4, k4, w4 = _elastic(_nine(d, h), _nine(e, h))
+    a5, k5, w5 = _elastic(_nine(d, i), _nine(e, i))
+    a, w = (a0, a1, a2, a3, a4, a5), (w0, r1 * w1, r2 * w2, r3 * w3, r4 * w4, r5 * w5)
+    s = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
+    v = (w[0] * _det(a0) + w[1] * _det(a1) + w[2] * _det(a2)
+         + w[3] * _det(a3) + w[4] * _det(a4) + w[5] * _det(a5))  # fmt: skip
+    p = kappa * (v * s - 1.0)
+    am = (s * _sum(a, w, 0), s * _sum(a, w, 1), s * _sum(a, w, 2), s * _sum(a, w, 3), s * _sum(a, w, 4),
+          s * _sum(a, w, 5), s * _sum(a, w, 6), s * _sum(a, w, 7), s * _sum(a, w, 8))  # fmt: skip
+    cm, _, phi, _, sm = _isochoric(am)
+    mean = _combine((1.0 - BLEND) * mu * phi, am, (1.0 - BLEND) * mu * sm, cm)
+    sixth = 1.0 / 6.0
+    _tet_gradient(q, l, a0, k0, mean, p, BLEND * mu, sixth)
+    _tet_gradient(q, b, a1, k1, mean, p, BLEND * mu, r1 * sixth)
+    _tet_gradient(q, c, a2, k2, mean, p, BLEND * mu, r2 * sixth)
+    _tet_gradient(q, g, a3, k3, mean, p, BLEND * mu, r3 * sixth)
+    _tet_gradient(q, h, a4, k4, mean, p, BLEND * mu, r4 * sixth)
+    _tet_gradient(q, i, a5, k5, mean, p, BLEND * mu, r5 * sixth)
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def patch_forces(x, nodes, start, local, corner, edges, modulus, force):
+    """Forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
+
+    x (N, 3); nodes, start, local: see ``Blocks``, for the eight nodes of each patch; corner (block, 24 WIDTH) uint8,
+    row 4 t + i: which of them is corner i of tetrahedron t; edges (block, 54 WIDTH), row 9 t + 3 i + r, as growth would
+    leave them; modulus (block, 3 WIDTH): mu, kappa, number of tetrahedra.
+    """
+    for b in prange(len(local)):
+        at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
+        e, q, m = edges[b], np.empty(54 * WIDTH), modulus[b]
+        ahead = edges[min(b + 1, len(local) - 1)]
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], NODES, 1.0, ahead, at, near)
+        _to_edges(near, corner[b], d)
+        for l in range(_W):
+            _patch_gradient(d, e, m, q, l)  # into an array of its own: over d, LLVM would not vectorise
+        _to_nodes(q, corner[b], near)
+        rows = force[start[b] : start[b + 1]]
+        rows[:] = 0.0
+        deliver(near, local[b], NODES, rows)
+
+
+@njit(parallel=True, cache=True)
+def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
+    """Edges of the leading blocks as growth would leave them: G (X_i - X_0), from reference positions X (N, 3).
+
+    G = across (I - N N) + along N N, with N the normalised mean of ``normal`` (N, 3) at the corners of a tetrahedron;
+    across and along (block, 6 WIDTH).
+    """
+    for b in prange(len(across)):
+        at, near, n = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(24 * WIDTH)
+        e, mine = edges[b], nodes[start[b] : start[b + 1]]
+        fetch(X, mine, local[b], NODES, 1.0, e, at, near)
+        fetch(normal, mine, local[b], NODES, 1.0, e, at, n)
+        _to_edges(near, corner[b], e)
+        for t in range(TETS):
+            for l in range(WIDTH):
+                g, s, row = across[b, t * WIDTH + l], along[b, t * WIDTH + l], 9 * t * WIDTH + l
+                n0, n1, n2 = 0.0, 0.0, 0.0
+                for i in range(4):
+                    o = 3 * WIDTH * np.int64(corner[b, (4 * t + i) * WIDTH + l]) + l
+                    n0, n1, n2 = n0 + n[o], n1 + n[o + WIDTH], n2 + n[o + 2 * WIDTH]
+                s = (s - g) / (n0 * n0 + n1 * n1 + n2 * n2)
+                for o in range(row, row + 9 * WIDTH, 3 * WIDTH):
+                    c = s * (n0 * e[o] + n1 * e[o + WIDTH] + n2 * e[o + 2 * WIDTH])
+                    e[o] = g * e[o] + c * n0
+                    e[o + WIDTH] = g * e[o + WIDTH] + c * n1
+                    e[o + 2 * WIDTH] = g * e[o + 2 * WIDTH] + c * n2
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _norm(a, b, c):
+    return np.sqrt(a * a + b * b + c * c)
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _at(near, l, c):
+    """Length of the vector of node c."""
+    o = l + _U(3 * c) * _W
+    return _norm(near[o], near[o + _W], near[o + _U(2) * _W])
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _corner_stiffness(q):
+    """Four numbers m_i with sum_i m_i |u_i|^2 >= |sum_i u_i q_i^T|^2, from the volume gradients q at corners 1 to 3.
+
+    m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equality for a corner alone, near it for a tetrahedron of good shape.
+    """
+    z0, z1, z2 = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
+    n0, n1 = _norm(z0, z1, z2) + _TINY, _norm(q[0], q[1], q[2]) + _TINY
+    n2, n3 = _norm(q[3], q[4], q[5]) + _TINY, _norm(q[6], q[7], q[8]) + _TINY
+    r0, r1, r2, r3 = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
+    xx = r0 * z0 * z0 + r1 * q[0] * q[0] + r2 * q[3] * q[3] + r3 * q[6] * q[6]
+    yy = r0 * z1 * z1 + r1 * q[1] * q[1] + r2 * q[4] * q[4] + r3 * q[7] * q[7]
+    zz = r0 * z2 * z2 + r1 * q[2] * q[2] + r2 * q[5] * q[5] + r3 * q[8] * q[8]
+    xy = r0 * z0 * z1 + r1 * q[0] * q[1] + r2 * q[3] * q[4] + r3 * q[6] * q[7]
+    yz = r0 * z1 * z2 + r1 * q[1] * q[2] + r2 * q[4] * q[5] + r3 * q[7] * q[8]
+    zx = r0 * z2 * z0 + r1 * q[2] * q[0] + r2 * q[5] * q[3] + r3 * q[8] * q[6]
+    m = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
+    return m * n0, m * n1, m * n2, m * n3
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _measure_tet(d, e, mu, real):
+    """J, grown volume w, energy, w A, volume gradient for the edges, and two stiffness factors of one tetrahedron.
+
+    All but J are without weight if ``real`` is 0. The factors are per square of the volume gradient: that of the
+    volume-preserving energy, 2/3 mu phi tr(A^T A) / (w J^2), and that of a pressure of one, 1 / (w J).
+    """
+    a, k, w = _elastic(d, e)
+    c, J, phi, I1, _ = _isochoric(a)
+    I1 *= phi
+    held = 1.0 / max(J, CRUSHED)
+    own = held / w
+    w *= real
+    dv = _combine(real * (1.0 / 6.0), _push(c, k), 0.0, k)
+    return J, w, 0.5 * BLEND * mu * w * (I1 - 3.0), _combine(w, a, 0.0, c), dv, (2.0 / 3.0) * mu * I1 * own * held, own
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _measure_patch(sums, near, m, l, state, bound):
+    """Volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``; returns |p|.
+
+    ``sums`` are those of its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
+    pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
+    """
+    mu, kappa, V = m[l], m[l + _W], sums[l]
+    p = kappa * (sums[l + _W] / V - 1.0)
+    am = _nine(sums, l + _U(3) * _W)
+    _, _, phi, I1, _ = _isochoric(_combine(1.0 / V, am, 0.0, am))
+    state[l] = sums[l + _W] / V
+    state[l + _W] = (sums[l + _U(2) * _W] + 0.5 * (1.0 - BLEND) * mu * V * (phi * I1 - 3.0)
+                     + 0.5 * p * (sums[l + _W] - V))  # fmt: skip
+    n0, n1, n2, n3 = _at(near, l, 0), _at(near, l, 1), _at(near, l, 2), _at(near, l, 3)
+    n4, n5, n6, n7 = _at(near, l, 4), _at(near, l, 5), _at(near, l, 6), _at(near, l, 7)
+    s = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
+    bound[l], bound[l + _W], bound[l + _U(2) * _W], bound[l + _U(3) * _W] = s * n0, s * n1, s * n2, s * n3
+    bound[l + _U(4) * _W], bound[l + _U(5) * _W] = s * n4, s * n5
+    bound[l + _U(6) * _W], bound[l + _U(7) * _W] = s * n6, s * n7
+    return abs(p)
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness):
+    """J of each tetrahedron (block, 6 WIDTH); per patch into ``state`` (block, 2 WIDTH) its volume ratio and energy;
+    per row into ``stiffness`` (R,) the sum of a bound on the stiffness of its patches.
+
+    The bound is rigorous for the pressure, an estimate for the rest: at strains of order one the volume-preserving
+    part can pass it, by less than the safety factor on the mass.
+    """
+    for b in prange(len(local)):
+        at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
+        e, q, m, ratio = edges[b], np.empty(54 * WIDTH), modulus[b], J[b]
+        sums, own, per_pressure = np.zeros(12 * WIDTH), np.empty(TETS * WIDTH), np.empty(TETS * WIDTH)
+        bound, pressure = np.empty(NODES * WIDTH), np.empty(WIDTH)
+        ahead = edges[min(b + 1, len(local) - 1)]
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], NODES, 1.0, ahead, at, near)
+        _to_edges(near, corner[b], d)
+        for t in range(_U(TETS)):
+            row = _U(9) * t * _W
+            for l in range(_W):
+                r, w, energy, wa, dv, c, cp = _measure_tet(
+                    _nine(d, row + l), _nine(e, row + l), m[l], 1.0 if m[l + _U(2) * _W] > t else 0.0
+                )
+                ratio[t * _W + l], own[t * _W + l], per_pressure[t * _W + l] = r, c, cp
+                _put(q, row + l, dv)
+                sums[l] += w
+                sums[l + _W] += w * r
+                sums[l + _U(2) * _W] += energy
+                _put(sums, l + _U(3) * _W, _combine(1.0, _nine(sums, l + _U(3) * _W), 1.0, wa))
+        _to_nodes(q, corner[b], near)
+        for l in range(_W):
+            pressure[l] = _measure_patch(sums, near, m, l, state[b], bound)
+        for t in range(_U(TETS)):
+            for l in range(_W):
+                c = own[t * _W + l] + pressure[l] * per_pressure[t * _W + l]
+                c0, c1, c2, c3 = _corner_stiffness(_nine(q, _U(9) * t * _W + l))
+                # the four values take the place of the gradient that they come from
+                o = _U(9) * t * _W + l
+                q[o], q[o + _W], q[o + _U(2) * _W], q[o + _U(3) * _W] = c * c0, c * c1, c * c2, c * c3
+        for t in range(TETS):
+            for l in range(WIDTH):
+                for i in range(4):
+                    bound[np.int64(corner[b, (4 * t + i) * WIDTH + l]) * WIDTH + l] += q[(9 * t + i) * WIDTH + l]
+        mine = stiffness[start[b] : start[b + 1]]
+        mine[:] = 0.0
+        for i in range(NODES * WIDTH):
+            mine[local[b, i]] += bound[i]

@@ -1,0 +1,156 @@
+"""Linear tetrahedra of any mesh, in patches, in the form that the kernels read: grown edges, moduli, state."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import MeshTet
+
+from morphofold.sim import tet_kernels
+from morphofold.sim.blocks import Blocks, to_lanes
+from morphofold.sim.growth import check_law
+from morphofold.sim.kernels import WIDTH
+from morphofold.sim.patches import cluster
+from morphofold.sim.tet_kernels import NODES, TETS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
+
+
+class Tets:
+    """Tetrahedra in patches; see :mod:`morphofold.sim.tet_kernels` for the energy.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshTet
+        Corners of an element in any order.
+    X : (N, 3) float64
+        Reference positions of its nodes [mm].
+    radial : (N, 3) float64
+        Unit thickness direction at the nodes; tangential growth adds nothing along the normalised mean of the four.
+    cortex : (E,) bool
+        The tetrahedra that ``grow`` gives a stretch each.
+    mu, kappa : (E,) float64
+        Shear modulus, and modulus of the pressure. A patch holds tetrahedra of one mu, one kappa and one side of
+        ``cortex``; where moduli change from each to the next, patches are single tetrahedra, and too stiff.
+    law : {"isotropic", "tangential"}
+
+    Attributes
+    ----------
+    patches : (P, 6) int
+        Tetrahedra of each patch, -1 where it has fewer. Those of the cortex come first.
+    volume : (E,) float64
+        Reference volumes [mm^3].
+
+    Raises
+    ------
+    ValueError
+        If tetrahedra are flat at ``X``, or inside out as compared to the mesh's own positions.
+    """
+
+    LOCAL = 0.0             # modulus of a local volumetric term over mu: there is none
+
+    def __init__(
+        self, mesh: MeshTet, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str
+    ):
+        check_law(law)
+        self.n, self.n_cortex, self.law = mesh.nelements, int(cortex.sum()), law
+        tets, self.volume = _oriented(mesh, X)
+        material = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
+        patches = cluster(mesh, X, material)
+        self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
+        nodes, corner = _nodes_of(self.patches, tets)
+        self.blocks = Blocks(nodes, len(X))
+        count, first = self.blocks.count, self.patches[:, 0]
+        self._corner = to_lanes(corner, count)
+        moduli = to_lanes(np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)]), count)
+        moduli.reshape(count, 3, WIDTH)[-1, :2, len(first) - (count - 1) * WIDTH :] = 0.0
+        self.modulus = moduli
+
+        patch, slot = np.nonzero(self.patches >= 0)
+        self._place = np.empty(self.n, dtype=np.int64)                  # of each tetrahedron in (block, 6 WIDTH)
+        self._place[self.patches[patch, slot]] = (patch // WIDTH * TETS + slot) * WIDTH + patch % WIDTH
+        self._cortex = self._place[np.flatnonzero(cortex)]
+        self._grown = -(-int(cortex[first].sum()) // WIDTH)             # leading blocks that hold cortex
+        self._X, self._radial, self._core = X, radial, np.nan
+        self.edges = np.empty((count, 9 * TETS * WIDTH))
+        self.grow(np.ones(self.n_cortex))
+        self._J, self._state = np.zeros((count, TETS * WIDTH)), np.zeros((count, 2 * WIDTH))
+        self._stiffness = np.zeros(len(self.blocks.nodes))
+
+    @property
+    def fill(self) -> float:
+        """Tetrahedra per place for one: 1 if all patches have six."""
+        return self.n / self.patches.size
+
+    def grow(self, cortex: Array, core: float = 1.0) -> None:
+        """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
+        if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
+            raise ValueError(f"growth stretches must be positive numbers, got {cortex} and {core:g} in the core.")
+        b, count = self.blocks, self.blocks.count if core != self._core else self._grown
+        across = np.full((count, TETS * WIDTH), core)
+        along = across.copy()
+        across.ravel()[self._cortex] = cortex
+        along.ravel()[self._cortex] = 1.0 if self.law == "tangential" else cortex
+        tet_kernels.grow_edges(
+            self._X, self._radial, b.nodes, b.start, b.local, self._corner, across, along, self.edges
+        )
+        self._core = core
+
+    def compute_forces(self, x: Array) -> None:
+        """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
+        b = self.blocks
+        tet_kernels.patch_forces(x, b.nodes, b.start, b.local, self._corner, self.edges, self.modulus, b.force)
+
+    def measure(self, x: Array) -> Array:
+        """Measure the patches at ``x``; nodal sums (N,) of a bound on their stiffness."""
+        b = self.blocks
+        tet_kernels.patch_state(
+            x, b.nodes, b.start, b.local, self._corner, self.edges, self.modulus, self._J, self._state, self._stiffness
+        )
+        return b.nodal_sums(self._stiffness)
+
+    def state(self) -> dict[str, Array]:
+        """Per tetrahedron, from the last ``measure``: energy (its share of the patch's, by reference volume), J_min and
+        J_max (both its J), volume_ratio (its patch's); (E,) each."""
+        patch = np.empty(self.n, dtype=np.int64)
+        row, slot = np.nonzero(self.patches >= 0)
+        patch[self.patches[row, slot]] = row
+        ratio, energy = self._state.reshape(-1, 2, WIDTH).transpose(1, 0, 2).reshape(2, -1)[:, : len(self.patches)]
+        J = self._J.ravel()[self._place]
+        share = self.volume / np.bincount(patch, self.volume)[patch]
+        return {"energy": energy[patch] * share, "J_min": J, "J_max": J, "volume_ratio": ratio[patch]}
+
+
+def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
+    """Corners (E, 4) in right-handed order at ``X``, and reference volumes (E,)."""
+    tets = mesh.t.T
+    volumes = [np.linalg.det(p[tets[:, 1:]] - p[tets[:, :1]]) / 6 for p in (mesh.p.T, X)]
+    mirrored = volumes[0] < 0
+    volume = np.where(mirrored, -volumes[1], volumes[1])
+    longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
+    bad = np.flatnonzero(~(volume > FLAT * longest**3))
+    if bad.size:
+        raise ValueError(
+            f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before anything grows; the first is "
+            f"{bad[0]} with volume {volume[bad[0]]:.3g} and longest edge {longest[bad[0]]:.3g}. Repair the mesh, or "
+            "make effects.perturbation.amplitude smaller."
+        )
+    return np.where(mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
+
+
+def _nodes_of(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
+    """Nodes (P, 8) of each patch, the first repeated where it has fewer, and which of them its 24 corners are.
+
+    A tetrahedron that a patch lacks has the corners of its first one.
+    """
+    corners = tets[np.where(patches >= 0, patches, patches[:, :1])].reshape(len(patches), -1)
+    ranked = np.sort(corners, axis=1)
+    new = np.ones(ranked.shape, dtype=bool)
+    new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
+    nodes = np.repeat(ranked[:, :1], NODES, axis=1)
+    row, column = np.nonzero(new)
+    nodes[row, np.cumsum(new, axis=1)[row, column] - 1] = ranked[row, column]
+    return nodes, (corners[:, :, None] == nodes[:, None, :]).argmax(axis=2).astype(np.uint8)

@@ -1,0 +1,363 @@
+import itertools
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+from skfem import Basis, ElementTetP1, ElementVector, LinearForm, MeshTet
+
+from morphofold.sim import material, tet_kernels
+from morphofold.sim.body import SAFETY, Body
+from morphofold.sim.bricks import BINARY_CORNERS
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.growth import growth_tensor
+from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.patches import cluster
+from morphofold.sim.radial_statics import radial_equilibrium
+from morphofold.sim.tets import Tets
+
+LAWS = ("isotropic", "tangential")
+
+
+def cut_bricks(bilayer):
+    """The bilayer in six tetrahedra a brick, around its diagonal away from the middle of a cube face; conforming."""
+    p = bilayer.mesh.p
+    corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
+    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)
+    nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
+    corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
+    corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
+    paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
+    tets = np.stack([[corner[:, 0, 0, 0]] + [corner[:, *at] for at in path] for path in paths]).transpose(2, 0, 1)
+    mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.reshape(-1, 4).T))
+    assert len(mesh.boundary_facets()) == 2 * len(bilayer.mesh.boundary_facets())
+    n = 6 * len(bilayer.mesh.subdomains["cortex"])
+    mesh = mesh.with_subdomains({"cortex": np.arange(n), "core": np.arange(n, mesh.nelements)})
+    return replace(bilayer, mesh=mesh, faces=np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]]))
+
+
+def scattered(rng, n=5):
+    """Delaunay tetrahedra of points strewn in a unit cube, its corners in random order: no structure at all."""
+    lattice = np.stack(np.meshgrid(*[np.linspace(0, 1, n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = (lattice > 0) & (lattice < 1)
+    centres = lattice[(lattice < 1).all(axis=1)] + 0.5 / n
+    points = np.concatenate([lattice + 0.25 / n * rng.uniform(-1, 1, lattice.shape) * inside,
+                             centres + 0.2 / n * rng.uniform(-1, 1, centres.shape)])  # fmt: skip
+    tets = Delaunay(points).simplices
+    volume = np.abs(np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])) / 6
+    tets = rng.permuted(tets[volume > 1e-3 / n**3], axis=1)
+    used, tets = np.unique(tets, return_inverse=True)
+    return MeshTet(points[used].T.copy(), np.ascontiguousarray(tets.reshape(-1, 4).T))
+
+
+def make_tets(kind, rng, law="isotropic", kappa=50.0, n=6):
+    """Tetrahedra with a cortex of twice the core's modulus."""
+    if kind == "cut bricks":
+        bilayer = cut_bricks(bilayer_sphere(50, 3, 25, "octant", n))
+        mesh, radial = bilayer.mesh, bilayer.radial
+        cortex = np.arange(mesh.nelements) < len(mesh.subdomains["cortex"])
+    else:
+        mesh = scattered(rng, n)
+        radial = np.tile([0.0, 0.6, 0.8], (mesh.nvertices, 1)) + 0.2 * rng.standard_normal((mesh.nvertices, 3))
+        cortex = mesh.p[2, mesh.t].mean(axis=0) > 0.6
+    tets = Tets(mesh, np.ascontiguousarray(mesh.p.T), radial, cortex, np.where(cortex, 2.0, 1.0),
+                np.full(mesh.nelements, kappa), law)  # fmt: skip
+    tets.mesh, tets.X, tets.radial, tets.cortex = mesh, np.ascontiguousarray(mesh.p.T), radial, cortex
+    return tets
+
+
+def forces(tets, x):
+    tets.compute_forces(x)
+    return tets.blocks.nodal_forces()
+
+
+def energy(tets, x):
+    tets.measure(x)
+    return tets.state()["energy"].sum()
+
+
+def shaken(tets, rng, amount):
+    """Positions deformed at random, in shares of a short edge."""
+    a, b = tets.mesh.edges
+    edge = np.quantile(np.linalg.norm(tets.X[a] - tets.X[b], axis=1), 0.02)
+    return tets.X + amount * edge * rng.standard_normal(tets.X.shape)
+
+
+class Twin:
+    """The same forms on scikit-fem's basis: patches and moduli are those of the tetrahedra, all else is its own."""
+
+    def __init__(self, tets, stretch, core):
+        self.tets = tets
+        self.basis = Basis(tets.mesh, ElementVector(ElementTetP1()), intorder=0)
+        g = np.full(tets.n, core)
+        g[tets.cortex] = stretch
+        normal = tets.radial[tets.mesh.t].mean(axis=0)
+        G = growth_tensor(g, normal / np.linalg.norm(normal, axis=1, keepdims=True), tets.law)
+        G[~tets.cortex] = core * np.eye(3)
+        self.G_inverse, self.det_G = np.linalg.inv(G), np.linalg.det(G)
+        self.w = self.basis.dx[:, 0] * self.det_G
+
+    def elastic(self, x):
+        """A (E, 3, 3)."""
+        u = np.zeros(self.basis.N)
+        u[self.basis.nodal_dofs] = (x - self.tets.X).T
+        return (np.eye(3) + np.moveaxis(self.basis.interpolate(u).grad[..., 0], -1, 0)) @ self.G_inverse
+
+    def on_patches(self, x):
+        patches = self.tets.patches
+        mu, kappa = (np.where(self.tets.cortex, 2.0, 1.0), np.full(self.tets.n, 50.0))
+        w = np.where(patches >= 0, self.w[patches], 0.0)
+        return self.elastic(x)[patches], w, mu[patches[:, 0]], kappa[patches[:, 0]]
+
+    def forces(self, x):
+        S = np.empty((self.tets.n, 3, 3))
+        there = self.tets.patches >= 0
+        S[self.tets.patches[there]] = material.patch_stress(*self.on_patches(x))[there]
+        return self.forces_of(self.det_G[:, None, None] * S @ np.swapaxes(self.G_inverse, -1, -2))
+
+    def forces_of(self, P):
+        """Nodal forces of the first Piola-Kirchhoff stress P (E, 3, 3) per reference volume."""
+        form = LinearForm(lambda v, w: np.einsum("ij...,ij...", w["P"], v.grad))
+        return -form.assemble(self.basis, P=np.moveaxis(P, 0, -1)[..., None])[self.basis.nodal_dofs].T
+
+
+# the energy, and the forces as its gradient
+
+
+@pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("core", [1.0, 0.9])
+def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, rng):
+    tets = make_tets(kind, rng, law)
+    stretch = rng.uniform(0.9, 1.5, tets.n_cortex)
+    tets.grow(stretch, core)
+    twin = Twin(tets, stretch, core)
+    for amount in (0.01, 0.1, 0.4):
+        x = shaken(tets, rng, amount)
+        want = twin.forces(x)
+        assert np.abs(forces(tets, x) - want).max() <= 1e-10 * np.abs(want).max()
+        tets.measure(x)
+        state, J = tets.state(), np.linalg.det(twin.elastic(x))
+        np.testing.assert_allclose(state["J_min"], J, rtol=1e-10, atol=1e-12)
+        assert np.array_equal(state["J_min"], state["J_max"])
+        for patch, E in zip(tets.patches, material.patch_energy(*twin.on_patches(x))):
+            mine = patch[patch >= 0]
+            assert state["energy"][mine].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
+            assert state["volume_ratio"][mine] == pytest.approx((twin.w * J)[mine].sum() / twin.w[mine].sum(), rel=1e-9)
+    assert J.min() < 0 < 2 < J.max()                                   # the last positions crush and burst some
+
+
+def test_forces_are_minus_the_gradient_of_the_energy(rng):
+    tets = make_tets("scattered", rng, "tangential")
+    tets.grow(np.full(tets.n_cortex, 1.3))
+    x = shaken(tets, rng, 0.1)
+    d = rng.standard_normal(x.shape)
+    slope = -np.sum(forces(tets, x) * d)
+    h = 2.0 ** -np.arange(14, 20)
+    rest = [abs(energy(tets, x + s * d) - energy(tets, x) - s * slope) for s in h]
+    assert np.polyfit(np.log(h), np.log(rest), 1)[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_patch_stress_is_the_derivative_of_the_patch_energy(rng):
+    A = np.eye(3) + 0.3 * rng.standard_normal((4, 6, 3, 3))
+    dA, w = rng.standard_normal(A.shape), rng.uniform(0.5, 1.0, (4, 6)) * (rng.random((4, 6)) < 0.8)
+    A[0, 0] @= np.diag([1.0, 1.0, -0.1 / np.linalg.det(A[0, 0])])      # one of them is inside out
+    mu, kappa, h = np.full(4, 1.7), np.full(4, 40.0), 1e-5
+    W = lambda s: material.patch_energy(A + s * dA, w, mu, kappa)
+    slope = np.einsum("pt,ptij,ptij->p", w, material.patch_stress(A, w, mu, kappa), dA)
+    np.testing.assert_allclose((W(h) - W(-h)) / (2 * h), slope, rtol=1e-6)
+
+
+def test_uniform_deformation_gives_the_stress_of_the_material_everywhere(rng):
+    """The patch test: with one A everywhere, patches and blend make no difference."""
+    tets = make_tets("scattered", rng)
+    twin = Twin(tets, 1.0, 1.0)
+    F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    P = material.stress(np.tile(F, (tets.n, 1, 1)), np.where(tets.cortex, 2.0, 1.0), 50.0)
+    want = twin.forces_of(P)
+    assert np.abs(forces(tets, tets.X @ F.T) - want).max() < 1e-12 * np.abs(want).max() * tets.n
+    same = make_tets("scattered", rng)
+    inside = (np.abs(same.X - 0.5) < 0.5).all(axis=1) & (np.abs(same.X[:, 2] - 0.6) > 0.3)
+    f = forces(same, same.X @ F.T)
+    assert inside.sum() > 20
+    assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max() * tets.n
+
+
+@pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
+def test_rigid_motion_makes_no_force(kind, rng):
+    tets = make_tets(kind, rng)
+    R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    R *= np.sign(np.linalg.det(R))
+    stiff = np.abs(forces(tets, tets.X * 1.01)).max()
+    assert np.abs(forces(tets, tets.X @ R.T + [3.0, -2.0, 7.0])).max() < 1e-10 * stiff
+
+
+def test_free_isotropic_growth_of_everything_is_stress_free(rng):
+    tets = make_tets("cut bricks", rng)
+    tets.grow(np.full(tets.n_cortex, 1.25), 1.25)
+    assert np.abs(forces(tets, 1.25 * tets.X)).max() < 1e-9
+    assert energy(tets, 1.25 * tets.X) < 1e-9
+
+
+def test_free_tangential_growth_of_a_flat_layer_is_stress_free(rng):
+    mesh = scattered(rng)
+    X, all_ = np.ascontiguousarray(mesh.p.T), np.ones(mesh.nelements)
+    tets = Tets(mesh, X, np.tile([0.0, 0.0, 1.0], (len(X), 1)), all_ > 0, all_, 50 * all_, "tangential")
+    tets.grow(1.4 * all_)
+    assert np.abs(forces(tets, X * [1.4, 1.4, 1.0])).max() < 1e-10
+    assert np.abs(forces(tets, X * 1.4)).max() > 1
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_without_growth_forces_are_round_off_also_after_growing_there_and_back(law, rng):
+    tets = make_tets("cut bricks", rng, law)
+    at_rest = forces(tets, tets.X)
+    assert np.abs(at_rest).max() < 1e-10
+    tets.grow(np.full(tets.n_cortex, 1.7), 1.1)
+    assert np.abs(forces(tets, tets.X)).max() > 1
+    tets.grow(np.ones(tets.n_cortex))
+    assert np.array_equal(forces(tets, tets.X), at_rest)
+
+
+def test_a_tetrahedron_that_is_flattened_resists_ever_more_also_inside_out():
+    squeeze = np.linspace(1.0, -1.0, 400)
+    A = np.stack([np.diag([1.0, 1.0, s]) for s in squeeze])
+    slope = material.isochoric_stress(A, 1.0)[:, 2, 2]
+    assert (np.diff(material.isochoric_energy(A, 1.0)) > 0).all()
+    assert (slope < 1e-12).all()
+    J = tet_kernels.CRUSHED
+    below, above = (material.isochoric_stress(np.diag([1.0, 1.0, J + d]), 1.0) for d in (-1e-9, 1e-9))
+    np.testing.assert_allclose(below, above, rtol=1e-6)                 # no step where the tangent takes over
+
+
+def test_inverse_cube_root_is_exact_over_its_range():
+    J = np.geomspace(0.02, 50, 500)
+    y = np.array([tet_kernels._inverse_cube_root(v) for v in J])
+    np.testing.assert_allclose(y, J ** (-1 / 3), rtol=1e-12)
+
+
+# the element in use
+
+
+def exact_energy(g, law):
+    """Energy of the whole grown sphere in its radial equilibrium, T = 3, C = 50, A = 25, kappa/mu = 50 [mu mm^3]."""
+    state = radial_equilibrium(g, 3 / 50, 1.0, law, 50.0, A_over_C=0.5)
+    R, w = np.polynomial.legendre.leggauss(30)
+    total = 0.0
+    for layer, low, high in (("core", 25.0, 47.0), ("cortex", 47.0, 50.0)):
+        at = state.at((low + high) / 100 + (high - low) / 100 * R, layer)
+        radial, tangential = {"core": (1, 1), "cortex": (g if law == "isotropic" else 1, g)}[layer]
+        beta = at.r / (at.R * tangential)
+        A = np.stack([np.diag(a) for a in np.column_stack([at.J / beta**2, beta, beta])])
+        W = material.energy(A, 1.0, 50.0) * radial * tangential**2
+        total += (high - low) / 2 * w @ (4 * np.pi * (50 * at.R) ** 2 * W)
+    return total
+
+
+@pytest.mark.parametrize(("law", "g"), [("isotropic", 1.2), ("tangential", 1.25)])
+def test_energy_of_a_grown_sphere_before_it_folds_nears_that_of_the_radial_equilibrium_at_second_order(law, g):
+    error = []
+    for n in (8, 12):
+        bilayer = cut_bricks(bilayer_sphere(50, 3, 25, "octant", n))
+        body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law=law)
+        run = Dynamics(body, steps_per_unit=1000)
+        run.grow_to(g)
+        run.relax(400)
+        error.append(abs(8 * run.state.record["strain_energy"] / exact_energy(g, law) - 1))
+    assert error[1] < 7e-3
+    assert np.log(error[0] / error[1]) / np.log(12 / 8) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
+@pytest.mark.parametrize("kappa", [5.0, 50.0])
+def test_measured_stiffness_keeps_the_unit_step_stable(kind, kappa, rng):
+    # a step of one is stable while the largest eigenvalue of M^-1 K is below 4: power iteration on the forces
+    tets = make_tets(kind, rng, kappa=kappa)
+    tets.grow(np.full(tets.n_cortex, 1.3))
+    for x in (1.05 * tets.X, tets.X * [0.5, 1.5, 1.4], shaken(tets, rng, 0.05), shaken(tets, rng, 0.2)):
+        mass = 0.25 * SAFETY * tets.measure(x)[:, None]
+        v, value = rng.standard_normal(x.shape), 0.0
+        for _ in range(80):
+            v /= np.sqrt(np.sum(mass * v**2))
+            h = 1e-6 * np.cbrt(tets.volume.min()) / np.abs(v).max()
+            Kv = -(forces(tets, x + h * v) - forces(tets, x - h * v)) / (2 * h)
+            value = np.sum(v * Kv)
+            v = Kv / mass
+        assert 4 / SAFETY / 4 < value < 4 / SAFETY, "the step is unstable, or the mass wastefully large"
+
+
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
+def test_forces_and_stiffness_are_bitwise_equal_for_one_and_two_threads(rng):
+    tets = make_tets("scattered", rng)
+    x = shaken(tets, rng, 0.1)
+    results = []
+    for threads in (1, 2):
+        numba.set_num_threads(threads)
+        tets.grow(np.full(tets.n_cortex, 1.3))
+        results.append((forces(tets, x), tets.measure(x), tets.state()["energy"]))
+    for one, two in zip(*results):
+        assert np.array_equal(one, two)
+
+
+# patches
+
+
+def test_patches_of_cut_bricks_are_the_bricks():
+    for n in (6, 14):
+        mesh = cut_bricks(bilayer_sphere(50, 3, 25, "half", n)).mesh
+        patches = cluster(mesh, mesh.p.T, np.zeros(mesh.nelements, dtype=int))
+        assert np.array_equal(np.sort(patches.ravel()), np.arange(mesh.nelements))
+        assert (patches // 6 == patches[:, :1] // 6).all()
+
+
+def test_patches_are_connected_of_one_material_and_rarely_small(rng):
+    mesh = scattered(rng, 8)
+    stuff = (mesh.p[2, mesh.t].mean(axis=0) > 0.6).astype(int)
+    patches = cluster(mesh, np.ascontiguousarray(mesh.p.T), stuff)
+    there = patches >= 0
+    assert np.array_equal(np.sort(patches[there]), np.arange(mesh.nelements))
+    assert there.mean() > 0.88
+    assert (there.sum(axis=1) <= 2).mean() < 0.05
+    for patch in patches:
+        mine = patch[patch >= 0]
+        assert len(np.unique(stuff[mine])) == 1
+        assert len(np.unique(mesh.t[:, mine])) <= 8
+        reached, faces = {mine[0]}, mesh.t2f[:, mine]
+        for _ in mine:
+            reached |= {m for m, f in zip(mine, faces.T) if np.isin(f, mesh.t2f[:, list(reached)]).any()}
+        assert len(reached) == len(mine)
+
+
+def test_patches_do_not_depend_on_how_corners_are_ordered(rng):
+    mesh = scattered(rng)
+    other = MeshTet(mesh.p, np.ascontiguousarray(rng.permuted(mesh.t, axis=0)))
+    both = [cluster(m, mesh.p.T, np.zeros(m.nelements, dtype=int)) for m in (mesh, other)]
+    assert np.array_equal(*both)
+
+
+# refusals
+
+
+def test_tetrahedra_that_are_flat_or_inside_out_are_refused_with_numbers(rng):
+    mesh = scattered(rng)
+    X, all_ = np.ascontiguousarray(mesh.p.T), np.ones(mesh.nelements)
+    build = lambda X: Tets(mesh, X, X, all_ > 0, all_, all_, "isotropic")
+    bad = X.copy()
+    bad[mesh.t[0, 7]] = 2 * X[mesh.t[1:, 7]].mean(axis=0) - X[mesh.t[0, 7]]
+    with pytest.raises(ValueError, match=r"of [\d,]+ tetrahedra are flat or inside out .* first is \d+ with volume -"):
+        build(bad)
+    bad[mesh.t[0, 7]] = X[mesh.t[1:, 7]].mean(axis=0)
+    with pytest.raises(ValueError, match=r"tetrahedra are flat or inside out"):
+        build(bad)
+
+
+@pytest.mark.parametrize("stretch", [0.0, -1.0, np.nan, np.inf])
+def test_growth_that_is_no_stretch_is_refused(stretch, rng):
+    tets = make_tets("scattered", rng, n=3)
+    cortex = np.ones(tets.n_cortex)
+    cortex[5] = stretch
+    with pytest.raises(ValueError, match="growth stretches must be positive numbers"):
+        tets.grow(cortex)
+    with pytest.raises(ValueError, match="growth law must be one of"):
+        make_tets("scattered", rng, law="radial", n=3)
