@@ -1,15 +1,18 @@
 import csv
+import struct
 import subprocess
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_simulations import harmonic, made_simulation
 
 from morphofold.cli.reproduce import FIGURES
-from morphofold.report import line_plots, paper, theory_plots
+from morphofold.report import line_plots, paper, paper_folds, paper_theory, theory_plots
 from morphofold.report.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.sim import theory
+from morphofold.sim.scene import load_scene
 
 KINDS = sorted(line_plots.FORMATS)
 
@@ -31,7 +34,7 @@ def looks(ax):
 
 
 def test_figure_3a_is_equation_11():
-    left, _ = paper.fig3().axes
+    left, _ = paper_theory.fig3().axes
     ((label, line),) = lines(left).items()
     g, c = line.get_data()
     assert "theory" in label
@@ -40,7 +43,7 @@ def test_figure_3a_is_equation_11():
 
 
 def test_figure_3b_has_the_highest_compression_in_the_thinnest_cortex():
-    _, right = paper.fig3().axes
+    _, right = paper_theory.fig3().axes
     curves = [line.get_data() for line in lines(right).values()]
     assert len(curves) == 3
     for x, sigma in curves:
@@ -53,7 +56,7 @@ def test_figure_3b_has_the_highest_compression_in_the_thinnest_cortex():
 
 def test_figure_3b_ends_in_the_stress_of_a_free_surface():
     """sigma_r = 0 there, so sigma_theta/mu = lambda^2 - lambda^-4 with lambda = c/(g C)."""
-    _, right = paper.fig3().axes
+    _, right = paper_theory.fig3().axes
     for T, line in zip((1, 2, 3), lines(right).values()):
         C_bar = 50 / (50 - T)
         stretch = (1 + 8 * (C_bar**3 - 1)) ** (1 / 3) / (2 * C_bar)
@@ -61,7 +64,7 @@ def test_figure_3b_ends_in_the_stress_of_a_free_surface():
 
 
 def test_figure_4_is_equations_12_and_13():
-    (ax,) = paper.fig4().axes
+    (ax,) = paper_theory.fig4().axes
     isotropic, tangential = (np.array(line.get_data()) for line in lines(ax).values())
     C, g = isotropic[:, np.isfinite(isotropic[1])]
     np.testing.assert_allclose(g**3 * (1 - 7 / 12 * C**3), 1, rtol=1e-9)
@@ -72,13 +75,13 @@ def test_figure_4_is_equations_12_and_13():
 
 
 def test_figure_4_marks_the_limits_that_the_paper_names():
-    (ax,) = paper.fig4().axes
+    (ax,) = paper_theory.fig4().axes
     words = " ".join(text.get_text() for text in ax.texts)
     assert "1.34" in words
     assert "1.20" in words
 
 
-@pytest.mark.parametrize("draw", [paper.fig3, paper.fig4])
+@pytest.mark.parametrize("draw", [paper_theory.fig3, paper_theory.fig4])
 def test_no_curve_of_the_paper_leaves_its_axes_unannounced(draw):
     for ax in draw().axes:
         low, high = ax.get_ylim()
@@ -89,14 +92,14 @@ def test_no_curve_of_the_paper_leaves_its_axes_unannounced(draw):
 
 
 def test_curves_differ_in_colour_and_in_dashes_too():
-    for ax in [*paper.fig3().axes, *paper.fig4().axes]:
+    for ax in [*paper_theory.fig3().axes, *paper_theory.fig4().axes]:
         colours, dashes = zip(*looks(ax))
         assert len(set(colours)) == len(set(dashes)) == len(colours)
 
 
 def test_every_axis_is_labelled(cases):
     of_cases = (theory_plots.bifurcation_curves(cases), theory_plots.crease_or_wrinkle(cases))
-    for figure in (paper.fig3(), paper.fig4(), *of_cases):
+    for figure in (paper_theory.fig3(), paper_theory.fig4(), *of_cases):
         assert any(ax.get_ylabel() for ax in figure.axes)
         assert any(ax.get_xlabel() for ax in figure.axes)
         for ax in figure.axes:
@@ -251,7 +254,7 @@ def test_no_case_is_no_figure():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_figure_is_the_same_file(tmp_path, kind):
     for name in ("a", "b"):
-        line_plots.save(paper.fig4(), tmp_path / f"{name}{kind}")
+        line_plots.save(paper_theory.fig4(), tmp_path / f"{name}{kind}")
     first = (tmp_path / f"a{kind}").read_bytes()
     assert first == (tmp_path / f"b{kind}").read_bytes()
     assert b"Date" not in first
@@ -259,23 +262,26 @@ def test_the_same_figure_is_the_same_file(tmp_path, kind):
 
 def test_a_figure_of_another_kind_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"picture\.bmp: a figure is written as \.png, \.svg, \.pdf"):
-        line_plots.save(paper.fig4(), tmp_path / "picture.bmp")
+        line_plots.save(paper_theory.fig4(), tmp_path / "picture.bmp")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_figures_heed_neither_nor_change_the_users_settings(tmp_path):
     import matplotlib
 
-    line_plots.save(paper.fig4(), tmp_path / "plain.png")
+    line_plots.save(paper_theory.fig4(), tmp_path / "plain.png")
     with matplotlib.rc_context({"axes.linewidth": 9, "font.family": "monospace", "xtick.major.size": 20}):
         before = {key: value for key, value in matplotlib.rcParams.items() if key != "backend"}
-        line_plots.save(paper.fig4(), tmp_path / "mine.png")
+        line_plots.save(paper_theory.fig4(), tmp_path / "mine.png")
         assert {key: matplotlib.rcParams[key] for key in before} == before
     assert (tmp_path / "mine.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
 
 
 def test_drawing_needs_no_window_and_no_global_state():
-    code = "import sys; from morphofold.report import paper; paper.fig4(); sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = (
+        "import sys; from morphofold.report import paper_theory; paper_theory.fig4(); "
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -283,19 +289,167 @@ def test_the_command_knows_the_figures_that_can_be_drawn():
     assert list(FIGURES) == list(paper.REPRODUCTIONS)
 
 
+@pytest.fixture(scope="module")
+def reproduced(tmp_path_factory):
+    """The folder of Figs. 3 and 4, the sphere in three dimensions made up: g c/C is 0.1 % too large, folded at 1.6."""
+    folder = tmp_path_factory.mktemp("figures")
+
+    def grow(name, scene, settings):
+        def height(g, verts):
+            smooth = 1.001 * float(theory.deformed_radius(g, 50 / 48)) * 48 - 50 if g > 1 else 0.0
+            return smooth + (0.5 if g == 1.6 else 0.01) * harmonic(verts, 12, 5)
+
+        return made_simulation(folder / name, scene, settings, height=height)
+
+    return folder, {name: paper.REPRODUCTIONS[name](folder, grow) for name in ("fig3", "fig4")}
+
+
+def rows_of(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
 @pytest.mark.parametrize(("table", "draw", "panel", "y"), [
-    ("fig3a", paper.fig3, 0, "c_over_B"), ("fig3b", paper.fig3, 1, "sigma_theta_over_mu_cortex"),
-    ("fig4", paper.fig4, 0, "g_crease"),
+    ("fig3a", paper_theory.fig3, 0, "c_over_B"), ("fig3b", paper_theory.fig3, 1, "sigma_theta_over_mu_cortex"),
+    ("fig4", paper_theory.fig4, 0, "g_crease"),
 ])  # fmt: skip
-def test_the_table_holds_the_points_of_the_panel(tmp_path, table, draw, panel, y):
-    paper.REPRODUCTIONS[table[:4]](tmp_path)
-    with (tmp_path / f"{table}.tsv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    assert {row["source"] for row in rows} == {"theory"}
+def test_the_table_holds_the_points_of_the_panel(reproduced, table, draw, panel, y):
+    rows = [row for row in rows_of(reproduced[0] / f"{table}.tsv") if row["source"] == "theory"]
     drawn = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
     np.testing.assert_allclose([np.nan if r[y] == "n/a" else float(r[y]) for r in rows], drawn, rtol=1e-6)
+
+
+def test_an_entry_names_the_files_that_are_written(reproduced):
+    folder, entries = reproduced
+    for entry in entries.values():
+        assert all((folder / file).is_file() for file in entry["files"])
+    told = [simulation["scene"] for simulation in entries["fig3"]["simulations"]]
+    assert told == ["fig3", "fig3-thin", "fig3-thick", "fig7-ratio1"]
+
+
+def test_radial_elements_of_figure_3_lie_on_the_theory(reproduced):
+    radius, stress = (
+        [row for row in rows_of(reproduced[0] / f"fig3{panel}.tsv") if row["source"] == paper_theory.ONE_D]
+        for panel in "ab"
+    )
+    assert [float(row["growth"]) for row in radius] == pytest.approx(np.arange(1.1, 2.05, 0.1))
+    assert {row["thickness_mm"] for row in stress} == {"1", "2", "3"}
+    for row in radius:
+        wanted = theory.deformed_radius(float(row["growth"]), 50 / 48)
+        assert float(row["c_over_B"]) == pytest.approx(wanted, rel=1e-4)
+        assert float(row["over_theory"]) == pytest.approx(float(row["c_over_B"]) / wanted - 1, abs=1e-6)
+    for row in stress:
+        assert abs(float(row["over_theory"])) < 5e-3
+
+
+def test_the_stress_of_a_row_is_compared_at_its_own_place(reproduced):
+    for row in rows_of(reproduced[0] / "fig3b.tsv"):
+        if row["source"] == paper_theory.ONE_D:
+            B, C, R = 50 - float(row["thickness_mm"]), 50.0, float(row["R_mm"])
+            at = theory.stresses(2.0, B, C, n=4001)
+            there = np.interp(B * theory.deformed_radius(2.0, C / B, R_bar=R / B), at.r, at.sigma_theta)
+            ratio = float(row["sigma_theta_over_mu_cortex"]) / there
+            assert ratio - 1 == pytest.approx(float(row["over_theory"]), abs=1e-5)
+
+
+def test_a_radius_in_three_dimensions_is_a_mean_and_says_if_the_sphere_is_folded(reproduced):
+    rows = [row for row in rows_of(reproduced[0] / "fig3a.tsv") if row["source"] == paper_theory.THREE_D]
+    assert [float(row["growth"]) for row in rows] == list(paper_theory.SOLID[1:])
+    assert [row["folded"] for row in rows] == ["0"] * 8 + ["1"]
+    for row in rows:
+        assert float(row["over_theory"]) == pytest.approx(1e-3, abs=2e-5)
+    assert float(rows[5]["over_1d"]) == pytest.approx(1e-3 + 2.87e-4, abs=3e-5)     # kappa/mu 50 gives way by 0.0287 %
+
+
+def test_elements_of_figure_3_are_drawn_where_the_table_says():
+    row = {"source": paper_theory.THREE_D, "folded": True, "growth": 1.5, "c_over_B": 1.11}
+    left, right = paper_theory.fig3(([row], [])).axes
+    drawn = lines(left)["3-D, folded: mean"]
+    assert (list(drawn.get_xdata()), list(drawn.get_ydata())) == ([1.5], [1.11])
+    assert len(lines(right)) == 3
 
 
 def test_ten_curves_are_told_apart():
     (ax,) = theory_plots.stress_figure(2.0, range(1, 11)).axes
     assert len(set(looks(ax))) == 10
+
+
+# folds -------------------------------------------------------------------------------------------------------
+
+
+def waves(g, verts):
+    return 5 * (g - 1) + 3 * (g - 1) * harmonic(verts, 10, 4)
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """What figures ask of simulations, and simulations made up for them."""
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
+    for name in ("FIG6", "FIG7"):
+        columns = [replace(column, growth=(1.5, 1.5, 2.0)) for column in getattr(paper_folds, name)]
+        monkeypatch.setattr(paper_folds, name, columns)
+    monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 1.5, 1.5), (1.5, 1.5, 2.0)))
+    asked = {}
+
+    def grow(name, scene, settings):
+        asked[name] = (scene, tuple(settings))
+        folder = tmp_path / "simulations" / name
+        return made_simulation(folder, scene, settings, height=waves, warnings=["too hot"] if "thick" in name else [])
+
+    return asked, grow
+
+
+@pytest.mark.parametrize(("figure", "scenes"), [("fig5", ["fig5"]), ("fig6", ["fig6-thin", "fig5", "fig6-thick"])])
+def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_path, figure, scenes):
+    asked, grow = made
+    entry = paper.REPRODUCTIONS[figure](tmp_path, grow)
+    assert {name: scene for name, (scene, _) in asked.items()} == {name: name for name in scenes}
+    assert all(settings == (f"output.stages={list(paper_folds.STAGES)}",) for _, settings in asked.values())
+    assert entry["files"] == [f"{figure}.png", f"{figure}.tsv"]
+    rows = rows_of(tmp_path / f"{figure}.tsv")
+    assert [(row["scene"], float(row["growth"])) for row in rows] == [
+        (scene, g) for scene in scenes for g in paper_folds.STAGES[1:]
+    ]
+    width, height = struct.unpack(">II", (tmp_path / f"{figure}.png").read_bytes()[16:24])
+    assert width > 1200
+    assert height > 800
+    warned = [told["warnings"] for told in entry["simulations"] if told["warnings"]]
+    assert warned == ([["too hot"]] if figure == "fig6" else [])
+    assert {told["healthy"] for told in entry["simulations"]} == ({True, False} if figure == "fig6" else {True})
+
+
+def test_every_growth_that_is_shown_is_a_stage():
+    shown = [g for row in paper_folds.FIG5 for g in row]
+    shown += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growth]
+    assert set(shown) <= set(paper_folds.STAGES)
+    assert paper_folds.STAGES[0] == 1
+
+
+@pytest.mark.parametrize("twin", ["fig6-normal", "fig7-ratio2"])
+def test_the_middle_columns_are_the_body_of_figure_5(twin):
+    fig5, other = load_scene("fig5"), load_scene(twin)
+    for part in ("geometry", "material", "growth", "effects", "accuracy"):
+        assert getattr(fig5, part) == getattr(other, part)
+
+
+def test_figure_7_is_drawn_from_its_columns(made, tmp_path, monkeypatch):
+    asked, grow = made
+    monkeypatch.setattr(paper_folds, "FIG7", paper_folds.FIG7[:1])
+    assert paper.REPRODUCTIONS["fig7"](tmp_path, grow)["files"] == ["fig7.png", "fig7.tsv"]
+    assert list(asked) == ["fig7-ratio1"]
+
+
+def test_columns_differ_as_the_paper_says():
+    thin, normal, thick = (load_scene(column.scene) for column in paper_folds.FIG6)
+    assert [s.geometry.cortex_thickness / s.geometry.radius for s in (thin, normal, thick)] == [0.02, 0.04, 0.06]
+    assert {s.material.mu_ratio for s in (thin, normal, thick)} == {2.0}
+    soft, middle, stiff = (load_scene(column.scene) for column in paper_folds.FIG7)
+    assert [s.material.mu_ratio for s in (soft, middle, stiff)] == [1.0, 2.0, 4.0]
+    assert {s.geometry.cortex_thickness for s in (soft, middle, stiff)} == {2.0}
+
+
+@pytest.mark.parametrize("column", paper_folds.FIG7, ids=lambda column: column.scene)
+def test_the_first_picture_of_a_stiffness_comes_a_tenth_after_the_first_wrinkles(column):
+    g = theory.bifurcation(0.04, load_scene(column.scene).material.mu_ratio, kappa_ratio=50.0).g_crit
+    assert column.growth[0] - g == pytest.approx(0.11, abs=0.025)

@@ -283,69 +283,6 @@ def test_a_question_that_is_not_drawn_loads_no_plotting():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
-def test_reproduce_writes_figures_tables_and_an_index(here, capsys):
-    assert main(["reproduce", "fig4", "fig3", "fig4", "-o", "out", "--json"]) == 0
-    index = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    files = {f for figure in index["figures"].values() for f in figure["files"]}
-    assert list(index["figures"]) == ["fig4", "fig3"]
-    assert files == {"fig3.png", "fig3a.tsv", "fig3b.tsv", "fig4.png", "fig4.tsv"}
-    assert {p.name for p in (here / "out").iterdir()} == {*files, "summary.json", ".morphofold"}
-    assert index["morphofold"]
-    assert "Eq. (12)" in index["figures"]["fig4"]["equations"]
-
-
-def test_reproduce_writes_the_same_bytes_again(here, capsys):
-    for out in ("a", "b"):
-        assert main(["reproduce", "fig3", "fig4", "-o", out]) == 0
-    for file in (here / "a").iterdir():
-        assert file.read_bytes() == (here / "b" / file.name).read_bytes()
-
-
-def test_reproduce_refuses_a_figure_that_it_does_not_know_before_it_writes(here, capsys):
-    said = refused(capsys, "reproduce", "fig3", "fig33")
-    assert "'fig33'" in said
-    assert "fig3, fig4" in said
-    assert list(here.iterdir()) == []
-
-
-def test_reproduce_leaves_a_folder_of_someone_else_alone(here, capsys):
-    (here / "reproduce").mkdir()
-    (here / "reproduce" / "thesis.txt").write_text("mine")
-    assert "thesis.txt" in refused(capsys, "reproduce", "fig4")
-    assert [p.name for p in (here / "reproduce").iterdir()] == ["thesis.txt"]
-
-
-def test_reproduce_keeps_the_figures_that_are_there(here, capsys):
-    for figure in ("fig3", "fig4"):
-        assert main(["reproduce", figure, "-o", "out"]) == 0
-    assert "fig3: kept from an earlier run" in capsys.readouterr().out
-    assert main(["reproduce", "fig4", "-o", "out"]) == 0
-    assert "fig4: kept" not in capsys.readouterr().out                  # drawn again
-    assert main(["reproduce", "fig3", "fig4", "-o", "both"]) == 0
-    for file in (here / "both").iterdir():
-        assert file.read_bytes() == (here / "out" / file.name).read_bytes()
-
-
-def test_reproduce_keeps_no_figure_of_which_a_file_is_gone(here):
-    assert main(["reproduce", "fig3", "-o", "out"]) == 0
-    (here / "out" / "fig3b.tsv").unlink()
-    assert main(["reproduce", "fig4", "-o", "out"]) == 0
-    assert list(json.loads((here / "out" / "summary.json").read_text())["figures"]) == ["fig4"]
-    assert not (here / "out" / "fig3.png").exists()
-
-
-def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
-    assert main(["reproduce", "fig4", "-o", "out"]) == 0
-    (here / "out" / "summary.json").write_text("{")
-    capsys.readouterr()
-    assert "summary.json: is no index of figures" in refused(capsys, "reproduce", "fig3", "-o", "out")
-
-
-def test_reproduce_refuses_a_folder_without_a_name(here, capsys):
-    assert "-o: no folder is named" in refused(capsys, "reproduce", "fig4", "-o", "")
-    assert list(here.iterdir()) == []
-
-
 def test_check_prints_the_same_growth_by_finite_elements(capsys):
     words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
     assert main(words) == 0

@@ -172,8 +172,8 @@ def figure(
             cut = (wide - column) // 2
             canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
         top += line
-    _ruler(canvas, per_mm, (edge, top + 34))
-    _bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
+    ruler(canvas, per_mm, (edge, top + 34))
+    colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
     if any(np.isnan(row.values).any() for row in rows):
         x = width // 2 + 240
         canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED
@@ -181,16 +181,18 @@ def figure(
     return canvas
 
 
-def _ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
+def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
+    """A ruler of a round length, its top left at ``at``."""
     mm = max((m for m in (1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=1)
     end = at[0] + round(mm * px_per_mm)
     canvas[at[1] : at[1] + 3, at[0] : end] = 60
     write(canvas, f"{mm} mm", ((at[0] + end) / 2, at[1] + 6), 14, anchor="middle", grey=60)
 
 
-def _bar(
+def colour_bar(
     canvas: Picture, what: Quantity, limits: tuple[float, float], at: tuple[int, int], size: tuple[int, int]
 ) -> None:
+    """The colours between the limits, (width, height) pixels from the top left ``at``, numbers and unit below."""
     x, y = at
     ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
     canvas[y : y + size[1], x : x + size[0]] = ramp

@@ -1,0 +1,52 @@
+"""Simulation folders with known folds, written without simulating."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import reference
+
+from morphofold.shapes import icosphere
+from morphofold.sim.folder import FolderWriter, Simulation
+from morphofold.sim.radial_run import RadialRun
+from morphofold.sim.scene import load_scene
+from morphofold.surface import Surface
+
+LEVEL = 4           # 2,562 vertices
+
+
+def harmonic(verts, l, m):
+    """Real harmonic of degree l and order m > 0 at vertices around the origin, mean square 1."""
+    direction = verts / np.linalg.norm(verts, axis=1)[:, None]
+    return np.sqrt(8 * np.pi) * reference.harmonic(direction, l, m).real
+
+
+def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=()):
+    """A sphere whose pial surface lies ``height(g, verts)`` [mm] outside of 50 mm at growth g, white 2 mm below."""
+    scene = load_scene(scene, settings)
+    out = Path(out)
+    if scene.geometry.shape == "radial":
+        writer = FolderWriter(out, scene, lambda cortex: {})
+        RadialRun(scene, writer, lambda share, text: None, lambda: False).go()
+        return Simulation(out, scene)
+    writer = FolderWriter(out, scene, lambda cortex: {"thickness": np.full(cortex.n_vertices, 3.0)})
+    writer.begin()
+    verts, faces = icosphere(LEVEL, scene.geometry.radius)
+    for g in scene.stages:
+        pial = verts * (1 + height(g, verts) / scene.geometry.radius)[:, None]
+        writer.stage(
+            g, Surface(pial * 0.96, faces, name="lh.white"), Surface(pial, faces, name="lh.pial"), portion=0.5,
+            reference_radius=scene.geometry.radius, numbers={"growth": g, "crossings": 0, "deepest_crossing": 0.0},
+            warnings=[],
+        )  # fmt: skip
+    writer.health([], list(warnings), elements=len(faces), steps=7, seconds=1.5)
+    return Simulation(out, scene)
+
+
+def settle(path):
+    """The numbers of an index without those that differ from run to run."""
+    index = json.loads(Path(path).read_text(encoding="utf-8"))
+    for figure in index["figures"].values():
+        for simulation in figure.get("simulations", ()):
+            simulation.pop("seconds")
+    return index

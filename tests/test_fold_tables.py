@@ -1,0 +1,90 @@
+import math
+
+import numpy as np
+import pytest
+from made_simulations import harmonic, made_simulation
+
+from morphofold import analysis
+from morphofold.report import fold_tables
+from morphofold.sim import theory
+
+STAGES = ["output.stages=[1.0, 1.2, 1.5, 2.0]"]
+RMS = {1.0: 0.0, 1.2: 0.19, 1.5: 0.21, 2.0: 2.0}
+
+
+def waves(g, verts):
+    """Degree 8 and order 4, on a sphere that grows."""
+    return g - 1 + RMS[g] * harmonic(verts, 8, 4)
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    """Waves whose rms grows; T = 2."""
+    folder = tmp_path_factory.mktemp("folds") / "fig5"
+    return fold_tables.fold_rows(made_simulation(folder, "fig5", STAGES, height=waves))
+
+
+def test_a_row_per_stage_says_which_body_it_is_of(rows):
+    assert [row["growth"] for row in rows] == [1.2, 1.5, 2.0]
+    for row in rows:
+        assert (row["scene"], row["thickness_mm"], row["mu_ratio"], row["law"]) == ("fig5", 2.0, 2.0, "isotropic")
+
+
+def test_rms_degree_and_wavelength_are_those_of_the_waves(rows):
+    for row in rows:
+        assert row["height_rms_mm"] == pytest.approx(RMS[row["growth"]], rel=0.01)
+    for row in rows[1:]:
+        assert row["degree"] == pytest.approx(8, abs=0.05)
+        assert row["wavelength_mm"] == pytest.approx(2 * math.pi * 50 / math.sqrt(72), rel=0.01)
+        assert row["height_skewness"] == pytest.approx(0, abs=0.01)
+
+
+def test_waves_have_as_many_gyri_as_they_have_peaks(rows):
+    """cos(4 phi) P_8^4: between its zeros in latitude lie five bands, eight peaks and pits in each pair."""
+    for row in rows[1:]:
+        assert row["gyri"] == row["sulci"] == 20
+
+
+def test_narrow_furrows_make_the_height_skew(tmp_path):
+    def furrows(g, verts):
+        wave = harmonic(verts, 8, 4)
+        return -(g - 1) * np.exp(wave - wave.max()) * 20
+
+    *_, row = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", STAGES, height=furrows))
+    assert row["height_skewness"] < -1
+
+
+def test_what_is_not_folded_has_no_folds_and_says_so(rows):
+    first, second, _ = rows
+    assert first["note"].startswith("not folded: height rms 0.19 mm is below 0.1 T")
+    assert {first[name] for name in ("sulci", "gyri", "degree", "wavelength_mm", "gyral_thickness_mm")} == {None}
+    assert first["gyrification_index"] == pytest.approx(1, abs=0.01)
+    assert second["wavelength_mm"] is not None
+
+
+def test_numbers_of_the_surface_are_those_of_the_measuring_room(rows, tmp_path):
+    last = made_simulation(tmp_path / "s", "fig5", STAGES, height=waves).cortex(2.0)
+    assert rows[-1]["gyrification_index"] == analysis.gyrification_index(last.pial.verts, last.faces)
+    assert rows[-1]["cortical_thickness_mm"] == pytest.approx(3)
+    across = analysis.gyral_thickness(last)
+    assert rows[-1]["gyral_thickness_mm"] == across.median or rows[-1]["note"] == across.reason
+
+
+def test_theory_stands_beside_at_the_compressibility_of_the_scene(rows):
+    found = theory.bifurcation(2 / 50, 2.0, "isotropic", 50.0)
+    for row in rows:
+        assert row["theory_g"] == found.g_crit
+        assert row["theory_degree"] == found.mode
+        assert row["theory_wavelength_mm"] == pytest.approx(50 * found.wavelength)
+        assert row["film_wavelength_mm"] == pytest.approx(2 * math.pi * 2 * (2 / 3) ** (1 / 3))
+
+
+def test_every_column_is_explained_or_says_of_which_body_it_is(rows):
+    body = {"scene", "level", "portion", "thickness_mm", "T_over_C", "mu_ratio", "kappa_ratio", "law", "growth"}
+    assert set(rows[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_tables.COLUMNS)
+
+
+def test_a_body_that_is_no_sphere_is_refused(tmp_path):
+    simulation = made_simulation(tmp_path / "s", "fig3", ["output.stages=[1.0, 1.5]", "growth.final=1.5"])
+    with pytest.raises(ValueError, match="fig3: is a radial, its folds have no sphere to be counted on"):
+        fold_tables.fold_rows(simulation)

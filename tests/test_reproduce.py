@@ -1,0 +1,179 @@
+"""The command ``morphofold reproduce``; the simulations that figures ask for are made up."""
+
+import json
+
+import pytest
+from made_simulations import harmonic, made_simulation, settle
+
+from morphofold.cli import main
+from morphofold.report import paper_folds, paper_theory
+from morphofold.sim.folder import Simulation
+from morphofold.sim.scene import load_scene
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working directory, and figures of few stages."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 2.0),))
+    monkeypatch.setattr(paper_theory, "RADIAL", dict.fromkeys(paper_theory.RADIAL, (2.0,)))
+    monkeypatch.setattr(paper_theory, "SOLID", (1.0, 1.3))
+    return tmp_path
+
+
+@pytest.fixture
+def grown(monkeypatch):
+    """The calls of ``simulate``, which makes spheres up; a finished one it leaves alone, as the true one does."""
+    calls = []
+
+    def simulate(scene, out, *, settings, resume, threads, progress):
+        assert resume
+        scene = load_scene(scene, settings)
+        if (out / "health.json").exists():
+            return Simulation(out, scene)
+        calls.append((out.relative_to(out.parents[2]).as_posix(), threads, scene.accuracy.level))
+        progress(1.0, "done")
+        return made_simulation(out, scene, height=wave, warnings=["a bound is broken"])
+
+    monkeypatch.setattr("morphofold.simulation.simulate", simulate)
+    return calls
+
+
+def wave(g, verts):
+    return 2 * (g - 1) * (1 + harmonic(verts, 6, 3))
+
+
+def refused(capsys, *argv):
+    """The one line that a refused command says."""
+    assert main(list(argv)) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1
+    return told.err
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_reproduce_writes_figures_tables_and_an_index(here, grown, capsys):
+    assert main(["reproduce", "fig4", "fig3", "fig4", "-o", "out", "--json", "-q"]) == 0
+    index = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    files = {f for figure in index["figures"].values() for f in figure["files"]}
+    assert list(index["figures"]) == ["fig4", "fig3"]
+    assert files == {"fig3.png", "fig3a.tsv", "fig3b.tsv", "fig4.png", "fig4.tsv"}
+    assert names(here / "out") == {*files, "summary.json", ".morphofold", "simulations"}
+    assert index["morphofold"]
+    assert "Eq. (12)" in index["figures"]["fig4"]["equations"]
+    assert [told["folder"] for told in index["figures"]["fig3"]["simulations"]] == [
+        f"simulations/{name}" for name in ("fig3", "fig3-thin", "fig3-thick", "fig3-solid")
+    ]
+
+
+def test_reproduce_writes_the_same_bytes_again(here, grown, capsys):
+    for out in ("a", "b"):
+        assert main(["reproduce", "fig4", "fig5", "-o", out, "-q"]) == 0
+    for file in (here / "a").glob("*.*"):
+        if file.name == "summary.json":
+            assert settle(file) == settle(here / "b" / file.name)
+        elif file.is_file():
+            assert file.read_bytes() == (here / "b" / file.name).read_bytes()
+
+
+def test_a_theory_figure_grows_nothing(here, grown):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert grown == []
+    assert names(here / "out") == {"fig4.png", "fig4.tsv", "summary.json", ".morphofold"}
+
+
+def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, capsys):
+    assert main(["reproduce", "fig5", "-o", "out", "--draft", "--threads", "1"]) == 0
+    assert grown == [("out/simulations/fig5-draft", 1, "draft")]
+    told = capsys.readouterr()
+    assert "fig5: warning: fig5: a bound is broken" in told.out
+    assert "fig5-draft: 100%" in told.err
+    assert main(["reproduce", "fig5", "fig4", "-o", "out", "--draft", "-q"]) == 0
+    assert len(grown) == 1
+    assert names(here / "out" / "simulations") == {"fig5-draft"}
+    assert (here / "out" / "simulations" / "fig5-draft" / "stages" / "g2.00" / "surf" / "lh.pial").is_file()
+    assert main(["reproduce", "fig5", "-o", "out", "-q"]) == 0
+    assert grown[1:] == [("out/simulations/fig5", None, "standard")]
+
+
+def test_an_interrupt_keeps_simulations_and_figures_that_were_there(here, grown, capsys, monkeypatch):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+
+    def interrupted(scene, out, **options):
+        (out / "part").mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("morphofold.simulation.simulate", interrupted)
+    for out, there in (("out", {"fig4.png", "fig4.tsv", "summary.json"}), ("new", set())):
+        assert main(["reproduce", "fig5", "-o", out, "-q"]) == 130
+        assert "Run it again to go on from the checkpoint" in capsys.readouterr().err
+        assert names(here / out) == {*there, ".morphofold", "simulations"}
+        assert (here / out / "simulations" / "fig5" / "part").is_dir()
+    assert names(here) == {"out", "new"}
+    (here / "new" / "simulations" / "fig5" / "part").rmdir()
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert main(["reproduce", "fig4", "-o", "new"]) == 0                # a marked folder may be written
+
+
+def test_simulations_are_copied_where_files_cannot_have_two_names(here, grown, monkeypatch):
+    def refuse(source, target):
+        raise OSError("no links here")
+
+    monkeypatch.setattr("os.link", refuse)
+    assert main(["reproduce", "fig5", "-o", "out", "-q"]) == 0
+    assert Simulation(here / "out" / "simulations" / "fig5", load_scene("fig5")).stages[-1] == 2
+
+
+def test_reproduce_refuses_a_figure_that_it_does_not_know_before_it_writes(here, capsys):
+    said = refused(capsys, "reproduce", "fig3", "fig33")
+    assert "'fig33'" in said
+    assert "fig3, fig4" in said
+    assert list(here.iterdir()) == []
+
+
+def test_reproduce_leaves_a_folder_of_someone_else_alone(here, grown, capsys):
+    (here / "reproduce").mkdir()
+    (here / "reproduce" / "thesis.txt").write_text("mine")
+    for figure in ("fig4", "fig5"):
+        assert "thesis.txt" in refused(capsys, "reproduce", figure)
+    assert grown == []
+    assert names(here / "reproduce") == {"thesis.txt"}
+
+
+def test_reproduce_keeps_the_figures_that_are_there(here, grown, capsys):
+    for figure in ("fig3", "fig4"):
+        assert main(["reproduce", figure, "-o", "out", "-q"]) == 0
+    assert "fig3: kept from an earlier run" in capsys.readouterr().out
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert "fig4: kept" not in capsys.readouterr().out                  # drawn again
+    assert main(["reproduce", "fig3", "fig4", "-o", "both", "-q"]) == 0
+    for file in (here / "both").glob("fig*"):
+        assert file.read_bytes() == (here / "out" / file.name).read_bytes()
+
+
+def test_reproduce_keeps_no_figure_of_which_a_file_is_gone(here, grown):
+    assert main(["reproduce", "fig3", "-o", "out", "-q"]) == 0
+    (here / "out" / "fig3b.tsv").unlink()
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert list(json.loads((here / "out" / "summary.json").read_text())["figures"]) == ["fig4"]
+    assert not (here / "out" / "fig3.png").exists()
+    assert names(here / "out" / "simulations") == {"fig3", "fig3-thin", "fig3-thick", "fig3-solid"}
+
+
+def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    (here / "out" / "summary.json").write_text("{")
+    capsys.readouterr()
+    assert "summary.json: is no index of figures" in refused(capsys, "reproduce", "fig3", "-o", "out")
+
+
+def test_reproduce_refuses_a_folder_without_a_name(here, capsys):
+    assert "-o: no folder is named" in refused(capsys, "reproduce", "fig4", "-o", "")
+    assert list(here.iterdir()) == []
