@@ -1,8 +1,9 @@
 """Bulk viscosity, linear and quadratic, as in the explicit program that the paper used (0.06 and 1.2).
 
 A pressure against the rate of volume, b1 rho c L e + rho (b2 L e)^2 [only where e < 0], with e the volumetric strain
-rate, rho the density, c the speed of pressure waves, rho c^2 = kappa + 4/3 mu, and L the cube root of the
-brick's volume. The density is that of the present nodal masses, fictitious or real.
+rate, rho the density, c the speed of pressure waves, rho c^2 = kappa + 4/3 mu, and L the brick's smallest width: its
+volume over the largest of its three middle sections. (With the cube root of the volume, flat bricks would be
+damped beyond what the step can follow.) The density is that of the present nodal masses, fictitious or real.
 """
 
 from __future__ import annotations
@@ -25,6 +26,27 @@ def _scaled(p, d):
     return (p * k[0], p * k[1], p * k[2], p * k[3], p * k[4], p * k[5], p * k[6], p * k[7], p * k[8])
 
 
+@njit(forceinline=True, fastmath=_FAST)
+def _axes(xs, l):
+    """Half the mean edges along i, j and k for the coordinate that ``xs`` (in eighths) starts with at ``l``."""
+    n0, n1, n2, n3 = xs[l], xs[l + _U(3) * _W], xs[l + _U(6) * _W], xs[l + _U(9) * _W]
+    n4, n5, n6, n7 = xs[l + _U(12) * _W], xs[l + _U(15) * _W], xs[l + _U(18) * _W], xs[l + _U(21) * _W]
+    return (n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3, n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
+            n1 + n3 + n5 + n7 - n0 - n2 - n4 - n6)  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _width_squared(xs, l, v):
+    """Square of the smallest width of a brick of volume ``v``."""
+    a0, b0, c0 = _axes(xs, l)
+    a1, b1, c1 = _axes(xs, l + _W)
+    a2, b2, c2 = _axes(xs, l + _U(2) * _W)
+    k = kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
+    largest = max(k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
+                  max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]))  # fmt: skip
+    return v * v / (16.0 * largest)                                     # 4: a section is that many times a half's
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3) are the positions a step ago."""
@@ -41,7 +63,7 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
             v = kernels._volume(now, l)
             rate = 1.0 - kernels._volume(last, l) / v
             wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]               # rho c^2
-            size = v ** (2.0 / 3.0)
+            size = _width_squared(now, l, v)
             p = linear * np.sqrt(rho[l] * wave * size) * rate
             p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
             p = p if wave > 0.0 else 0.0                                # lanes that only fill the last block

@@ -1,0 +1,430 @@
+"""Each optional effect does what it says, and only when a scene calls for it."""
+
+import json
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
+
+from morphofold.sim.body import Body
+from morphofold.sim.bricks import BINARY_CORNERS
+from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.bulk_viscosity import BulkViscosity
+from morphofold.sim.effects.core_growth import CoreGrowth
+from morphofold.sim.effects.enclosure import STIFFNESS, Enclosure, press_shell
+from morphofold.sim.effects.inertia import Inertia
+from morphofold.sim.effects.perturbation import Perturbation
+from morphofold.sim.effects.plane_strain import PlaneStrain
+from morphofold.sim.effects.ramp import RATES, Ramp
+from morphofold.sim.effects.regional_growth import RegionalGrowth
+from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.radial_statics import radial_equilibrium
+from morphofold.sim.scene import load_scene
+
+
+def sphere(n=8, **options):
+    return Body(bilayer_sphere(50, 3, 25, "octant", n), **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0,
+                                                           "law": "isotropic", **options})  # fmt: skip
+
+
+def block(size=(4.0, 4.0), depth=12.0, thickness=3.0, edge=1.0, **options):
+    return Body(bilayer_patch(size, depth, thickness, edge), **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0,
+                                                                "law": "isotropic", **options})  # fmt: skip
+
+
+def standing(body, x, v=None):
+    """What an effect sees of a run that stands at ``x``."""
+    return SimpleNamespace(body=body, state=SimpleNamespace(x=x, v=np.zeros_like(x) if v is None else v, step=0))
+
+
+# --- core growth
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_a_core_that_grows_lifts_the_cortex_as_equation_10_says(law):
+    g, g_core, B, C = 1.2, 1.08, 47.0, 50.0
+    body = sphere(16, law=law)
+    run = Dynamics(body, [CoreGrowth((g_core - 1) / (g - 1))], steps_per_unit=1500)
+    run.grow_to(g)
+    run.relax(600)
+    radius = np.linalg.norm(run.state.x[: body.n_surface], axis=1).mean()
+    grown = g ** (3 if law == "isotropic" else 2)
+    exact = (25.0**3 + g_core**3 * (B**3 - 25.0**3) + grown * (C**3 - B**3)) ** (1 / 3)     # Eq. (10), incompressible
+    assert radius == pytest.approx(exact, rel=5e-3)
+    same = C * radial_equilibrium(g, 3 / 50, law=law, kappa_ratio=50.0, g_core=g_core).r[-1]
+    assert abs(radius - same) < 0.01 * (exact - C)                      # a hundredth of the displacement
+
+
+# --- a map of growth
+
+
+def test_each_part_of_the_cortex_takes_its_share_of_the_growth():
+    body = sphere(16)
+    centre = np.array([0.0, 0.0, 50.0])
+    Dynamics(body, [RegionalGrowth([(centre, 40.0, 0.5)])], steps_per_unit=600)
+    body.grow(1.4)
+    body.elements.measure(body.X)
+    stretch = body.elements.state()["volume_ratio"] ** (-1 / 3)         # undeformed: v/V = 1/g^3
+    corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
+    away = np.linalg.norm(body.bilayer.foot[corners].mean(axis=0) - centre, axis=1) / 40.0
+    want = 1 + 0.4 * np.where(away < 1, 1 - 0.25 * (1 + np.cos(np.pi * away)), 1.0)
+    np.testing.assert_allclose(stretch[: len(want)], want, rtol=1e-12)
+    np.testing.assert_allclose(stretch[len(want) :], 1.0, rtol=1e-12)   # the core doesn't grow
+    assert want.min() < 1.21
+    assert (want == 1.4).any()
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_a_region_that_covers_everything_is_the_same_as_less_growth(law, rng):
+    whole, part = sphere(law=law), sphere(law=law)
+    RegionalGrowth([([0.0, 0.0, 50.0], 1e12, 0.5)]).prepare(part)
+    whole.grow(1.2)
+    part.grow(1.4)
+    x = whole.X + 0.1 * rng.standard_normal(whole.X.shape)
+    np.testing.assert_allclose(part.forces(x), whole.forces(x), atol=1e-11 * np.abs(whole.forces(x)).max())
+
+
+def test_regions_multiply_where_they_overlap():
+    body = sphere()
+    RegionalGrowth([([0.0, 0.0, 50.0], 1e12, 0.5), ([0.0, 0.0, 50.0], 1e12, 3.0)]).prepare(body)
+    np.testing.assert_allclose(body.pattern, 1.5)
+
+
+# --- ramps
+
+
+def growths(shape, final=1.8, steps_per_unit=2000):
+    """Growth at each measurement of a run with a ramp (none: linear), the first at g = 1."""
+    run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final)], steps_per_unit=steps_per_unit)
+    run._run = lambda steps: setattr(run.state, "step", run.state.step + steps)            # growth alone, no mechanics
+    seen = [1.0]
+    run.grow_to(final, lambda state: seen.append(state.growth))
+    return np.array(seen)
+
+
+#: share of the growth at a share t of the time, from the rates
+COURSES = {
+    "exponential": lambda t: (1.8**t - 1) / 0.8,
+    "smooth": lambda t: 0.5 * (1 - np.cos(np.pi * t)),
+    "slowing": lambda t: 1.1 * (1 - (0.1 / 1.1) ** t),
+}
+
+
+@pytest.mark.parametrize("shape", RATES)
+def test_a_ramp_follows_its_course_in_the_time_of_the_linear_one(shape):
+    linear, ramp = growths(None), growths(shape)
+    assert len(linear) - 1 == 1600 / REFRESH
+    assert len(ramp) == pytest.approx(len(linear), abs=0.05 * len(linear))
+    assert np.all(np.diff(ramp) > 0)
+    assert ramp[-1] == 1.8
+    t = np.arange(len(ramp)) / (len(ramp) - 1)
+    np.testing.assert_allclose((ramp - 1) / 0.8, COURSES[shape](t), atol=0.03)
+
+
+def test_a_ramp_ends_at_its_stages_too():
+    run = Dynamics(sphere(4), [Ramp("smooth", 1.3)], steps_per_unit=200)
+    for g in (1.1, 1.3):
+        run.grow_to(g)
+        assert run.state.growth == g
+
+
+# --- enclosure
+
+
+def test_an_enclosure_pushes_back_what_is_outside_along_its_normal(rng):
+    axes = np.array([60.0, 45.0, 40.0])
+    direction = rng.standard_normal((200, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    x = np.where(np.arange(200)[:, None] % 2, 1.01, 0.99) * direction * axes
+    mass, extra = rng.uniform(1, 2, 200), np.zeros((200, 3))
+    count, energy = press_shell(x, np.zeros_like(x), mass, axes, extra)
+    assert count == 100
+    assert not extra[::2].any()
+    normal = (x / axes**2) / np.linalg.norm(x / axes**2, axis=1, keepdims=True)
+    push = np.einsum("ij,ij->i", extra, normal)
+    assert (push[1::2] < 0).all()
+    np.testing.assert_allclose(extra, push[:, None] * normal, atol=1e-12)      # no friction
+    depth = -push / mass / STIFFNESS
+    assert energy == pytest.approx(0.5 * STIFFNESS * np.sum(mass * depth**2))
+    np.testing.assert_allclose(np.abs(((x - depth[:, None] * normal) / axes)[1::2] ** 2).sum(axis=1), 1, atol=3e-4)
+
+
+def test_the_force_of_a_spherical_enclosure_is_the_slope_of_its_energy(rng):
+    axes, mass = np.full(3, 50.0), np.ones(40)
+    x = rng.standard_normal((40, 3))
+    x *= (rng.uniform(49, 53, 40) / np.linalg.norm(x, axis=1))[:, None]
+    extra, way = np.zeros((40, 3)), rng.standard_normal((40, 3))
+    press_shell(x, np.zeros_like(x), mass, axes, extra)
+    up, down = (press_shell(x + s * way, np.zeros_like(x), mass, axes, np.zeros((40, 3)))[1] for s in (1e-5, -1e-5))
+    assert (up - down) / 2e-5 == pytest.approx(-np.sum(extra * way), rel=1e-6)
+
+
+def test_an_enclosure_damps_what_moves_out_and_never_attracts():
+    x, mass = np.array([[51.0, 0.0, 0.0]]), np.ones(1)
+    pushes = []
+    for speed in (0.0, 0.1, -10.0):
+        extra = np.zeros((1, 3))
+        press_shell(x, np.array([[speed, 0.3, 0.0]]), mass, np.full(3, 50.0), extra)
+        pushes.append(extra[0, 0])
+    assert pushes[1] < pushes[0] < 0
+    assert pushes[2] == 0
+
+
+def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
+    body = sphere(12)
+    shell = Enclosure(np.full(3, 51.0))
+    run = Dynamics(body, [shell], steps_per_unit=1500)
+    run.grow_to(1.05)
+    assert shell.energy() == 0.0
+    assert run.state.record["effects"]["enclosure"]["pressed"] == 0
+    run.grow_to(1.15)
+    run.relax(300)
+    radius = np.linalg.norm(run.state.x[: body.n_surface], axis=1)
+    free = (47.0**3 + 1.15**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
+    assert radius.max() < 51 + 0.05 * body.filter.h                     # the shell's springs yield a little
+    assert radius.max() < 51 + 0.6 * (free - 51)
+    assert run.state.record["effects"]["enclosure"]["pressed"] == body.n_surface
+    assert run.state.record["effects"]["enclosure"]["energy"] > 0
+
+
+# --- inertia
+
+P_WAVE = 50 + 4 / 3                                                     # modulus of uniaxial strain, mu = rho = 1
+
+
+def breathing(density=1.0, damping=0.0, periods=1.05, extra=()):
+    """Height (S,) of a block that swings up and down in its slowest mode, and the time, after each ten steps."""
+    body = block(depth=24.0)
+    run = Dynamics(body, [Inertia(density, 500.0, damping), *extra], steps_per_unit=100)
+    rise = np.sin(0.5 * np.pi * (body.X[:, 2] + 24) / 24)
+    run.state.x[:, 2] += 0.02 * rise
+    run._measure()
+    time, height = [0.0], [0.02]
+    while time[-1] < periods * 4 * 24 * (density / P_WAVE) ** 0.5:
+        run._run(REFRESH)
+        time.append(run.state.record["effects"]["inertia"]["time"])
+        height.append(np.mean(run.state.x[: body.n_surface, 2]))
+    return np.array(time), np.array(height)
+
+
+@pytest.mark.parametrize("density", [1.0, 4.0])
+def test_a_block_breathes_with_the_period_of_pressure_waves(density):
+    time, height = breathing(density)
+    period = 4 * 24 * (density / P_WAVE) ** 0.5
+    np.testing.assert_allclose(height, 0.02 * np.cos(2 * np.pi * time / period), atol=0.02 * 0.05)
+    crossings = np.flatnonzero(np.diff(np.sign(height)))
+    at = [time[k] - height[k] * (time[k + 1] - time[k]) / (height[k + 1] - height[k]) for k in crossings]
+    assert at == pytest.approx([period / 4, 3 * period / 4], rel=0.01)
+
+
+def test_damping_takes_its_share_of_the_velocity():
+    time, height = breathing(damping=0.1)
+    w = (P_WAVE * (0.5 * np.pi / 24) ** 2 - 0.05**2) ** 0.5
+    want = np.exp(-0.05 * time) * (np.cos(w * time) + 0.05 / w * np.sin(w * time))
+    np.testing.assert_allclose(height / 0.02, want, atol=0.05)
+    assert np.exp(-0.05 * time[-1]) < 0.6
+
+
+def test_growth_keeps_the_time_that_its_duration_gives():
+    body = sphere(4)
+    run = Dynamics(body, [Inertia(2.0, 30.0, 0.05)], steps_per_unit=1.0)
+    run.grow_to(1.1)
+    seen = run.state.record["effects"]["inertia"]
+    assert seen["time"] == pytest.approx(0.1 * 30.0 * 2.0**0.5, rel=0.15)      # whole tens of steps
+    np.testing.assert_allclose(body.mass.sum(), 2.0 * body.elements.volume.sum() / seen["time_step"] ** 2)
+
+
+def test_a_run_with_inertia_goes_on_from_a_checkpoint_bitwise():
+    def start():
+        return Dynamics(sphere(6), [Inertia(1.0, 60.0, 0.05), BulkViscosity(0.06, 1.2), Ramp("smooth", 1.3)],
+                        steps_per_unit=1.0)  # fmt: skip
+
+    whole, again, saved = start(), start(), []
+    whole.grow_to(1.3, lambda state: saved.append(whole.save()))
+    assert len(saved) > 10
+    again.load(saved[len(saved) // 2])
+    again.grow_to(1.3)
+    assert np.array_equal(again.state.x, whole.state.x)
+    assert again.state.record == whole.state.record
+
+
+# --- bulk viscosity
+
+
+def viscous_forces(body, x, v, linear=0.06, quadratic=1.2):
+    """Nodal forces (N, 3) of the effect alone."""
+    effect = BulkViscosity(linear, quadratic)
+    effect.prepare(body)
+    effect.refresh(standing(body, x))
+    body.elements.blocks.force[:] = 0.0
+    effect.add_element_forces(body, x, v)
+    return body.elements.blocks.nodal_forces()
+
+
+def moving(rng, size):
+    body = sphere(4, mu_cortex=2.0)
+    body.grow(1.3)
+    body.update_state(body.X)
+    return body, body.X + 0.1 * rng.standard_normal(body.X.shape), size * rng.standard_normal(body.X.shape)
+
+
+@pytest.mark.parametrize(("linear", "quadratic"), [(0.06, 0.0), (0.0, 1.2), (0.06, 1.2)])
+def test_viscous_forces_are_those_of_scikit_fem(rng, linear, quadratic):
+    body, x, v = moving(rng, 0.02)
+    mesh = body.bilayer.mesh
+    now, before = (Basis(MeshHex(np.ascontiguousarray(at.T), mesh.t), ElementVector(ElementHex1()), intorder=3)
+                   for at in (x, x - v))  # fmt: skip
+    volume, last = now.dx.sum(axis=1), before.dx.sum(axis=1)
+    rate = 1 - last / volume
+    rho = (body.mass / body.nodal_volumes())[mesh.t].mean(axis=0)
+    c = np.sqrt((body.kappa + 2 * body.mu + 4 / 3 * body.mu) / rho)     # bulk modulus kappa + 2 mu, see Bricks
+    corner = x[mesh.t.T][:, BINARY_CORNERS].reshape(-1, 2, 2, 2, 3)     # along i, j, k
+    i, j, k = (np.take(corner, 1, axis).mean(axis=(1, 2)) - np.take(corner, 0, axis).mean(axis=(1, 2))
+               for axis in (1, 2, 3))  # fmt: skip
+    L = volume / np.max([np.linalg.norm(np.cross(a, b), axis=1) for a, b in ((i, j), (j, k), (k, i))], axis=0)
+    p = linear * rho * c * L * rate - np.where(rate < 0, rho * (quadratic * L * rate) ** 2, 0.0)
+    form = LinearForm(lambda w, fields: fields["p"] * (w.grad[0, 0] + w.grad[1, 1] + w.grad[2, 2]))
+    want = -form.assemble(now, p=np.repeat(p[:, None], now.dx.shape[1], axis=1))[now.nodal_dofs].T
+    found = viscous_forces(body, x, v, linear, quadratic)
+    assert np.abs(want).max() > 0
+    np.testing.assert_allclose(found, want, atol=1e-10 * np.abs(want).max())
+
+
+def test_viscous_forces_never_do_work_on_the_body(rng):
+    body, x, v = moving(rng, 1e-4)
+    force = viscous_forces(body, x, v)
+    assert np.sum(force * v) < 0
+    mesh, part = body.bilayer.mesh, np.zeros(body.elements.n)
+    for k in range(0, body.elements.n, 7):                              # each brick by itself
+        alone = np.zeros_like(v)
+        alone[mesh.t[:, k]] = v[mesh.t[:, k]]
+        part[k] = np.sum(viscous_forces(body, x, alone) * alone)
+    assert part.max() <= 0
+
+
+def test_viscosity_feels_neither_rest_nor_rigid_nor_isochoric_motion(rng):
+    body, x, _ = moving(rng, 0.0)
+    assert not viscous_forces(body, x, np.zeros_like(x)).any()
+    angle = 0.02
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    shear = np.array([[1, 0.03, 0], [0, 1, 0.02], [0, 0, 1.0]])
+    swelling = np.abs(viscous_forces(body, x, x - x * 0.98)).max()
+    for motion in (x @ turn.T + [0.1, 0.2, 0.3], x @ shear.T):
+        assert np.abs(viscous_forces(body, x, x - motion)).max() < 1e-9 * swelling
+
+
+def test_viscosity_damps_a_breathing_block_as_its_linear_part_says():
+    """Of a mode of frequency w, a viscosity b1 rho c L takes w^2 b1 L / (2 c) of the amplitude per time."""
+    plain, viscous = (breathing(extra=extra) for extra in ((), (BulkViscosity(0.6, 0.0),)))
+    body = block(depth=24.0)
+    height = np.ptp(body.X[body.bilayer.mesh.t.T][:, :, 2], axis=1)
+    L = np.minimum(height, 1.0)                                         # bricks are 1 mm wide
+    middle = body.X[body.bilayer.mesh.t.T].mean(axis=1)[:, 2]
+    strain = np.cos(0.5 * np.pi * (middle + 24) / 24) ** 2 * body.elements.volume
+    c = P_WAVE**0.5
+    decay = 0.5 * 0.6 * (0.5 * np.pi / 24) ** 2 * c * np.average(L, weights=strain)
+    (time, damped), (_, without) = viscous, plain
+    last = slice(-5, None)
+    assert damped[last] / without[last] == pytest.approx(np.exp(-decay * time[last]), abs=0.02)
+    assert np.exp(-decay * time[-1]) < 0.95
+
+
+def test_viscosity_is_refused_for_tetrahedra():
+    body = SimpleNamespace(elements=object())
+    with pytest.raises(ValueError, match=r"effects.bulk_viscosity acts on bricks, and this body is of tetrahedra"):
+        BulkViscosity(0.06, 1.2).prepare(body)
+
+
+# --- a strip
+
+
+def test_both_sides_of_a_strip_stay_the_same_to_the_bit_as_it_folds():
+    bilayer = bilayer_patch((24.0, 0.0), 10.0, 2.0, 0.8)
+    X = Perturbation(0.1, 15.0, seed=0).reshape(bilayer, bilayer.mesh.p.T)
+    body = Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", X=X)
+    run = Dynamics(body, [PlaneStrain()], steps_per_unit=2000)
+    run.grow_to(1.35)
+    x = run.state.x
+    near = np.flatnonzero(body.X[:, 1] == 0)
+    far = np.flatnonzero(body.X[:, 1] > 0)
+    assert len(near) == len(far)
+    twin = {(X[i, 0], X[i, 2]): i for i in near}
+    pairs = np.array([(twin[X[j, 0], X[j, 2]], j) for j in far])
+    assert np.array_equal(x[pairs[:, 0]][:, [0, 2]], x[pairs[:, 1]][:, [0, 2]])
+    assert np.array_equal(x[:, 1], body.X[:, 1])                        # plane strain
+    assert np.ptp(x[: body.n_surface, 2]) > 2.0                         # folded
+
+
+# --- one at a time
+
+PLAIN = """
+name = "plain"
+[geometry]
+cortex_thickness = 3.0
+portion = "PORTION"
+[growth]
+final = 1.04
+[accuracy]
+edge = 19.7
+[output]
+volume = false
+"""
+ALONE = {
+    "none": "",
+    "contact": "[effects.contact]",
+    "perturbation": "[effects.perturbation]",
+    "core_growth": "[effects.core_growth]\nfinal = 1.02",
+    "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
+    "ramp": '[effects.ramp]\nshape = "smooth"',
+    "enclosure": "[effects.enclosure]\ngap = 5.0",
+    "inertia": "[effects.inertia]\nduration = 50.0",
+    "bulk_viscosity": "[effects.bulk_viscosity]",
+}
+OF_THE_SHAPE = {                                                        # effects that the geometry brings along
+    "symmetry": (PLAIN.replace("PORTION", "octant") + ALONE["contact"], {"contact", "symmetry"}),
+    "plane_strain": (
+        'name = "plain"\n[geometry]\nshape = "strip"\nlength = 8.0\ndepth = 8.0\n[growth]\nfinal = 1.04\n'
+        "[accuracy]\nedge = 2.0\n[output]\nvolume = false\n", {"plane_strain"},
+    ),
+}  # fmt: skip
+#: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
+EACH_ALONE = """
+import json, sys
+from morphofold.sim.run import simulate
+for name in sys.argv[1:]:
+    simulate(f"{name}.toml", name, threads=1)
+    effects = [m for m in sys.modules if m.startswith("morphofold.sim.effects.")]
+    open(f"{name}.json", "w").write(json.dumps([m.rpartition(".")[2] for m in effects]))
+    for m in effects:
+        del sys.modules[m]
+"""
+
+
+def test_an_effect_is_loaded_and_run_if_and_only_if_its_scene_calls_for_it(tmp_path):
+    scenes = {name: (PLAIN.replace("PORTION", "full") + table, {name} - {"none"}) for name, table in ALONE.items()}
+    scenes |= OF_THE_SHAPE
+    for name, (text, _) in scenes.items():
+        (tmp_path / f"{name}.toml").write_text(text)
+    subprocess.run([sys.executable, "-c", EACH_ALONE, *scenes], cwd=tmp_path, check=True)
+    solver = {"elements", "filter", "advance", "measure", "grow"}
+    for name, (_, called) in scenes.items():
+        assert set(json.loads((tmp_path / f"{name}.json").read_text())) == called, name
+        health = json.loads((tmp_path / name / "health.json").read_text())
+        assert set(health["effects"]) == called
+        assert set(health["seconds_by_phase"]) - solver <= called, name
+        for line in (tmp_path / name / "log.jsonl").read_text().splitlines():
+            assert set(json.loads(line)["effects"]) == called, name
+    every = {name for _, called in scenes.values() for name in called}
+    shipped = {type(effect).__module__.rpartition(".")[2] for effect in build_effects(load_scene("dynamic"))}
+    assert shipped < every
+
+
+def test_the_effects_tested_alone_are_all_there_are():
+    from importlib.resources import files
+
+    there = {p.name.removesuffix(".py") for p in (files("morphofold.sim") / "effects").iterdir() if p.name[0] != "_"}
+    assert there == {*ALONE, *OF_THE_SHAPE} - {"none"}
