@@ -1,0 +1,113 @@
+"""Walk from nodes down through a mesh of tetrahedra along a direction field, to where a level falls to zero."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+HOPS = 200              # tetrahedra that one step may cross
+HALVINGS = 30           # of the last step: level has a kink where it is 0, so that it can't be had by a straight line
+
+
+@njit(inline="always")
+def _six_volumes(a, b, c, d):
+    """Six times the signed volume of the tetrahedron abcd."""
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    w0, w1, w2 = d[0] - a[0], d[1] - a[1], d[2] - a[2]
+    return u0 * (v1 * w2 - v2 * w1) - u1 * (v0 * w2 - v2 * w0) + u2 * (v0 * w1 - v1 * w0)
+
+
+@njit(cache=True)
+def _weights(x, tet, p, w):
+    """Barycentric weights of ``p`` in a tetrahedron, into ``w`` (4,)."""
+    a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
+    whole = _six_volumes(a, b, c, d)
+    w[0] = _six_volumes(p, b, c, d) / whole
+    w[1] = _six_volumes(a, p, c, d) / whole
+    w[2] = _six_volumes(a, b, p, d) / whole
+    w[3] = 1.0 - w[0] - w[1] - w[2]
+
+
+@njit(cache=True)
+def _find(x, tets, across, p, start, w):
+    """The tetrahedron that holds ``p``, walked to from ``start`` across faces; -1 where the way leads outside."""
+    e = start
+    for _ in range(HOPS):
+        _weights(x, tets[e], p, w)
+        best, most = -1, -1e-9
+        for k in range(4):
+            if w[k] < most and across[e, k] >= 0:
+                best, most = k, w[k]
+        if best < 0:
+            inside = min(min(w[0], w[1]), min(w[2], w[3])) >= -1e-9
+            return e if inside else -1
+        e = across[e, best]
+    return -1
+
+
+@njit(cache=True)
+def _level(tets, level, e, w):
+    """The level at weights ``w`` of tetrahedron ``e``."""
+    there = 0.0
+    for k in range(4):
+        there += w[k] * level[tets[e, k]]
+    return there
+
+
+@njit(cache=True)
+def _cross(x, tets, across, level, e, p, q, w):
+    """Halve the way from ``p`` (level above 0) to ``q`` (below) until it is 0; leaves the place in ``q``."""
+    at = np.empty(3)
+    low, high, found = 0.0, 1.0, e
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        for r in range(3):
+            at[r] = p[r] + middle * (q[r] - p[r])
+        here = _find(x, tets, across, at, found, w)
+        if here >= 0 and _level(tets, level, here, w) > 0.0:
+            low, found = middle, here
+        else:
+            high = middle
+    for r in range(3):
+        q[r] = p[r] + low * (q[r] - p[r])
+    return _find(x, tets, across, q, found, w)
+
+
+@njit(cache=True)
+def descend(x, tets, across, start, radial, level, stride, steps, where, weights):
+    """From each node i along minus ``radial`` to where ``level`` becomes 0, or is least on the way inside the mesh.
+
+    x (N, 3); tets, across (E, 4): corners, and the tetrahedron beyond the face opposite to each corner (-1: none);
+    start (S,): a tetrahedron at each of the first S nodes; radial (N, 3) and level (N,) are linear in a tetrahedron.
+    A step is ``stride`` long. Into where (S,) and weights (S, 4): the tetrahedron at the end, and weights there.
+    """
+    w, p, q = np.empty(4), np.empty(3), np.empty(3)
+    for i in range(len(start)):
+        e, here = start[i], level[i]
+        p[:] = x[i]
+        _weights(x, tets[e], p, w)
+        where[i], weights[i] = e, w
+        for _ in range(steps):
+            if here <= 0.0:
+                break
+            q[:] = 0.0
+            for k in range(4):
+                for r in range(3):
+                    q[r] += w[k] * radial[tets[e, k], r]
+            length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+            if length < 1e-6:
+                break
+            for r in range(3):
+                q[r] = p[r] - stride * q[r] / length
+            ahead = _find(x, tets, across, q, e, w)
+            if ahead < 0:
+                break
+            there = _level(tets, level, ahead, w)
+            if there >= here:
+                break
+            if there < 0.0:
+                ahead, there = _cross(x, tets, across, level, e, p, q, w), 0.0
+            e, here = ahead, there
+            p[:] = q
+            where[i], weights[i] = e, w

@@ -1,0 +1,191 @@
+"""Tetrahedra from a file that meshio reads, checked to be one body: neighbours, outer surface, hollows."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from morphofold.io import sample_path
+from morphofold.io.files import decoding, existing_file
+from morphofold.sim.scene import MOST_BRICKS, MeshFile
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")   # cells that may stand beside the tetrahedra
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))            # opposite to each corner; seen from outside
+FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
+
+
+class TetMesh(NamedTuple):
+    """One body of tetrahedra.
+
+    Attributes
+    ----------
+    points : (N, 3) float64
+        All in use [mm].
+    tets : (E, 4) int
+        Corners in right-handed order.
+    across : (E, 4) int
+        The tetrahedron beyond the face opposite to each corner, -1 at the boundary.
+    pial, inner : (F, 3), (H, 3) int
+        Faces of the outer surface and of hollows, counter-clockwise seen from outside of the material.
+    cortex : (E,) bool, optional
+        Which tetrahedra a label calls cortex.
+    """
+
+    points: Array
+    tets: Ints
+    across: Ints
+    pial: Ints
+    inner: Ints
+    cortex: Bools | None
+
+
+def read_tets(geometry: MeshFile) -> TetMesh:
+    """The body in the file of a geometry.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither a file nor a sample of that name.
+    ValueError
+        For a file that is damaged, too large, or has other cells; for a body of several parts, with flat tetrahedra, or
+        whose surface touches itself; for a label that isn't there, or that all tetrahedra have.
+    """
+    name = geometry.file
+    points, tets, cortex = _read(geometry)
+    points, tets, volume = _right_handed(name, points, tets)
+    across = _neighbours(name, tets)
+    pial, inner, enclosed = _sheets(name, points, tets[:, FACES][across < 0])
+    if abs(volume - enclosed) > 1e-6 * volume:                          # neighbours on the same side of their face
+        raise ValueError(
+            f"{name}: tetrahedra lie over one another: they fill {volume:.6g} mm3, and their surface encloses "
+            f"{enclosed:.6g}. Repair the mesh."
+        )
+    return TetMesh(points, tets, across, pial, inner, cortex)
+
+
+def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
+    """Points (P, 3) [mm], tetrahedra (E, 4), and which of these the label calls cortex."""
+    import meshio
+
+    name = geometry.file
+    path = Path(name)
+    if not path.exists():
+        with contextlib.suppress(FileNotFoundError):
+            path = sample_path(name)
+    path = existing_file(path, "tetrahedral mesh")
+    quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
+    with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
+        mesh = meshio.read(path)
+        points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
+        blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
+    counts: dict[str, int] = {}
+    for block in mesh.cells:
+        counts[block.type] = counts.get(block.type, 0) + len(block.data)
+    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *BESIDE) and n}
+    if others or not counts.get("tetra"):
+        told = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
+        raise ValueError(f"{name}: needs linear tetrahedra (tetra) and holds {told}; split or mesh it anew into them.")
+    tets = np.concatenate(blocks)
+    if len(tets) > MOST_BRICKS:
+        raise ValueError(f"{name}: has {len(tets):,} tetrahedra, at most {MOST_BRICKS:,} fit; coarsen the mesh.")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        bad = int((~np.isfinite(points)).any(axis=-1).sum())
+        raise ValueError(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
+    if tets.min() < 0 or tets.max() >= len(points):
+        named = f"{tets.min()} to {tets.max()}"
+        raise ValueError(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
+    return points, tets, None if geometry.label is None else _labelled(geometry, mesh)
+
+
+def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
+    """Which tetrahedra have the label of the cortex."""
+    name, label = geometry.file, geometry.label
+    if label not in mesh.cell_data:
+        there = ", ".join(mesh.cell_data) or "none"
+        raise ValueError(f"{name}: has no cell data {label!r} (geometry.label); there are: {there}.")
+    values = np.concatenate([v for v, block in zip(mesh.cell_data[label], mesh.cells) if block.type == "tetra"])
+    cortex = values == geometry.cortex_label
+    if values.ndim != 1 or cortex.all() or not cortex.any():
+        kinds, n = np.unique(values, return_counts=True)
+        told = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
+        raise ValueError(
+            f"{name}: needs tetrahedra of {label} = {geometry.cortex_label} (geometry.cortex_label) and others, the "
+            f"core; there are {told}."
+        )
+    return cortex
+
+
+def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, float]:
+    """Points in use, the tetrahedra over them, corners in right-handed order, and their volume [mm^3]."""
+    used, tets = np.unique(tets, return_inverse=True)
+    points, tets = np.ascontiguousarray(points[used]), tets.reshape(-1, 4)
+    a, b, c, d = (points[tets[:, k]] for k in range(4))
+    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    edges = (a - b, a - c, a - d, b - c, b - d, c - d)
+    longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
+    flat = np.flatnonzero(~(np.abs(volume) > FLAT * longest**3))
+    if flat.size:
+        raise ValueError(
+            f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} of volume "
+            f"{volume[flat[0]]:.2g} and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
+        )
+    return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets), float(np.abs(volume).sum())
+
+
+def _neighbours(name: str, tets: Ints) -> Ints:
+    """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; refuses several parts."""
+    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    if (same[1:] & same[:-1]).any():
+        at = faces[order[1:][np.flatnonzero(same[1:] & same[:-1])[0]]]
+        raise ValueError(f"{name}: more than two tetrahedra share the face of corners {at.tolist()}. Repair the mesh.")
+    left, right = order[:-1][same], order[1:][same]
+    across = np.full(tets.size, -1)
+    across[left], across[right] = right // 4, left // 4
+    parts, part = _parts(left // 4, right // 4, len(tets))
+    if parts > 1:
+        size = np.sort(np.bincount(part))[::-1]
+        raise ValueError(
+            f"{name}: falls into {parts:,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep "
+            "one; if points are there twice, merge them."
+        )
+    return across.reshape(-1, 4)
+
+
+def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
+    """Boundary faces (F, 3): those of the sheet that encloses most, and the others; the volume within [mm^3]."""
+    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)    # half-edge 3 f + k, from corner k
+    low, high = half.min(axis=1), half.max(axis=1)
+    order = np.lexsort((high, low))                                     # a face has three half-edges: an even number
+    one, two = order[0::2], order[1::2]
+    cure = "Part them, or join them by a face."
+    again = (low[one[1:]] == low[one[:-1]]) & (high[one[1:]] == high[one[:-1]])
+    if again.any() or (half[one] != half[two][:, ::-1]).any():
+        raise ValueError(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
+    following = one // 3 * 3 + (one + 1) % 3, two // 3 * 3 + (two + 1) % 3
+    fans, _ = _parts(np.concatenate([one, two]), np.concatenate([following[1], following[0]]), faces.size)
+    pinched = fans - len(np.unique(faces))
+    if pinched:
+        raise ValueError(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
+    count, sheet = _parts(one // 3, two // 3, len(faces))
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)), count)
+    outer = sheet == enclosed.argmax()
+    return faces[outer], faces[~outer], float(enclosed.sum()) / 6
+
+
+def _parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:
+    """Connected parts of ``size`` things of which ``one`` and ``two`` are joined: how many, and that of each."""
+    return connected_components(sparse.csr_matrix((np.ones(len(one)), (one, two)), (size, size)))

@@ -1,0 +1,359 @@
+import meshio
+import numpy as np
+import pytest
+from skfem import MeshTet
+
+from morphofold.shapes import icosphere
+from morphofold.sim import tetmesh
+from morphofold.sim.descent import _find, descend
+from morphofold.sim.meshfile import bilayer_from_file
+from morphofold.sim.scene import MeshFile
+from morphofold.sim.tetmesh import read_tets
+
+R, HOLE, T = 50.0, 25.0, 6.0
+
+
+def tets_between(spheres, faces):
+    """Points and conforming tetrahedra of layers of prisms between surfaces (L, S, 3) with the same faces."""
+    a, b, c = np.sort(faces, axis=1).T                                  # each prism is cut by the order of its columns
+    S, tets = len(spheres[0]), []
+    for k in range(len(spheres) - 1):
+        o, u = k * S, (k + 1) * S
+        tets += [np.stack(t, axis=1) for t in ((o + a, o + b, o + c, u + c), (o + a, o + b, u + b, u + c),
+                                               (o + a, u + a, u + b, u + c))]  # fmt: skip
+    return np.concatenate(spheres), np.concatenate(tets)
+
+
+def shell(level=3, stretch=(1.0, 1.0, 1.0), thickness=T):
+    """A hollow ball (or ellipsoid) in layers, three of them the cortex, with a label per tetrahedron."""
+    verts, faces = icosphere(level)
+    pial = R * verts
+    white = pial * (1 - np.reshape(thickness, (-1, 1)) / R)
+    levels = [pial + s * (white - pial) for s in (0, 1 / 3, 2 / 3, 1)]
+    levels += [white + s * (HOLE * verts - white) for s in (0.2, 0.45, 0.7, 1.0)]
+    points, tets = tets_between(np.array(levels) * stretch, faces)
+    return points, tets, (np.arange(len(tets)) < 9 * len(faces)).astype(np.int64)
+
+
+def ball(refinements):
+    """A whole ball whose tetrahedra know nothing of layers."""
+    mesh = MeshTet.init_ball(refinements)
+    return R * mesh.p.T, mesh.t.T.astype(np.int64)
+
+
+def write(path, points, tets, layer=None, beside=()):
+    data = {} if layer is None else {"layer": [layer]}
+    meshio.Mesh(points, [("tetra", tets), *beside], cell_data=data).write(path)
+    return path
+
+
+def bilayer(path, points=None, tets=None, layer=None, **options):
+    if points is not None:
+        write(path, points, tets, layer)
+    named = {"label": "layer"} if layer is not None else {}
+    return bilayer_from_file(MeshFile(shape="mesh", file=str(path), **{"cortex_thickness": T, **named, **options}))
+
+
+def degrees(a, b):
+    return np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1)))
+
+
+def outwards(x):
+    return x / np.linalg.norm(x, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def balls(tmp_path_factory):
+    """Balls of 4,096 and 32,768 tetrahedra, layered by depth."""
+    folder = tmp_path_factory.mktemp("balls")
+    return [bilayer(folder / f"{n}.vtu", *ball(n)) for n in (3, 4)]
+
+
+def test_the_layers_of_a_ball_are_where_depth_says(balls):
+    for b in balls:
+        X, n = b.mesh.p.T, b.n_surface
+        r = np.linalg.norm(X, axis=1)
+        np.testing.assert_allclose(r[:n], R)                            # pial nodes come first
+        assert r[n:].max() < R - 1
+        centroid = X[b.mesh.t.T].mean(axis=1)
+        depth = R - np.linalg.norm(centroid, axis=1)
+        n_cortex = len(b.mesh.subdomains["cortex"])
+        assert np.array_equal(b.mesh.subdomains["cortex"], np.arange(n_cortex))
+        sagitta = b.edge**2 / 6 / R                                     # flat faces lie below the sphere by less
+        assert depth[:n_cortex].max() < T + sagitta
+        assert depth[n_cortex:].min() > T - 1e-9
+        assert not len(b.held)
+        assert b.closed
+
+
+def test_thickness_direction_and_share_of_a_ball_converge(balls):
+    angle = []
+    for b in balls:
+        X, r = b.mesh.p.T, np.linalg.norm(b.mesh.p.T, axis=1)
+        within = r > R - T
+        np.testing.assert_allclose(np.linalg.norm(b.radial, axis=1), 1)
+        angle.append(degrees(b.radial, outwards(np.where(r[:, None] > 0, X, 1.0)))[within].max())
+        assert np.abs(b.share - np.clip(1 - (R - r) / T, 0, 1)).max() < b.edge**2 / 6 / R / T   # second order
+        foot = np.linalg.norm(b.foot - R * outwards(np.where(r[:, None] > 0, X, 1.0)), axis=1)[within]
+        assert foot.max() < 0.05 * b.edge
+        assert np.array_equal(b.share[: b.n_surface], np.ones(b.n_surface))
+        assert b.share.min() == 0
+    assert angle[1] < 0.8
+    assert angle[1] < 0.7 * angle[0]                                    # first order in the edge
+
+
+def test_the_white_surface_of_a_ball_converges_to_the_sphere_below(balls):
+    error = []
+    for b in balls:
+        white = b.white @ b.mesh.p.T
+        assert abs(b.white.sum(axis=1) - 1).max() < 1e-12
+        assert b.white.min() >= 0
+        error.append(np.abs(np.linalg.norm(white, axis=1) - (R - T)).max())
+        assert degrees(outwards(white), outwards(b.mesh.p.T[: b.n_surface])).max() < 1
+    assert error[1] < 0.1 * T
+    assert error[1] < 0.5 * error[0]
+
+
+def test_faces_look_outwards_and_enclose_what_the_tetrahedra_fill(balls):
+    for b in balls:
+        a, c, d = (b.mesh.p.T[b.faces[:, k]] for k in range(3))
+        tets = b.mesh.p.T[b.mesh.t.T]
+        filled = np.linalg.det(tets[:, 1:] - tets[:, :1])
+        assert filled.min() > 0
+        assert np.einsum("ij,ij->", a, np.cross(c, d)) == pytest.approx(filled.sum())
+        assert len(b.faces) == 2 * b.n_surface - 4                      # Euler: closed, of one piece, no handle
+    assert b.extent == pytest.approx(0.5 * np.pi * R, rel=1e-6)
+
+
+def test_neighbours_lie_near_each_other_in_the_numbering(balls):
+    b = balls[1]
+    centroid = b.mesh.p.T[b.mesh.t.T].mean(axis=1)
+    hop = np.linalg.norm(np.diff(centroid, axis=0), axis=1)
+    assert np.median(hop) < b.edge
+    apart = np.ptp(b.mesh.t.T[(b.mesh.t.T >= b.n_surface).all(axis=1)], axis=1)
+    assert np.median(apart) < 0.1 * b.mesh.nvertices
+
+
+def test_label_and_depth_agree_on_a_layered_shell(tmp_path):
+    points, tets, label = shell()
+    by_label = bilayer(tmp_path / "a.vtu", points, tets, label)
+    by_depth = bilayer(tmp_path / "b.vtu", points, tets)
+    assert np.array_equal(by_label.mesh.t, by_depth.mesh.t)
+    assert np.array_equal(by_label.mesh.p, by_depth.mesh.p)
+    for name in ("radial", "foot"):
+        within = by_depth.share > 0
+        np.testing.assert_allclose(getattr(by_label, name)[within], getattr(by_depth, name)[within], atol=1e-12)
+    np.testing.assert_allclose(by_label.share, by_depth.share, atol=0.02)
+    whites = [b.white @ b.mesh.p.T for b in (by_label, by_depth)]
+    assert np.linalg.norm(whites[0] - whites[1], axis=1).max() < 0.02 * T
+
+
+def test_the_white_surface_of_a_label_is_its_boundary_wherever_that_lies(tmp_path):
+    verts, _ = icosphere(4)
+    thickness = T * (1 + 0.4 * verts[:, 0])
+    points, tets, label = shell(4, thickness=thickness)
+    b = bilayer(tmp_path / "a.vtu", points, tets, label)
+    X = b.mesh.p.T
+    white = b.white @ X
+    cos = outwards(X[: b.n_surface])[:, 0]
+    np.testing.assert_allclose(np.linalg.norm(white, axis=1), R - T * (1 + 0.4 * cos), atol=0.03 * T)
+    assert len(b.mesh.subdomains["cortex"]) == label.sum()
+    border = np.abs(np.linalg.norm(X, axis=1) - (R - T * (1 + 0.4 * outwards(X)[:, 0]))) < 1e-6
+    assert border.sum() == b.n_surface
+    assert np.array_equal(b.share[border], np.zeros(border.sum()))
+    inside = np.unique(b.mesh.t[:, : label.sum()])
+    assert (b.share[np.setdiff1d(inside, np.flatnonzero(border))] > 0.2).all()
+
+
+def test_where_a_label_puts_no_cortex_white_and_pial_are_one(tmp_path):
+    points, tets, label = shell()
+    low = points[tets].mean(axis=1)[:, 2] < -20
+    b = bilayer(tmp_path / "a.vtu", points, tets, np.where(low, 0, label))
+    X = b.mesh.p.T[: b.n_surface]
+    gap = np.linalg.norm(b.white @ b.mesh.p.T - X, axis=1)
+    assert gap[X[:, 2] < -30].max() < 1e-9
+    assert gap[X[:, 2] > 0].min() > 0.9 * T
+
+
+def test_the_white_surface_of_an_ellipsoid_is_its_offset(tmp_path):
+    stretch = np.array([1.3, 1.0, 0.8])
+    points, tets, _ = shell(4, stretch)
+    b = bilayer(tmp_path / "a.vtu", points, tets)
+    X = b.mesh.p.T[: b.n_surface]
+    normal = outwards(X / stretch**2)
+    assert degrees(b.radial[: b.n_surface], normal).max() < 1
+    white = b.white @ b.mesh.p.T
+    assert np.linalg.norm(white - (X - T * normal), axis=1).max() < 0.05 * T
+
+
+def test_a_hollow_can_be_held_and_corners_may_come_in_any_order(tmp_path):
+    points, tets, _ = shell()
+    mixed = tets.copy()
+    mixed[::2] = mixed[::2, [1, 0, 2, 3]]
+    free, held = bilayer(tmp_path / "a.vtu", points, mixed), bilayer(tmp_path / "b.vtu", points, tets, held="inner")
+    assert not len(free.held)
+    r = np.linalg.norm(held.mesh.p, axis=0)
+    assert np.array_equal(np.flatnonzero(np.isclose(r, HOLE)), held.held)
+    assert np.linalg.norm(free.mesh.p.T[free.faces], axis=-1).min() > R - 1e-6
+    for b in (free, held):
+        corners = b.mesh.p.T[b.mesh.t.T]
+        assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0
+
+
+def test_units_are_scaled_to_mm_and_stray_points_left_out(tmp_path):
+    points, tets, _ = shell()
+    mm = bilayer(tmp_path / "a.vtu", points, tets)
+    m = bilayer(tmp_path / "b.vtu", np.concatenate([[[9.0, 9.0, 9.0]], points / 1000]), tets + 1, scale=1000.0)
+    np.testing.assert_allclose(m.mesh.p, mm.mesh.p, atol=1e-9)
+    assert np.array_equal(m.mesh.t, mm.mesh.t)
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh"])
+def test_formats_of_meshio_all_give_the_same_body(tmp_path, ending):
+    points, tets, _ = shell(1)
+    want = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "want.vtu", points, tets))))
+    path = write(tmp_path / f"a.{ending}", points, tets, beside=[("triangle", want.pial)])
+    found = read_tets(MeshFile(shape="mesh", file=str(path)))
+    np.testing.assert_allclose(found.points, want.points, atol=1e-12)
+    for name in ("tets", "across", "pial", "inner"):
+        assert np.array_equal(getattr(found, name), getattr(want, name)), name
+
+
+def test_a_sample_is_found_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    b = bilayer_from_file(MeshFile(shape="mesh", file="hemisphere/hemisphere.vtu", label="cortex"))
+    assert b.n_surface > 1000
+
+
+def test_neighbours_are_those_across_each_face(tmp_path):
+    body = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "a.vtu", *ball(1)))))
+    for e, tet in enumerate(body.tets):
+        for k in range(4):
+            face = set(np.delete(tet, k))
+            want = [o for o, other in enumerate(body.tets) if o != e and face <= set(other)]
+            assert body.across[e, k] == (want[0] if want else -1)
+
+
+def test_a_walk_ends_in_the_tetrahedron_that_holds_the_point(tmp_path, rng):
+    body = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "a.vtu", *ball(2)))))
+    w = np.empty(4)
+    system = np.concatenate([body.points[body.tets].transpose(0, 2, 1), np.ones((len(body.tets), 1, 4))], axis=1)
+    inverse = np.linalg.inv(system)
+    for p in rng.uniform(-1, 1, (200, 3)) * R:
+        e = _find(body.points, body.tets, body.across, p, 0, w)
+        holding = np.flatnonzero((inverse @ np.append(p, 1.0)).min(axis=1) >= -1e-9)
+        assert e in holding if len(holding) else e == -1
+        if e >= 0:
+            np.testing.assert_allclose(w @ body.points[body.tets[e]], p, atol=1e-9)
+
+
+def test_a_descent_stops_where_the_level_turns_or_the_mesh_ends(tmp_path):
+    body = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "a.vtu", *ball(2)))))
+    first = np.flatnonzero(np.isclose(np.linalg.norm(body.points, axis=1), R))[0]
+    swap = np.arange(len(body.points))
+    swap[[0, first]] = first, 0                                         # a node of the surface is number 0
+    x, tets = body.points[swap], swap[body.tets]
+    start = np.array([np.flatnonzero((tets == 0).any(axis=1))[0]])
+    up = np.tile(x[:1] / R, (len(x), 1))
+    height = x @ up[0] / R                                              # 1 at node 0, -1 opposite to it
+    for level, depth in ((height, R), (height + 0.5, 1.5 * R), (height + 2, 2 * R), (np.abs(height) + 0.2, R)):
+        where, weights = np.empty(1, dtype=np.int64), np.empty((1, 4))
+        descend(x, tets, body.across, start, up, level, 1.0, 1000, where, weights)
+        found = (x[0] - weights[0] @ x[tets[where[0]]]) @ up[0]
+        assert depth - 4 < found < depth + 1e-6
+
+
+def doubled(points, tets):
+    return np.concatenate([points, points + [200, 0, 0]]), np.concatenate([tets, tets + len(points)])
+
+
+def pyramid(*corners):
+    """Tetrahedra of an octahedron around the origin (point 0), apart from the octants left out."""
+    points = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * R
+    octants = [(s, t, u) for s in (1, 4) for t in (2, 5) for u in (3, 6)]
+    return points, np.array([(0, *octant) for octant in octants if octant not in corners])
+
+
+def broken(kind):
+    points, tets, _ = shell(1)
+    if kind == "two bodies":
+        return doubled(points, tets)
+    if kind == "points there twice":
+        return points[tets].reshape(-1, 3), np.arange(4 * len(tets)).reshape(-1, 4)
+    if kind == "flat":
+        points[tets[0, 3]] = points[tets[0, :3]].mean(axis=0)
+    if kind == "not finite":
+        points[7] = np.nan
+    if kind == "pinched at an edge":                                    # opposite octants left out share an axis
+        return pyramid((1, 2, 3), (4, 5, 3))
+    if kind == "pinched at a point":
+        return pyramid((1, 2, 3), (4, 5, 6))
+    if kind == "three at a face":
+        points = np.concatenate([points, [points[tets[0]].mean(axis=0) * 1.01]])
+        tets = np.concatenate([tets, [[*tets[0, 1:], len(points) - 1]]])
+    if kind == "tangled":
+        points, tets = ball(2)
+        points[np.linalg.norm(points, axis=1).argmin()] = [0.7 * R, 0, 0]
+    return points, tets
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("two bodies", r"falls into 2 parts that share no face, of 1,680, 1,680 .* Keep one"),
+        ("points there twice", r"falls into 1,680 parts .* merge them"),
+        ("flat", r"\d+ of 1,680 tetrahedra are flat; the first is \d+ of volume"),
+        ("not finite", r"three finite coordinates; they are \(336, 3\), 1 not finite"),
+        ("pinched at an edge", r"its surface touch along \d+ edges"),
+        ("pinched at a point", r"its surface touch at \d points"),
+        ("three at a face", r"more than two tetrahedra share the face of corners"),
+        ("tangled", r"lie over one another: they fill .* mm3, and their surface encloses"),
+    ],
+)
+def test_a_body_that_is_none_is_refused_with_numbers(tmp_path, kind, message):
+    with pytest.raises(ValueError, match=rf"a\.vtu: .*{message}"):
+        bilayer(tmp_path / "a.vtu", *broken(kind))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cortex_thickness": 40.0}, r"a cortex of 40 mm leaves no core in a body 2\d\.?\d* mm deep"),
+        ({"cortex_thickness": 0.1}, r"80 tetrahedra at the pial surface have their centroid below a cortex of 0\.1 mm"),
+        ({"scale": 0.001}, r"leaves no core .* set geometry.scale"),
+        ({"label": "tissue"}, r"has no cell data 'tissue' \(geometry.label\); there are: layer"),
+        ({"label": "layer", "cortex_label": 7}, r"tetrahedra of layer = 7 .* there are 0 \(960\), 1 \(720\)"),
+        ({"label": "layer", "cortex_label": 0}, r"lies nowhere at the outer surface"),
+    ],
+)
+def test_layers_that_are_none_are_refused_with_numbers(tmp_path, options, message):
+    write(tmp_path / "a.vtu", *shell(1))
+    with pytest.raises(ValueError, match=rf"a\.vtu: .*{message}"):
+        bilayer(tmp_path / "a.vtu", **options)
+
+
+def test_a_solid_body_has_no_hollow_to_hold(tmp_path):
+    with pytest.raises(ValueError, match=r"has no hollow to hold \(geometry.held = 'inner'\)"):
+        bilayer(tmp_path / "a.vtu", *ball(2), held="inner")
+
+
+def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
+    points, tets, _ = shell(1)
+    cube = np.array(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij")).reshape(3, 8).T
+    meshio.Mesh(cube, [("hexahedron", [[0, 4, 6, 2, 1, 5, 7, 3]])]).write(tmp_path / "hex.vtu")
+    meshio.Mesh(points, [("triangle", tets[:, :3])]).write(tmp_path / "tri.vtu")
+    (tmp_path / "cut.vtu").write_bytes(write(tmp_path / "a.vtu", points, tets).read_bytes()[:5000])
+    (tmp_path / "a.stuff").write_text("mine")
+    for name, message in (
+        ("hex.vtu", r"needs linear tetrahedra \(tetra\) and holds 1 hexahedron"),
+        ("tri.vtu", r"holds 1,680 triangle"),
+        ("cut.vtu", r"truncated, damaged, or not a mesh that meshio reads"),
+        ("a.stuff", r"not a mesh that meshio reads"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            bilayer(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"b\.vtu: no such tetrahedral mesh"):
+        bilayer(tmp_path / "b.vtu")
+    monkeypatch.setattr(tetmesh, "MOST_BRICKS", 1000)
+    with pytest.raises(ValueError, match=r"has 1,680 tetrahedra, at most 1,000 fit"):
+        bilayer(tmp_path / "a.vtu")
