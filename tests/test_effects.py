@@ -125,6 +125,14 @@ def test_a_ramp_follows_its_course_in_the_time_of_the_linear_one(shape):
     np.testing.assert_allclose((ramp - 1) / 0.8, COURSES[shape](t), atol=0.03)
 
 
+def test_ramps_take_the_time_of_the_linear_one():
+    """The integral of 1/rate over the way; the smooth ramp is held at a twentieth of its greatest rate at its ends."""
+    s = (np.arange(20_000) + 0.5) / 20_000
+    held = 2 * (2 / np.pi * 0.05 - 0.05**2 / (np.pi * 0.05))
+    for shape, time in (("exponential", 1.0), ("slowing", 1.0), ("smooth", 1 - held)):
+        assert np.mean([1 / RATES[shape](at, 1.8) for at in s]) == pytest.approx(time, abs=1e-4), shape
+
+
 def test_a_ramp_ends_at_its_stages_too():
     run = Dynamics(sphere(4), [Ramp("smooth", 1.3)], steps_per_unit=200)
     for g in (1.1, 1.3):
@@ -172,6 +180,21 @@ def test_an_enclosure_damps_what_moves_out_and_never_attracts():
         pushes.append(extra[0, 0])
     assert pushes[1] < pushes[0] < 0
     assert pushes[2] == 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "fills"),
+    [
+        ([], 47.5**3 + 1.6**3 * (50**3 - 47.5**3)),                     # Eq. (11)
+        (["growth.law=tangential"], 47.5**3 + 1.6**2 * (50**3 - 47.5**3)),
+        (["effects.core_growth.final=1.1"], 25**3 + 1.1**3 * (47.5**3 - 25**3) + 1.6**3 * (50**3 - 47.5**3)),
+    ],
+)
+def test_an_enclosure_without_room_for_the_grown_body_is_refused(settings, fills):
+    room = fills ** (1 / 3) - 50
+    build_effects(load_scene("skull", [*settings, f"effects.enclosure.gap={1.001 * room}"]))
+    with pytest.raises(ValueError, match=rf"at g = 1\.6 the body fills .* make gap more than {room:.3g} mm"):
+        build_effects(load_scene("skull", [*settings, f"effects.enclosure.gap={0.999 * room}"]))
 
 
 def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
@@ -227,6 +250,19 @@ def test_damping_takes_its_share_of_the_velocity():
     want = np.exp(-0.05 * time) * (np.cos(w * time) + 0.05 / w * np.sin(w * time))
     np.testing.assert_allclose(height / 0.02, want, atol=0.05)
     assert np.exp(-0.05 * time[-1]) < 0.6
+
+
+def test_velocities_stay_when_the_step_changes():
+    body = sphere(4)
+    run = Dynamics(body, [Inertia(1.0, 30.0, 0.05)], steps_per_unit=1.0)
+    (inertia,) = run.effects
+    run.state.v[:] = 0.1
+    dt = inertia.record()["time_step"]
+    body.mass[:] = 4 * body.mass.max()                                  # as if the elements had become stiffer
+    inertia.refresh(run)
+    np.testing.assert_allclose(run.state.v / inertia.record()["time_step"], 0.1 / dt)
+    assert inertia.record()["time_step"] < dt
+    assert run.rate == pytest.approx(inertia.record()["time_step"] / 30.0)
 
 
 def test_growth_keeps_the_time_that_its_duration_gives():
@@ -354,7 +390,8 @@ def test_both_sides_of_a_strip_stay_the_same_to_the_bit_as_it_folds():
     assert len(near) == len(far)
     twin = {(X[i, 0], X[i, 2]): i for i in near}
     pairs = np.array([(twin[X[j, 0], X[j, 2]], j) for j in far])
-    assert np.array_equal(x[pairs[:, 0]][:, [0, 2]], x[pairs[:, 1]][:, [0, 2]])
+    for both in (x, run.state.v):
+        assert np.array_equal(both[pairs[:, 0]][:, [0, 2]], both[pairs[:, 1]][:, [0, 2]])
     assert np.array_equal(x[:, 1], body.X[:, 1])                        # plane strain
     assert np.ptp(x[: body.n_surface, 2]) > 2.0                         # folded
 

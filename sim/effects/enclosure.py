@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
+from morphofold.sim.growth import volume
 
 Array = NDArray[np.float64]
 
@@ -44,7 +46,24 @@ def press_shell(x, v, mass, semi_axes, extra):
 
 
 def build(options, scene) -> Enclosure:
-    return Enclosure(np.array(scene.geometry.semi_axes) + options.gap)
+    axes = np.array(scene.geometry.semi_axes)
+    fills, holds = grown_volume(scene, axes), 4 / 3 * np.pi * float(np.prod(axes + options.gap))
+    if fills > holds:
+        room = brentq(lambda gap: 4 / 3 * np.pi * float(np.prod(axes + gap)) - fills, 0, 10 * axes.max())
+        raise ValueError(
+            f"effects.enclosure: at g = {scene.growth.final:g} the body fills {fills:,.0f} mm3, the enclosure holds "
+            f"{holds:,.0f}; make gap more than {room:.3g} mm, or growth.final smaller."
+        )
+    return Enclosure(axes + options.gap)
+
+
+def grown_volume(scene, axes: Array) -> float:
+    """Volume [mm^3] within the pial surface of an incompressible body at its final growth, spots and regions aside."""
+    whole, inside = 4 / 3 * np.pi * np.prod(axes), 4 / 3 * np.pi * np.prod(axes - scene.geometry.cortex_thickness)
+    core = scene.effects.core_growth.final if scene.effects.core_growth else 1.0
+    hollow = getattr(scene.geometry, "hole_share", None) or scene.geometry.hole_radius / scene.geometry.radius
+    swelling = volume(scene.growth.final, scene.growth.law)
+    return float(swelling * (whole - inside) + core**3 * (inside - hollow**3 * whole) + hollow**3 * whole)
 
 
 class Enclosure(Effect):
