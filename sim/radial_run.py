@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.folder import FolderWriter
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.radial_statics import LAYERS, RadialState, radial_equilibrium
-from morphofold.sim.scene import Scene
+from morphofold.sim.scene import Radial, Scene
 from morphofold.surface import Surface
 
 Array = NDArray[np.float64]
@@ -37,8 +37,9 @@ class RadialRun:
         interrupted: Callable[[], bool],
     ):  # fmt: skip
         self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted
+        self._geometry = cast(Radial, scene.geometry)
         self._effects = build_effects(scene)
-        self._share = next((effect.share for effect in self._effects if effect.name == "core_growth"), 0.0)
+        self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)       # that of core growth, if any
 
     def go(self) -> None:
         started, growth = time.perf_counter(), 1.0
@@ -70,7 +71,7 @@ class RadialRun:
 
     def equilibrium(self, g: float) -> RadialState:
         """The sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
-        geometry, material = self._scene.geometry, self._scene.material
+        geometry, material = self._geometry, self._scene.material
         return radial_equilibrium(
             g, geometry.cortex_thickness / geometry.radius, material.mu_ratio, self._scene.growth.law,
             material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius, g_core=self._core(g),
@@ -79,11 +80,11 @@ class RadialRun:
     def _core(self, g: float) -> float:
         return 1 + (g - 1) * self._share
 
-    def numbers(self, state: RadialState, g: float) -> dict[str, float]:
+    def numbers(self, state: RadialState, g: float) -> dict[str, Any]:
         """What the health of a stage says, of a sphere: in units of mm and of the core's shear modulus."""
-        radius = self._scene.geometry.radius
+        radius = self._geometry.radius
         white, pial = self._radii(state)
-        grown = 1 - (1 - self._scene.geometry.cortex_thickness / radius) ** 3
+        grown = 1 - (1 - self._geometry.cortex_thickness / radius) ** 3
         grown *= det_G(g, self._scene.growth.law) * radius**3
         return {
             "strain_energy": self._energy(state, g),
@@ -101,8 +102,8 @@ class RadialRun:
 
     def _radii(self, state: RadialState) -> tuple[float, float]:
         """Deformed radii of the white and the pial surface [mm]."""
-        B = 1 - self._scene.geometry.cortex_thickness / self._scene.geometry.radius
-        white, pial = self._scene.geometry.radius * state.at([B, 1.0], "cortex").r
+        B = 1 - self._geometry.cortex_thickness / self._geometry.radius
+        white, pial = self._geometry.radius * state.at([B, 1.0], "cortex").r
         return float(white), float(pial)
 
     def _energy(self, state: RadialState, g: float) -> float:
@@ -118,11 +119,11 @@ class RadialRun:
             invariant = at.J ** (-2 / 3) * ((at.J / beta**2) ** 2 + 2 * beta**2)
             W = 0.5 * mu * (invariant - 3) + 0.5 * material.kappa_ratio * mu * (at.J - 1) ** 2
             total += 0.5 * (high - low) * float(np.sum(weights * grown * W * 4 * np.pi * at.R**2))
-        return total * self._scene.geometry.radius**3
+        return total * self._geometry.radius**3
 
     def _ends(self, layer: str) -> tuple[float, float]:
         """Inner and outer radius of a layer over that of the sphere."""
-        geometry = self._scene.geometry
+        geometry = self._geometry
         B = 1 - geometry.cortex_thickness / geometry.radius
         return (geometry.hole_radius / geometry.radius, B) if layer == "core" else (B, 1.0)
 
@@ -131,13 +132,13 @@ class RadialRun:
         white, pial = (Surface(r * verts, faces, name=f"lh.{name}")
                        for r, name in zip(self._radii(state), ("white", "pial")))  # fmt: skip
         self._writer.stage(
-            g, white, pial, portion=1.0, reference_radius=self._scene.geometry.radius, numbers=numbers, warnings=[],
+            g, white, pial, portion=1.0, reference_radius=self._geometry.radius, numbers=numbers, warnings=[],
             beside=lambda folder: self._write_profile(folder / "profile.tsv", state),
         )  # fmt: skip
 
     def _write_profile(self, path: Path, state: RadialState) -> None:
         """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""
-        C = self._scene.geometry.radius
+        C = self._geometry.radius
         lines = ["layer\tR_mm\tr_mm\tsigma_r\tsigma_theta\tJ"]
         for layer in LAYERS:
             at = state.at(np.linspace(*self._ends(layer), POINTS), layer)
