@@ -54,12 +54,13 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
 def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     """Patch of each tetrahedron, -1 for none yet, and their number: rings of six around an edge, the longest first.
 
-    Of the edges that have six tetrahedra around them, each tetrahedron names its longest; where all six name the
-    same one, they are a patch. In a brick cut along its diagonal that edge is the diagonal.
+    Of the inner edges that have six tetrahedra around them, each tetrahedron names its longest; where all six name
+    the same one, they are a patch. In a brick cut along its diagonal that edge is the diagonal.
     """
     a, b = mesh.edges
     count = len(a)
     around = np.bincount(mesh.t2e.ravel(), minlength=count)
+    around[mesh.boundary_edges()] = 0                                   # a fan, not a ring: it has nine nodes
     length = np.where(around == TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
     longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
     lowest, highest = np.full(count, material.max()), np.full(count, material.min())

@@ -235,16 +235,20 @@ def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
         for t in range(TETS):
             for l in range(WIDTH):
                 g, s, row = across[b, t * WIDTH + l], along[b, t * WIDTH + l], 9 * t * WIDTH + l
+                for o in range(row, row + 9 * WIDTH, WIDTH):
+                    e[o] *= g
+                if s == g:
+                    continue
                 n0, n1, n2 = 0.0, 0.0, 0.0
                 for i in range(4):
                     o = 3 * WIDTH * np.int64(corner[b, (4 * t + i) * WIDTH + l]) + l
                     n0, n1, n2 = n0 + n[o], n1 + n[o + WIDTH], n2 + n[o + 2 * WIDTH]
-                s = (s - g) / (n0 * n0 + n1 * n1 + n2 * n2)
+                s = (s / g - 1.0) / (n0 * n0 + n1 * n1 + n2 * n2)
                 for o in range(row, row + 9 * WIDTH, 3 * WIDTH):
                     c = s * (n0 * e[o] + n1 * e[o + WIDTH] + n2 * e[o + 2 * WIDTH])
-                    e[o] = g * e[o] + c * n0
-                    e[o + WIDTH] = g * e[o + WIDTH] + c * n1
-                    e[o + 2 * WIDTH] = g * e[o + 2 * WIDTH] + c * n2
+                    e[o] += c * n0
+                    e[o + WIDTH] += c * n1
+                    e[o + 2 * WIDTH] += c * n2
 
 
 @njit(forceinline=True, fastmath=_FAST)

@@ -47,7 +47,8 @@ class Tets:
     Raises
     ------
     ValueError
-        If tetrahedra are flat at ``X``, or inside out as compared to the mesh's own positions.
+        If tetrahedra are flat at ``X``, or inside out as compared to the mesh's own positions; if the thickness
+        directions of one that grows tangentially cancel out.
     """
 
     LOCAL = 0.0             # modulus of a local volumetric term over mu: there is none
@@ -58,6 +59,8 @@ class Tets:
         check_law(law)
         self.n, self.n_cortex, self.law = mesh.nelements, int(cortex.sum()), law
         tets, self.volume = _oriented(mesh, X)
+        if law == "tangential":
+            _check_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
         material = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
         patches = cluster(mesh, X, material)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
@@ -71,7 +74,10 @@ class Tets:
 
         patch, slot = np.nonzero(self.patches >= 0)
         self._place = np.empty(self.n, dtype=np.int64)                  # of each tetrahedron in (block, 6 WIDTH)
-        self._place[self.patches[patch, slot]] = (patch // WIDTH * TETS + slot) * WIDTH + patch % WIDTH
+        mine = self.patches[patch, slot]
+        self._place[mine] = (patch // WIDTH * TETS + slot) * WIDTH + patch % WIDTH
+        self._share = np.empty(self.n)                                  # of the patch's volume
+        self._share[mine] = self.volume[mine] / np.bincount(patch, self.volume[mine])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
         self._grown = -(-int(cortex[first].sum()) // WIDTH)             # leading blocks that hold cortex
         self._X, self._radial, self._core = X, radial, np.nan
@@ -115,13 +121,22 @@ class Tets:
     def state(self) -> dict[str, Array]:
         """Per tetrahedron, from the last ``measure``: energy (its share of the patch's, by reference volume), J_min and
         J_max (both its J), volume_ratio (its patch's); (E,) each."""
-        patch = np.empty(self.n, dtype=np.int64)
-        row, slot = np.nonzero(self.patches >= 0)
-        patch[self.patches[row, slot]] = row
-        ratio, energy = self._state.reshape(-1, 2, WIDTH).transpose(1, 0, 2).reshape(2, -1)[:, : len(self.patches)]
+        block, lane = self._place // (TETS * WIDTH), self._place % WIDTH
+        ratio, energy = self._state.reshape(-1, 2, WIDTH)[block, :, lane].T
         J = self._J.ravel()[self._place]
-        share = self.volume / np.bincount(patch, self.volume)[patch]
-        return {"energy": energy[patch] * share, "J_min": J, "J_max": J, "volume_ratio": ratio[patch]}
+        return {"energy": energy * self._share, "J_min": J, "J_max": J, "volume_ratio": ratio}
+
+
+def _check_directions(mean: Array, cortex: Ints) -> None:
+    """Refuse mean thickness directions (E, 3) that are next to nothing, or no numbers."""
+    length = np.linalg.norm(mean[cortex], axis=1)
+    bad = cortex[~(length > 0.1)]
+    if bad.size:
+        raise ValueError(
+            f"the thickness directions at the corners of {len(bad)} of {len(cortex):,} tetrahedra of the cortex cancel "
+            f"out; the first is {bad[0]} with mean {mean[bad[0]].round(3).tolist()}. Refine the mesh there, or let it "
+            "grow isotropically."
+        )
 
 
 def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:

@@ -329,6 +329,14 @@ def test_patches_are_connected_of_one_material_and_rarely_small(rng):
         assert len(reached) == len(mine)
 
 
+def test_six_tetrahedra_that_fan_out_from_an_edge_of_the_surface_have_too_many_nodes_for_a_patch():
+    angle = np.linspace(0, np.pi, 7)
+    points = np.concatenate([[[0, 0, 0], [0, 0, 3]], np.column_stack([np.cos(angle), np.sin(angle), 1.5 + 0 * angle])])
+    mesh = MeshTet(points.T.copy(), np.array([[0, 1, 2 + k, 3 + k] for k in range(6)]).T.copy())
+    patches = cluster(mesh, points, np.zeros(6, dtype=int))
+    assert sorted((patches >= 0).sum(axis=1)) == [1, 5]
+
+
 def test_patches_do_not_depend_on_how_corners_are_ordered(rng):
     mesh = scattered(rng)
     other = MeshTet(mesh.p, np.ascontiguousarray(rng.permuted(mesh.t, axis=0)))
@@ -361,3 +369,17 @@ def test_growth_that_is_no_stretch_is_refused(stretch, rng):
         tets.grow(cortex)
     with pytest.raises(ValueError, match="growth law must be one of"):
         make_tets("scattered", rng, law="radial", n=3)
+
+
+def test_tangential_growth_without_a_thickness_direction_is_refused_where_the_cortex_is(rng):
+    mesh = scattered(rng, 3)
+    X, all_ = np.ascontiguousarray(mesh.p.T), np.ones(mesh.nelements)
+    up = np.tile([0.0, 0.0, 1.0], (len(X), 1))
+    cortex = X[mesh.t.T, 2].mean(axis=1) > 0.6
+    up[X[:, 2] < 0.1] = np.nan                                          # the core has none, and needs none
+    tets = Tets(mesh, X, up, cortex, all_, all_, "tangential")
+    tets.grow(np.full(tets.n_cortex, 1.2), 1.1)
+    assert np.isfinite(forces(tets, X)).all()
+    up[mesh.t[:, np.flatnonzero(cortex)[2]]] = [[0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0]]
+    with pytest.raises(ValueError, match=r"thickness directions at the corners of \d+ of [\d,]+ tetrahedra"):
+        Tets(mesh, X, up, cortex, all_, all_, "tangential")
