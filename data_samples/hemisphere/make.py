@@ -8,6 +8,7 @@ and lose its folds.
 import meshio
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull
 from scipy.special import sph_harm_y
 
 import morphofold as mf
@@ -15,11 +16,22 @@ from morphofold.shapes import icosphere
 
 DEGREE = 4
 LENGTH = 70.0           # from front to back [mm], that of a hemisphere halfway through pregnancy or a little later
-CORTEX = 2.5            # thickness [mm]
-HOLLOW = 0.5, 0.55, 0.55  # size of the ventricle over that of the hemisphere, along each axis
-LEVEL = 4               # of the icosphere: 2,562 pial vertices
+CORTEX = 1.6            # thickness [mm]
+HOLLOW = 0.45, 0.6, 0.55  # size of the ventricle over that of the hemisphere, along each axis
+VERTICES = 5500         # of the pial surface
 CORE = np.cumsum([0.0, 1.0, 1.3, 1.5, 1.5]) / 5.3                       # depths of the core's layers, as shares
 ROUNDS = 300            # of moving each vertex to the middle of its neighbours along the surface
+
+
+def even_sphere(n):
+    """Points (n, 3) of a Fibonacci lattice on the unit sphere, and their Delaunay triangles seen from outside."""
+    k = np.arange(n) + 0.5
+    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+    verts = np.column_stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z])
+    faces = ConvexHull(verts).simplices
+    inward = np.linalg.det(verts[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return verts, faces
 
 
 def harmonics(directions):
@@ -53,7 +65,7 @@ def smooth_pial():
 
 
 def main():
-    project, (at, faces) = smooth_pial(), icosphere(LEVEL)
+    project, (at, faces) = smooth_pial(), even_sphere(VERTICES)
     ring = trimesh.Trimesh(at, faces, process=False).edges_sparse.astype(float)
     ring = ring.maximum(ring.T)
     pial = project(at)
