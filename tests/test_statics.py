@@ -1,0 +1,231 @@
+"""Equilibrium, stability and bifurcation of bodies of bricks and tetrahedra, against what is known of them."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+from test_tangent import make_body, split
+
+from morphofold.sim import mesh, statics, theory
+from morphofold.sim.body import Body
+from morphofold.sim.mesh import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
+from morphofold.sim.radial_statics import radial_equilibrium
+from morphofold.sim.scene import load_scene
+from morphofold.sim.tangent import Tangent, cauchy_stress
+
+
+def all_forces(body, x):
+    forces = body.forces(x)
+    forces[: body.n_surface] += body.filter.forces(x)
+    return np.where(body.free, forces, 0.0)
+
+
+def patch(law="isotropic", mu_ratio=2.0, size=(3.0, 2.0), kind="bricks"):
+    bilayer = bilayer_patch(size, 6.0, 1.0, 0.5)
+    bilayer = split(bilayer) if kind == "tets" else bilayer
+    return Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
+
+
+@lru_cache
+def flat(law, mu_ratio, kappa_ratio=50.0):
+    """Critical growth and wavelength over thickness of the sphere whose radius tends to infinity."""
+    near, nearer = (theory.bifurcation(T, mu_ratio, law, kappa_ratio) for T in (2e-4, 1e-4))
+    return 2 * nearer.g_crit - near.g_crit, nearer.wavelength / 1e-4
+
+
+def wave_strip(monkeypatch, law, mu_ratio, k):
+    """Half a wave of a strip, 1 thick on a deep core; all steps fall by k, those of the core by and by too."""
+    monkeypatch.setattr(mesh, "CORE_RATIO", 1.4 ** (1 / k))
+    wavelength = flat(law, mu_ratio)[1]
+    bilayer = bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 16 / k, 3 * k)
+    return Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
+
+
+# equilibrium
+
+
+@pytest.mark.parametrize("kind", ["bricks", "tets"])
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_a_flat_cortex_swells_upwards_as_the_closed_form_says(kind, law):
+    """Held at its sides it stretches by 1/g elastically; its thickness is the one that no normal stress is left."""
+    g, body = 1.2, patch(law, size=(1.0, 1.0), kind=kind)
+
+    def normal_stress(up):
+        J = up / g**2
+        return J ** (-5 / 3) * (2 / 3) * (up**2 - 1 / g**2) + 50 * (J - 1)
+
+    up = brentq(normal_stress, 1.0, 3.0, xtol=1e-14)
+    x = statics.equilibrium(body, g)
+    height = (x - body.X)[: body.n_surface, 2]
+    np.testing.assert_allclose(height, up * (g if law == "isotropic" else 1.0) - 1, atol=1e-9)
+    assert body.growth == g
+
+
+def test_forces_of_a_folded_body_at_rest_are_round_off(rng):
+    """A body that is not even, so that its path is not a straight line."""
+    body = Body(bilayer_ellipsoid((9, 7, 6), 1.2, 0.5, "octant", 6), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
+                law="tangential")  # fmt: skip
+    x = statics.equilibrium(body, 1.15)
+    forces = all_forces(body, x)
+    assert np.abs(forces).max() < 1e-10 * np.abs(body.elements.blocks.force).max()
+    on = statics.equilibrium(body, 1.2, x)                              # from there on, or from the start
+    np.testing.assert_allclose(on, statics.equilibrium(body, 1.2), atol=1e-8)
+    np.testing.assert_allclose(statics.equilibrium(body, 1.15, on), x, atol=1e-8)       # and back
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_radius_and_stress_before_onset_are_those_of_the_radial_state(law):
+    """Radius to 0.05 %, stress to 1 % of the tangential one, in each layer of bricks."""
+    g, n, layers = 1.15, 10, 3
+    body = Body(bilayer_sphere(50, 2, 25, "octant", n, layers), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law=law)
+    x = statics.equilibrium(body, g)
+    exact = radial_equilibrium(g, 0.04, 2.0, law, 50.0)
+    radius = np.linalg.norm(x[: body.n_surface], axis=1)
+    assert np.abs(radius / (50 * exact.at(1.0, "cortex").r[0]) - 1).max() < 5e-4
+    assert radius.mean() == pytest.approx(50 * exact.at(1.0, "cortex").r[0], rel=1e-5)
+    sigma, Q = cauchy_stress(body, x), len(body.bilayer.faces)
+    middle = x[body.bilayer.mesh.t].mean(axis=0)
+    normal = middle / np.linalg.norm(middle, axis=1)[:, None]
+    radial = np.einsum("ei,eij,ej->e", normal, sigma, normal)
+    tangential = (np.trace(sigma, axis1=1, axis2=2) - radial) / 2
+    for k in range(layers):
+        want = exact.at(1 - 0.04 * np.linspace(k, k + 1, 9) / layers, "cortex")
+        scale, layer = np.abs(want.sigma_theta).max(), slice(k * Q, (k + 1) * Q)
+        assert np.abs(radial[layer] - want.sigma_r.mean()).max() < 0.01 * scale
+        assert np.abs(tangential[layer] - want.sigma_theta.mean()).max() < 0.01 * scale
+
+
+def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
+    """What is imposed on the way to a bifurcation is off by the unevenness of the mesh, and that falls with it."""
+    apart = []
+    for n in (4, 8):
+        body = make_body(n=n)
+        even = statics._Path(body, body.X, statics._levels(body)).grown(1.1).x
+        apart.append(np.sqrt(np.mean((even - statics.equilibrium(body, 1.1)) ** 2)))
+    assert apart[1] < 0.4 * apart[0] < 0.01                             # of 1.7 mm that the surface moves
+
+
+@pytest.mark.parametrize(
+    ("bilayer", "even"),
+    [
+        (bilayer_sphere(10, 1, 5, "octant", 4), True),
+        (bilayer_patch((3.0, 2.0), 4.0, 1.0, 1.0), True),
+        (bilayer_ellipsoid((10, 10, 9), 1, 0.5, "octant", 4), False),
+        (bilayer_sphere(10, 1 + 0.01 * np.arange(19), 5, "octant", 4), False),
+    ],
+)
+def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even):
+    body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    levels = statics._levels(body)
+    assert (levels is not None) == even
+    if even:
+        assert levels.shape[1] * body.n_surface == len(body.X)
+
+
+def test_a_path_that_ends_carries_its_last_state(monkeypatch):
+    body = patch()
+    x = statics.equilibrium(body, 1.1)
+    monkeypatch.setattr(statics, "ITERATIONS", 0)
+    with pytest.raises(statics.ConvergenceError, match=r"beyond g = 1\.1: Newton's method has not converged") as caught:
+        statics.equilibrium(body, 1.2, x)
+    assert caught.value.growth == body.growth == 1.1
+    np.testing.assert_array_equal(caught.value.x, x)
+
+
+def test_increments_shrink_where_newton_fails(monkeypatch):
+    body, sizes = patch(size=(1.0, 1.0)), []
+    once = statics._Path._newton
+
+    def reluctant(self, x):
+        sizes.append(self.growth - self._before[0])
+        if sizes[-1] > 0.06:
+            raise FloatingPointError("too far")
+        return once(self, x)
+
+    want = statics.equilibrium(body, 1.2)
+    monkeypatch.setattr(statics._Path, "_newton", reluctant)
+    np.testing.assert_allclose(statics.equilibrium(body, 1.2), want, atol=1e-8)
+    assert sizes[:3] == pytest.approx([0.2, 0.1, 0.05])
+
+
+# stability
+
+
+@pytest.mark.parametrize(("g", "stable"), [(1.1, True), (1.5, False)])
+def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, stable):
+    body = patch(mu_ratio=1.0, size=(4.0, 0.5))
+    x = statics._Path(body, body.X, statics._levels(body)).grown(g).x
+    found = statics.stability(body, x)
+    rows = np.flatnonzero(body.free)
+    K = Tangent(body).at(x).toarray()[np.ix_(rows, rows)]
+    volume = np.repeat(body.nodal_volumes(), 3)[rows]
+    values = eigh(K, np.diag(volume), eigvals_only=True)
+    assert found.negative == np.sum(values < 0)
+    assert stable == (found.negative == 0)
+    assert found.eigenvalue == pytest.approx(values[0], rel=1e-6)
+    mode = found.mode.ravel()[rows]
+    assert np.linalg.norm(K @ mode - values[0] * volume * mode) < 1e-4 * np.linalg.norm(values[0] * volume * mode)
+    assert np.linalg.norm(found.mode, axis=1).max() == pytest.approx(1.0)
+    assert not found.mode[~body.free].any()
+
+
+# bifurcation
+
+
+@pytest.mark.parametrize(("law", "mu_ratio"), [("isotropic", 1.0), ("tangential", 4.0)])
+def test_a_strip_wrinkles_as_the_large_sphere_does_at_second_order(law, mu_ratio, monkeypatch):
+    """One brick deep, it has the sphere's smooth state and the rolls that the flat limit starts with."""
+    g_crit, wavelength = flat(law, mu_ratio)
+    found = []
+    for k in (1, 2):
+        body = wave_strip(monkeypatch, law, mu_ratio, k)
+        found.append(statics.bifurcation_of_body(body, g_min=g_crit - 0.01))
+    error = [f.g_crit / g_crit - 1 for f in found]
+    assert 0 < error[1] < 2e-3
+    assert np.log2(error[0] / error[1]) == pytest.approx(2.0, abs=0.15)
+    assert found[1].wavelength == pytest.approx(wavelength, rel=5e-3)
+    assert np.isnan(found[1].degree)
+
+
+def test_critical_growth_lies_between_a_stable_and_an_unstable_state(monkeypatch):
+    body = wave_strip(monkeypatch, "isotropic", 1.0, 1)
+    found = statics.bifurcation_of_body(body)
+    g, eigenvalue = found.history.T
+    low, high = g[eigenvalue > 0].max(), g[eigenvalue < 0].min()
+    assert low < found.g_crit < high <= low + 1e-5
+    body.grow(low)
+    assert statics.stability(body, found.x).negative == 0
+    up = found.mode[: body.n_surface, 2]                                # a cosine from end to end
+    want = np.cos(2 * np.pi * body.X[: body.n_surface, 0] / flat("isotropic", 1.0)[1])
+    assert abs(up @ want) / np.linalg.norm(up) / np.linalg.norm(want) > 0.999
+
+
+def test_a_body_that_stays_stable_has_no_critical_growth():
+    found = statics.bifurcation_of_body(patch(size=(1.0, 1.0)), g_max=1.1, step=0.05)
+    assert np.isnan(found.g_crit)
+    assert (found.history[:, 1] > 0).all()
+    assert found.history[-1, 0] == 1.1
+
+
+def test_growth_out_of_order_is_refused():
+    for wrong in ({"g_max": 1.0}, {"g_min": 0.9}, {"g_min": 1.2, "g_max": 1.1}, {"step": 0.0}):
+        with pytest.raises(ValueError, match="need 1 <= g_min < g_max and a positive step"):
+            statics.bifurcation_of_body(patch(size=(1.0, 1.0)), **wrong)
+
+
+def test_a_body_unstable_from_the_start_is_refused(monkeypatch):
+    body = wave_strip(monkeypatch, "isotropic", 1.0, 1)
+    with pytest.raises(ValueError, match=r"unstable at g_min = 1\.4 already"):
+        statics.bifurcation_of_body(body, g_min=1.4)
+
+
+def test_a_scene_is_taken_without_its_effects():
+    settings = ("geometry.length=22.0", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3")
+    scene = load_scene("strip", settings)
+    assert scene.effects.perturbation is not None
+    found = statics.bifurcation_of_scene(scene, g_min=1.2)
+    assert found.g_crit == pytest.approx(flat(scene.growth.law, scene.material.mu_ratio)[0], rel=0.02)
+    with pytest.raises(ValueError, match="has no mesh"):
+        statics.bifurcation_of_scene(load_scene("radial"))

@@ -1,0 +1,119 @@
+"""The stiffness matrix of a body: the derivative of the forces that the kernels give, for both elements."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from morphofold.sim.body import Body
+from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.tangent import Tangent, cauchy_stress
+
+KINDS = ("bricks", "tets")
+
+
+def make_body(kind="bricks", law="isotropic", portion="octant", n=4):
+    bilayer = bilayer_sphere(50, 6, 25, portion, n)
+    if kind == "tets":
+        bilayer = split(bilayer)
+    return Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law=law)
+
+
+def split(bilayer):
+    """The same body of tetrahedra, six a brick; its faces are not the quads' own, but the filter only needs some."""
+    tets = bilayer.mesh.to_meshtet()
+    n = len(bilayer.mesh.subdomains["cortex"])
+    middle = tets.p[:, tets.t].mean(axis=1).T
+    brick = np.arange(tets.nelements) % bilayer.mesh.nelements         # skfem stacks the six tetrahedra of all bricks
+    assert np.abs(middle[: bilayer.mesh.nelements] - bilayer.mesh.p[:, bilayer.mesh.t].mean(axis=1).T).max() < 30
+    mesh = tets.with_subdomains({"cortex": np.flatnonzero(brick < n), "core": np.flatnonzero(brick >= n)})
+    faces = np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]])
+    return dataclasses.replace(bilayer, mesh=mesh, faces=faces)
+
+
+def all_forces(body, x):
+    forces = body.forces(x)
+    forces[: body.n_surface] += body.filter.forces(x)
+    return forces
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize("amount", [0.1, 0.8])
+def test_the_tangent_is_the_derivative_of_the_forces(kind, law, amount, rng):
+    body = make_body(kind, law)
+    body.pattern = rng.uniform(0.5, 1.0, body.elements.n_cortex)
+    body.grow(1.4)
+    x, d = body.X + amount * rng.standard_normal(body.X.shape), rng.standard_normal(body.X.shape)
+    K, h = Tangent(body).at(x), 1e-5
+    want = (all_forces(body, x - h * d) - all_forces(body, x + h * d)) / (2 * h)
+    assert np.abs((K @ d.ravel()).reshape(-1, 3) - want).max() < 1e-6 * np.abs(want).max()
+    assert abs(K - K.T).max() < 1e-13 * abs(K).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tangent_holds_where_elements_are_crushed(kind, rng):
+    body = make_body(kind)
+    x, d = body.X + 3.0 * rng.standard_normal(body.X.shape), rng.standard_normal(body.X.shape)
+    body.update_state(x)
+    assert body.elements.state()["J_min"].min() < 0.01
+    K, h = Tangent(body).at(x), 1e-7
+    want = (all_forces(body, x - h * d) - all_forces(body, x + h * d)) / (2 * h)
+    assert np.abs((K @ d.ravel()).reshape(-1, 3) - want).max() < 1e-5 * np.abs(want).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_moving_and_turning_a_body_at_rest_costs_nothing_and_all_else_does(kind):
+    body = make_body(kind, portion="full")
+    K = Tangent(body).at(body.X).toarray() - 0.0
+    n = body.n_surface
+    for axis in range(3):                                               # the filter holds on to the reference shape
+        K[axis : 3 * n : 3, axis : 3 * n : 3] -= body.filter.matrix(axis).toarray()
+    eye = np.eye(3)
+    rigid = [np.tile(e, (len(body.X), 1)).ravel() for e in eye] + [np.cross(e, body.X).ravel() for e in eye]
+    scale = np.abs(K).max()
+    assert max(np.abs(K @ u).max() / np.abs(u).max() for u in rigid) < 1e-12 * scale
+    values = np.linalg.eigvalsh(K)
+    assert np.abs(values[:6]).max() < 1e-10 * values[-1]
+    assert values[6] > 1e-6 * values[-1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_entries_of_the_pattern_stay_whatever_their_values(kind, rng):
+    body = make_body(kind)
+    tangent = Tangent(body)
+    rest = tangent.at(body.X)
+    body.grow(1.2)
+    strained = tangent.at(body.X + 0.1 * rng.standard_normal(body.X.shape))
+    np.testing.assert_array_equal(rest.indices, strained.indices)
+    np.testing.assert_array_equal(rest.indptr, strained.indptr)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cauchy_stress_of_a_uniform_deformation_is_the_closed_form(kind, rng):
+    body = make_body(kind)
+    F = np.eye(3) + 0.1 * rng.standard_normal((3, 3))
+    body.grow(1.1)
+    sigma = cauchy_stress(body, body.X @ F.T)
+    cortex = body.bilayer.mesh.subdomains["cortex"]
+    for name, g, mu in (("cortex", 1.1, 2.0), ("core", 1.0, 1.0)):
+        A = F / g
+        J, B = np.linalg.det(A), A @ A.T
+        want = mu * J ** (-5 / 3) * (B - np.trace(B) / 3 * np.eye(3)) + 50 * mu * (J - 1) * np.eye(3)
+        first = body.elements.patches[:, 0] if kind == "tets" else np.arange(len(sigma))
+        mine = sigma[np.isin(first, cortex) == (name == "cortex")]
+        np.testing.assert_allclose(mine, np.broadcast_to(want, mine.shape), atol=1e-11 * np.abs(want).max())
+
+
+def test_cauchy_stress_is_the_virial_of_the_nodal_forces(rng):
+    bilayer = bilayer_patch((4.0, 3.0), 5.0, 1.0, 1.0)
+    body = Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="tangential")
+    body.grow(1.3)
+    x = body.X + 0.05 * rng.standard_normal(body.X.shape)
+    sigma = cauchy_stress(body, x)
+    body.update_state(x)
+    V = 1.3**2 * body.elements.volume
+    V[body.elements.n_cortex :] = body.elements.volume[body.elements.n_cortex :]
+    v = V * body.elements.state()["volume_ratio"]
+    virial = -np.einsum("ni,nj->ij", body.forces(x) + body.rest, x)
+    np.testing.assert_allclose(np.einsum("e,eij->ij", v, sigma), virial, atol=1e-10 * np.abs(virial).max())
