@@ -285,24 +285,24 @@ def _corner_stiffness(q):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _measure_tet(d, e, mu, real):
-    """J, grown volume w, energy, w A, volume gradient for the edges, and two stiffness factors of one tetrahedron.
+    """J, grown volume w, energy, w A, volume gradient for the edges, and a stiffness of one tetrahedron.
 
-    All but J are without weight if ``real`` is 0. The factors are per square of the volume gradient: that of the
-    volume-preserving energy, 2/3 mu phi tr(A^T A) / (w J^2), and that of a pressure of one, 1 / (w J).
+    All but J and the last are without weight if ``real`` is 0. The stiffness is that of the volume-preserving
+    energy per square of the volume gradient, 2/3 mu phi tr(A^T A) / (w J^2).
     """
     a, k, w = _elastic(d, e)
     c, J, phi, I1, _ = _isochoric(a)
     I1 *= phi
-    held = 1.0 / max(J, CRUSHED)
-    own = held / w
+    held = max(J, CRUSHED)
+    stiffness = (2.0 / 3.0) * mu * I1 / (w * held * held)
     w *= real
     dv = _combine(real * (1.0 / 6.0), _push(c, k), 0.0, k)
-    return J, w, 0.5 * BLEND * mu * w * (I1 - 3.0), _combine(w, a, 0.0, c), dv, (2.0 / 3.0) * mu * I1 * own * held, own
+    return J, w, 0.5 * BLEND * mu * w * (I1 - 3.0), _combine(w, a, 0.0, c), dv, stiffness
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _measure_patch(sums, near, m, l, state, bound):
-    """Volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``; returns |p|.
+    """Volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
 
     ``sums`` are those of its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
     pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
@@ -320,7 +320,6 @@ def _measure_patch(sums, near, m, l, state, bound):
     bound[l], bound[l + _W], bound[l + _U(2) * _W], bound[l + _U(3) * _W] = s * n0, s * n1, s * n2, s * n3
     bound[l + _U(4) * _W], bound[l + _U(5) * _W] = s * n4, s * n5
     bound[l + _U(6) * _W], bound[l + _U(7) * _W] = s * n6, s * n7
-    return abs(p)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
@@ -328,24 +327,23 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
     """J of each tetrahedron (block, 6 WIDTH); per patch into ``state`` (block, 2 WIDTH) its volume ratio and energy;
     per row into ``stiffness`` (R,) the sum of a bound on the stiffness of its patches.
 
-    The bound is rigorous for the pressure, an estimate for the rest: at strains of order one the volume-preserving
-    part can pass it, by less than the safety factor on the mass.
+    The bound is rigorous for the stiffness of the pressure, and near the largest eigenvalue for that of each
+    tetrahedron alone; what the pressure adds to the latter is left out. Tests hold the sum to be enough.
     """
     for b in prange(len(local)):
         at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
         e, q, m, ratio = edges[b], np.empty(54 * WIDTH), modulus[b], J[b]
-        sums, own, per_pressure = np.zeros(12 * WIDTH), np.empty(TETS * WIDTH), np.empty(TETS * WIDTH)
-        bound, pressure = np.empty(NODES * WIDTH), np.empty(WIDTH)
+        sums, bound, own = np.zeros(12 * WIDTH), np.empty(NODES * WIDTH), np.empty(TETS * WIDTH)
         ahead = edges[min(b + 1, len(local) - 1)]
         fetch(x, nodes[start[b] : start[b + 1]], local[b], NODES, 1.0, ahead, at, near)
         _to_edges(near, corner[b], d)
         for t in range(_U(TETS)):
             row = _U(9) * t * _W
             for l in range(_W):
-                r, w, energy, wa, dv, c, cp = _measure_tet(
+                r, w, energy, wa, dv, stiff = _measure_tet(
                     _nine(d, row + l), _nine(e, row + l), m[l], 1.0 if m[l + _U(2) * _W] > t else 0.0
                 )
-                ratio[t * _W + l], own[t * _W + l], per_pressure[t * _W + l] = r, c, cp
+                ratio[t * _W + l], own[t * _W + l] = r, stiff
                 _put(q, row + l, dv)
                 sums[l] += w
                 sums[l + _W] += w * r
@@ -353,14 +351,13 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
                 _put(sums, l + _U(3) * _W, _combine(1.0, _nine(sums, l + _U(3) * _W), 1.0, wa))
         _to_nodes(q, corner[b], near)
         for l in range(_W):
-            pressure[l] = _measure_patch(sums, near, m, l, state[b], bound)
+            _measure_patch(sums, near, m, l, state[b], bound)
         for t in range(_U(TETS)):
             for l in range(_W):
-                c = own[t * _W + l] + pressure[l] * per_pressure[t * _W + l]
-                c0, c1, c2, c3 = _corner_stiffness(_nine(q, _U(9) * t * _W + l))
+                o, s = _U(9) * t * _W + l, own[t * _W + l]
+                s0, s1, s2, s3 = _corner_stiffness(_nine(q, o))
                 # the four values take the place of the gradient that they come from
-                o = _U(9) * t * _W + l
-                q[o], q[o + _W], q[o + _U(2) * _W], q[o + _U(3) * _W] = c * c0, c * c1, c * c2, c * c3
+                q[o], q[o + _W], q[o + _U(2) * _W], q[o + _U(3) * _W] = s * s0, s * s1, s * s2, s * s3
         for t in range(TETS):
             for l in range(WIDTH):
                 for i in range(4):

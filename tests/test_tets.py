@@ -263,19 +263,20 @@ def test_energy_of_a_grown_sphere_before_it_folds_nears_that_of_the_radial_equil
         body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law=law)
         run = Dynamics(body, steps_per_unit=1000)
         run.grow_to(g)
-        run.relax(400)
+        run.relax(800)
         error.append(abs(8 * run.state.record["strain_energy"] / exact_energy(g, law) - 1))
     assert error[1] < 7e-3
     assert np.log(error[0] / error[1]) / np.log(12 / 8) == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
-@pytest.mark.parametrize("kappa", [5.0, 50.0])
+@pytest.mark.parametrize("kappa", [5.0, 50.0, 500.0])
 def test_measured_stiffness_keeps_the_unit_step_stable(kind, kappa, rng):
     # a step of one is stable while the largest eigenvalue of M^-1 K is below 4: power iteration on the forces
     tets = make_tets(kind, rng, kappa=kappa)
     tets.grow(np.full(tets.n_cortex, 1.3))
-    for x in (1.05 * tets.X, tets.X * [0.5, 1.5, 1.4], shaken(tets, rng, 0.05), shaken(tets, rng, 0.2)):
+    stretches = (1.05, [0.4, 0.8, 1.5], [0.5, 1.5, 1.4])
+    for x in (*(tets.X * s for s in stretches), shaken(tets, rng, 0.05), shaken(tets, rng, 0.2)):
         mass = 0.25 * SAFETY * tets.measure(x)[:, None]
         v, value = rng.standard_normal(x.shape), 0.0
         for _ in range(80):
