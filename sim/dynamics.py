@@ -24,10 +24,11 @@ from morphofold.sim.effects import Effect, overriding
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
-DAMPING = 0.02          # share of the velocity lost per step
-KINETIC_LIMIT = 5e-3    # kinetic over strain energy above which growth slows down
+DAMPING = 0.005         # share of the velocity lost per step while growing: more of it and folding lags behind growth,
+SETTLING = 0.02         # and at rest
+KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
-SLOWEST = 0.2           # least pace of growth while it does
+SLOWEST = 0.05          # least pace of growth while it does
 EARLY = 1.2             # below this growth there is too little strain energy to judge the kinetic one by
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
 LARGEST_J = 8.0         # beyond it the kernels' cube root no longer holds, and no sound body gets there
@@ -67,12 +68,12 @@ class Dynamics:
     steps_per_unit : float
         Steps for growth to rise by 1; fewer is faster and lags further behind equilibrium.
     damping : float
-        Share of the velocity lost per step.
+        Share of the velocity lost per step while growing; at rest it is SETTLING at least.
     """
 
     def __init__(self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float = DAMPING):
         self.body, self.effects = body, tuple(effects)
-        self.rate, self.damping = 1.0 / steps_per_unit, damping
+        self.rate, self.damping, self.settling = 1.0 / steps_per_unit, damping, max(damping, SETTLING)
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
@@ -99,13 +100,13 @@ class Dynamics:
             clock.start()
             self.body.grow(self.state.growth)
             clock.lap("grow")
-            self._run(REFRESH)
+            self._run(REFRESH, self.damping)
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
         """Take steps at the present growth until there were ``steps`` of them, rounded up to ``REFRESH``."""
         while self.state.relaxed < steps:
-            self._run(REFRESH)
+            self._run(REFRESH, self.settling)
             self.state.relaxed += REFRESH
             after(self.state)
 
@@ -142,7 +143,7 @@ class Dynamics:
             pace *= effect.pace(self.state.growth)
         return pace
 
-    def _run(self, steps: int) -> None:
+    def _run(self, steps: int, damping: float) -> None:
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
         clock = _Clock(seconds)
@@ -160,7 +161,7 @@ class Dynamics:
                 clock.lap(effect.name)
             kernels.advance(
                 state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
-                1.0 - self.damping,
+                1.0 - damping,
             )  # fmt: skip
             clock.lap("advance")
             for effect in self._with["after_step"]:

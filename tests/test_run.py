@@ -116,10 +116,10 @@ def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path
 
     step = Dynamics._run
 
-    def break_down(self, steps):
+    def break_down(self, steps, damping):
         if self.state.step >= 100:
             self.state.x[7] = np.nan
-        step(self, steps)
+        step(self, steps, damping)
 
     monkeypatch.setattr(Dynamics, "_run", break_down)
     with pytest.raises(UnstableError, match="not finite at g = "):
