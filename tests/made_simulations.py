@@ -1,6 +1,7 @@
 """Simulation folders with known folds, written without simulating."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,14 @@ def harmonic(verts, l, m):
     """Real harmonic of degree l and order m > 0 at vertices around the origin, mean square 1."""
     direction = verts / np.linalg.norm(verts, axis=1)[:, None]
     return np.sqrt(8 * np.pi) * reference.harmonic(direction, l, m).real
+
+
+def lattice(n):
+    """Unit directions (n, 3), evenly spread (Fibonacci)."""
+    k = np.arange(n) + 0.5
+    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+    rho = np.sqrt(1 - z * z)
+    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
 
 
 def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=()):
@@ -41,6 +50,17 @@ def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * vert
         )  # fmt: skip
     writer.health([], list(warnings), elements=len(faces), steps=7, seconds=1.5)
     return Simulation(out, scene)
+
+
+class MadeRuns:
+    """What figures ask for: ``grow`` as given; ``told`` are the works that someone would have been told of."""
+
+    def __init__(self, grow):
+        self.grow, self.told = grow, []
+
+    def telling(self, words):
+        self.told.append(words)
+        return nullcontext(lambda share, text="": None)
 
 
 def settle(path):

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from made_simulations import harmonic, made_simulation
+from made_simulations import harmonic, lattice, made_simulation
 
 from morphofold import analysis
 from morphofold.report import fold_tables
@@ -46,12 +46,16 @@ def test_waves_have_as_many_gyri_as_they_have_peaks(rows):
 
 
 def test_narrow_furrows_make_the_height_skew(tmp_path):
+    """Seven of them, between which nothing stands out."""
+
     def furrows(g, verts):
-        wave = harmonic(verts, 8, 4)
-        return -(g - 1) * np.exp(wave - wave.max()) * 20
+        away = np.linalg.norm(verts[:, None] / 50 - lattice(7), axis=2)
+        return -10 * (g - 1) * np.exp(-8 * away**2).sum(axis=1)
 
     *_, row = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", STAGES, height=furrows))
     assert row["height_skewness"] < -1
+    assert row["sulci"] == 7
+    assert row["gyri"] < 7
 
 
 def test_what_is_not_folded_has_no_folds_and_says_so(rows):

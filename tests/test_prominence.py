@@ -1,17 +1,9 @@
 import numpy as np
 import pytest
+from made_simulations import lattice
 
 from morphofold import analysis
 from morphofold.shapes import icosphere
-
-
-def lattice(n):
-    """Unit directions (n, 3), evenly spread (Fibonacci)."""
-    k = np.arange(n) + 0.5
-    z = 1 - 2 * k / n
-    angle = np.pi * (1 + 5**0.5) * k
-    rho = np.sqrt(1 - z * z)
-    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
 
 
 def bumps(verts, centres, width):

@@ -7,10 +7,12 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from morphofold.cli.progress import Tell
     from morphofold.sim.run import Simulation
 
 #: figure -> what it shows; report/paper.py draws them
@@ -31,7 +33,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", metavar="DIR", default="reproduce",
         help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
     )  # fmt: skip
-    parser.add_argument("--draft", action="store_true", help="simulate coarsely: minutes instead of an hour")
+    parser.add_argument("--draft", action="store_true", help="simulate coarsely, about four times faster")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
@@ -49,11 +51,11 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.results import strict_json
 
     out = Path(args.out)
-    grower = Grower(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
+    runs = _Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on from the checkpoint."
     with atomic_folder(out) as folder:
         kept = _keep(out, folder, figures)
-        drawn = {name: {"morphofold": __version__, **REPRODUCTIONS[name](folder, grower)} for name in figures}
+        drawn = {name: {"morphofold": __version__, **REPRODUCTIONS[name](folder, runs)} for name in figures}
         index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
@@ -77,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-class Grower:
+class _Runs:
     """Grows the scenes that figures ask for in ``out``/simulations/NAME, each once, going on from checkpoints.
 
     They lie in ``out`` itself and not in the folder that replaces it, so that an interrupt loses none. Drafts have
@@ -87,8 +89,7 @@ class Grower:
     def __init__(self, out: Path, *, draft: bool, threads: int | None, quiet: bool):
         self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
 
-    def __call__(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        from morphofold.cli.progress import progress
+    def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         from morphofold.io import atomic_folder
         from morphofold.simulation import simulate
 
@@ -97,11 +98,16 @@ class Grower:
                 pass
         if self._draft:
             name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
-        with progress(name, self._quiet) as tell:
+        with self.telling(name) as tell:
             return simulate(
                 scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
                 progress=tell,
             )  # fmt: skip
+
+    def telling(self, words: str) -> AbstractContextManager[Tell]:
+        from morphofold.cli.progress import progress
+
+        return progress(words, self._quiet)
 
 
 def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:

@@ -24,7 +24,7 @@ Row = dict[str, Any]
 #: rms of the height over the cortical thickness of the scene, from which on a surface is called folded
 FOLDED = 0.1
 #: least prominence of a gyrus or sulcus over the rms of the height
-PROMINENT = 0.5
+PROMINENT = 0.25
 #: what the columns hold, for an index
 COLUMNS = {
     "gyrification_index": "area of the pial surface over that of its convex hull",

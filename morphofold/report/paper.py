@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.report.paper_folds import reproduce_fig5, reproduce_fig6, reproduce_fig7
-from morphofold.report.paper_runs import Grow
+from morphofold.report.paper_runs import Runs
 from morphofold.report.paper_theory import reproduce_fig3, reproduce_fig4
 
 #: figure of the paper -> function that writes its files into a folder, and what an index should say of them; it asks
 #: for the simulations that it needs
-REPRODUCTIONS: dict[str, Callable[[Path, Grow], dict[str, Any]]] = {
+REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
     "fig3": reproduce_fig3, "fig4": reproduce_fig4, "fig5": reproduce_fig5, "fig6": reproduce_fig6,
     "fig7": reproduce_fig7,
 }  # fmt: skip

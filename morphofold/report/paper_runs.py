@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from morphofold.sim.run import Simulation
 
+Tell = Callable[[float, str], None]
 
-class Grow(Protocol):
-    """Gives the simulation of a built-in scene, with settings put over it, under a name of its own; grows it if need
-    be."""
 
-    def __call__(self, name: str, scene: str, settings: Sequence[str]) -> Simulation: ...
+class Runs(Protocol):
+    """What figures ask for: simulations, and someone to tell of long work."""
+
+    def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
+        """The simulation of a built-in scene, with settings put over it, under a name of its own; grown if need be."""
+
+    def telling(self, words: str) -> AbstractContextManager[Tell]:
+        """Someone who is told the share done, 0 to 1, and a few words, of the work that ``words`` name."""
 
 
 def told(simulation: Simulation) -> dict[str, Any]:

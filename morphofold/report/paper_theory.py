@@ -16,7 +16,7 @@ import numpy as np
 from morphofold import analysis
 from morphofold.report.fold_tables import FOLDED
 from morphofold.report.line_plots import BLACK, legend_below, line_style, new_figure, save, set_limits
-from morphofold.report.paper_runs import Grow, told
+from morphofold.report.paper_runs import Runs, told
 from morphofold.report.theory_plots import LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.report.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.results import write_table
@@ -188,11 +188,12 @@ def fig4_rows() -> list[Row]:
     return [{"source": "theory", **row} for row in rows]
 
 
-def reproduce_fig3(folder: Path, grow: Grow) -> dict[str, Any]:
+def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; what an index should say of them."""
-    radial = [grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
-    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}"]
-    solid = grow("fig3-solid", "fig7-ratio1", octant)
+    radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
+    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}",
+              "output.volume=false"]  # fmt: skip
+    solid = runs.grow("fig3-solid", "fig7-ratio1", octant)
     elements = fig3_elements(radial, solid)
     save(fig3(elements), folder / "fig3.png")
     for panel, lines, points in zip("ab", fig3_rows(), elements):
@@ -217,7 +218,7 @@ def reproduce_fig3(folder: Path, grow: Grow) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def reproduce_fig4(folder: Path, grow: Grow) -> dict[str, Any]:
+def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig4.png and fig4.tsv into ``folder``; what an index should say of them. Nothing is grown."""
     save(fig4(), folder / "fig4.png")
     write_table(folder / "fig4.tsv", ("source", "law", "C_over_B", "T_over_C", "g_crease"), fig4_rows())
