@@ -14,6 +14,7 @@ from morphofold.sim.bricks import BINARY_CORNERS
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.bulk_viscosity import BulkViscosity
+from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.core_growth import CoreGrowth
 from morphofold.sim.effects.enclosure import STIFFNESS, Enclosure, press_shell
 from morphofold.sim.effects.inertia import Inertia
@@ -21,9 +22,12 @@ from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.ramp import RATES, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
+from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.intersection import self_intersections
 from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.radial_statics import radial_equilibrium
 from morphofold.sim.scene import load_scene
+from morphofold.sim.surfaces import whole_surfaces
 
 
 def sphere(n=8, **options):
@@ -100,7 +104,7 @@ def test_regions_multiply_where_they_overlap():
 def growths(shape, final=1.8, steps_per_unit=2000):
     """Growth at each measurement of a run with a ramp (none: linear), the first at g = 1."""
     run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final)], steps_per_unit=steps_per_unit)
-    run._run = lambda steps: setattr(run.state, "step", run.state.step + steps)            # growth alone, no mechanics
+    run._run = lambda steps, *rest: setattr(run.state, "step", run.state.step + steps)     # growth alone, no mechanics
     seen = [1.0]
     run.grow_to(final, lambda state: seen.append(state.growth))
     return np.array(seen)
@@ -228,7 +232,7 @@ def breathing(density=1.0, damping=0.0, periods=1.05, extra=()):
     run._measure()
     time, height = [0.0], [0.02]
     while time[-1] < periods * 4 * 24 * (density / P_WAVE) ** 0.5:
-        run._run(REFRESH)
+        run.relax(run.state.relaxed + REFRESH)
         time.append(run.state.record["effects"]["inertia"]["time"])
         height.append(np.mean(run.state.x[: body.n_surface, 2]))
     return np.array(time), np.array(height)
@@ -378,22 +382,39 @@ def test_viscosity_is_refused_for_tetrahedra():
 # --- a strip
 
 
-def test_both_sides_of_a_strip_stay_the_same_to_the_bit_as_it_folds():
-    bilayer = bilayer_patch((24.0, 0.0), 10.0, 2.0, 0.8)
+def folding_strip(edge, *effects, mu_cortex):
+    bilayer = bilayer_patch((24.0, 0.0), 10.0, 2.0, edge)
     X = Perturbation(0.1, 15.0, seed=0).reshape(bilayer, bilayer.mesh.p.T)
-    body = Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", X=X)
-    run = Dynamics(body, [PlaneStrain()], steps_per_unit=2000)
+    body = Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=50.0, law="isotropic", X=X)
+    return body, Dynamics(body, [*effects, PlaneStrain()], steps_per_unit=2000 if edge > 0.6 else 4000)
+
+
+def test_both_sides_of_a_strip_stay_the_same_to_the_bit_as_it_folds():
+    body, run = folding_strip(0.8, mu_cortex=2.0)
     run.grow_to(1.35)
-    x = run.state.x
-    near = np.flatnonzero(body.X[:, 1] == 0)
-    far = np.flatnonzero(body.X[:, 1] > 0)
+    X, x = body.X, run.state.x
+    near, far = np.flatnonzero(X[:, 1] == 0), np.flatnonzero(X[:, 1] > 0)
     assert len(near) == len(far)
     twin = {(X[i, 0], X[i, 2]): i for i in near}
     pairs = np.array([(twin[X[j, 0], X[j, 2]], j) for j in far])
     for both in (x, run.state.v):
         assert np.array_equal(both[pairs[:, 0]][:, [0, 2]], both[pairs[:, 1]][:, [0, 2]])
-    assert np.array_equal(x[:, 1], body.X[:, 1])                        # plane strain
+    assert np.array_equal(x[:, 1], X[:, 1])                             # plane strain
     assert np.ptp(x[: body.n_surface, 2]) > 2.0                         # folded
+
+
+def test_contact_keeps_the_walls_of_a_sulcus_from_passing_through_each_other():
+    deepest = []
+    for effects in ((), (Contact(), Symmetry())):
+        body, run = folding_strip(0.5, *effects, mu_cortex=1.0)
+        depth = []                                                      # in mean edges
+        for g in (1.4, 1.5):
+            run.grow_to(g)
+            depth.append(self_intersections(whole_surfaces(body, run.state.x)[1]).deepest_share)
+        deepest.append(max(depth))
+    assert deepest[0] > 0.1
+    assert deepest[1] == 0
+    assert run.state.record["effects"]["contact"]["pairs"] > 0
 
 
 # --- one at a time
