@@ -82,7 +82,7 @@ def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
         run = make_run(3.0, n=12, amplitude=0.05, contact=True, steps=600, portion="half")
         pairs = []
         run.grow_to(1.8, lambda state: pairs.append(state.record["effects"]["contact"]["pairs"]))
-        assert max(pairs) > 10                                          # contact took part
+        assert max(pairs) > 0                                           # contact took part
         results.append(run.state.x.copy())
     assert np.array_equal(*results)
 
