@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import blas, lapack
@@ -174,16 +175,17 @@ class Factor:
         for i, front in enumerate(dissection.fronts):
             n = front.stop - front.start
             size = n + len(front.border)
-            entries = np.zeros(size * size)
-            entries[front.place] = matrix.data[front.taken]
-            F = entries.reshape((size, size), order="F")                # its lower half
+            F = np.zeros((size, size))                                  # rows to eliminate, and what is left
+            F.ravel()[front.place] = matrix.data[front.taken]
             for child, at in front.children:
-                F[at[:, None], at] += rest.pop(child)
-            pivot: _Pivot = _Definite(F[:n, :n], F[n:, :n])
+                _extend_add(F, rest.pop(child), at)
+            F11, F21 = F[:n, :n].T, F[:n, n:].T                         # in the order of LAPACK
+            pivot: _Pivot = _Definite(F11, F21)
             if pivot.failed:
-                pivot = _Indefinite(F[:n, :n], F[n:, :n])
+                pivot = _Indefinite(F11, F21)
             self._pivots.append(pivot)
-            rest[i] = F[n:, n:] - pivot.product()
+            product = pivot.product()
+            rest[i] = np.subtract(F[n:, n:], product, out=product)
         self.negative = sum(pivot.negative for pivot in self._pivots)
 
     def solve(self, b: Array) -> Array:
@@ -198,6 +200,15 @@ class Factor:
         x = np.empty_like(y)
         x[order] = y
         return x
+
+
+@njit(cache=True)
+def _extend_add(F, S, at):
+    """F[at, at] += S."""
+    for i in range(len(at)):
+        row, mine = F[at[i]], S[i]
+        for j in range(len(at)):
+            row[at[j]] += mine[j]
 
 
 class _Definite:

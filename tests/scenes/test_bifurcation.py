@@ -1,0 +1,49 @@
+"""The growth at which solid spheres and strips wrinkle, from their stiffness, against the theory."""
+
+import numpy as np
+import pytest
+from test_statics import flat, wave_strip
+
+from morphofold.sim import statics, theory
+from morphofold.sim.body import Body
+from morphofold.sim.mesh import bilayer_sphere
+
+LAWS = ("isotropic", "tangential")
+
+
+def octant(law, mu_ratio, n):
+    """T = 2 on a sphere of 50, its critical growth and what theory says of it; modes of even degree alone."""
+    body = Body(bilayer_sphere(50, 2, 25, "octant", n), mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
+    exact = theory.bifurcation(0.04, mu_ratio, law, kappa_ratio=50.0)
+    return statics.bifurcation_of_body(body, step=0.01, g_min=exact.g_crit), exact
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
+def test_the_sphere_wrinkles_within_one_percent_of_the_theory(law, mu_ratio):
+    """37,000 unknowns, edges of 1.1 thicknesses and three bricks through the cortex."""
+    found, exact = octant(law, mu_ratio, 36)
+    assert 0 < found.g_crit / exact.g_crit - 1 < 0.01
+    assert found.degree == pytest.approx(exact.mode, abs=2.5)
+
+
+@pytest.mark.slow
+def test_the_sphere_closes_in_on_the_theory_as_its_mesh_is_refined():
+    error = [found.g_crit / exact.g_crit - 1 for found, exact in (octant("isotropic", 2.0, n) for n in (16, 24, 36))]
+    assert error[2] < 0.006
+    assert np.log(error[0] / error[2]) / np.log(36 / 16) > 1.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
+def test_a_finer_and_finer_strip_wrinkles_as_the_flat_limit_does(law, mu_ratio, monkeypatch):
+    g_crit, wavelength = flat(law, mu_ratio)
+    found = [
+        statics.bifurcation_of_body(wave_strip(monkeypatch, law, mu_ratio, k), g_min=g_crit - 0.01) for k in (1, 2, 4)
+    ]
+    error = np.array([f.g_crit / g_crit - 1 for f in found])
+    np.testing.assert_allclose(np.log2(error[:-1] / error[1:]), 2.0, atol=0.15)
+    assert 0 < error[-1] < 5e-4
+    assert found[-1].wavelength == pytest.approx(wavelength, rel=1e-3)
