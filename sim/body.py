@@ -23,6 +23,8 @@ SAFETY = 1.5               # nodal mass over the least that keeps a step of one 
 class Elements(Protocol):
     """What a body asks of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
 
+    LOCAL: float                    # modulus of the local volumetric term over mu
+    LARGEST_J: float                # beyond it the kernels' cube root no longer holds, and no sound element gets there
     n: int
     n_cortex: int
     volume: Array                   # (n,) of the reference body [mm^3]

@@ -46,6 +46,7 @@ class Bricks:
     """
 
     LOCAL = 2.0             # modulus of the local volumetric term over mu; see the energy in kernels
+    LARGEST_J = 8.0
 
     def __init__(
         self, mesh: MeshHex, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str

@@ -31,7 +31,6 @@ COLLAPSE = 0.9          # and when the smallest J falls below this share of itse
 SLOWEST = 0.05          # least pace of growth while it does
 EARLY = 1.2             # below this growth there is too little strain energy to judge the kinetic one by
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
-LARGEST_J = 8.0         # beyond it the kernels' cube root no longer holds, and no sound body gets there
 
 
 class UnstableError(RuntimeError):
@@ -183,7 +182,7 @@ class Dynamics:
         body.update_state(state.x)
         element = body.elements.state()
         strain = float(element["energy"].sum()) + body.filter.energy(state.x)
-        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > LARGEST_J))
+        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > body.elements.LARGEST_J))
         if broken.size:
             raise UnstableError(
                 f"{broken.size} of {body.elements.n} elements have no volume left or burst at g = {state.growth:.3f}, "

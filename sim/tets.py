@@ -52,6 +52,7 @@ class Tets:
     """
 
     LOCAL = 0.0             # modulus of a local volumetric term over mu: there is none
+    LARGEST_J = 50.0
 
     def __init__(
         self, mesh: MeshTet, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str
