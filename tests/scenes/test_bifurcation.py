@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from test_statics import flat, wave_strip
+from test_tangent import split
 
-from morphofold.sim import statics, theory
+from morphofold.sim import mesh, statics, theory
 from morphofold.sim.body import Body
-from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
 
 LAWS = ("isotropic", "tangential")
 
@@ -47,3 +48,13 @@ def test_a_finer_and_finer_strip_wrinkles_as_the_flat_limit_does(law, mu_ratio, 
     np.testing.assert_allclose(np.log2(error[:-1] / error[1:]), 2.0, atol=0.15)
     assert 0 < error[-1] < 5e-4
     assert found[-1].wavelength == pytest.approx(wavelength, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "mu_ratio"), [("isotropic", 1.0), ("tangential", 4.0)])
+def test_a_strip_of_tetrahedra_does_too(law, mu_ratio, monkeypatch):
+    g_crit, wavelength = flat(law, mu_ratio)
+    monkeypatch.setattr(mesh, "CORE_RATIO", 1.4**0.5)
+    bilayer = split(bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 32, 6))
+    body = Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
+    assert 0 < statics.bifurcation_of_body(body, g_min=g_crit - 0.01).g_crit / g_crit - 1 < 3e-3
