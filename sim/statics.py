@@ -76,6 +76,9 @@ class BodyBifurcation:
     ----------
     g_crit : float
         Growth at which the lowest eigenvalue of the stiffness is zero; NaN if it is not up to ``g_max``.
+    rounded : bool
+        True if there is no such growth because the path itself bends into folds, as that of an uneven body may: g_crit
+        is then where the eigenvalue was heading before it turned, by a line, and no longer a sharp number.
     mode : (N, 3) float64
         Displacement that grows there, the largest of a node 1.
     wavelength : float
@@ -91,6 +94,7 @@ class BodyBifurcation:
     """
 
     g_crit: float
+    rounded: bool
     mode: Array
     wavelength: float
     degree: float
@@ -159,12 +163,15 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
     On a sphere, patch or strip of even thickness each level of nodes stays at one height on the smooth path: that is
     imposed. The nodes of a real mesh are not all alike, so its own equilibrium bends a little, which rounds the
     bifurcation off just as an imperfection does (by a limit point in coarse spheres), and vanishes as the mesh is
-    refined. Other bodies follow their own equilibrium.
+    refined. Other bodies follow their own equilibrium, and what is uneven in their shape acts on modes of the same
+    symmetry as an imperfection: these don't lose stability but grow gradually, see ``rounded``. In an octant of an
+    ellipsoid all modes are of that kind.
     """
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise ValueError(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
-    stable, high, g, mode = _Path(body, body.X, _levels(body)).grown(g_min), np.inf, g_min + step, None
+    stable, high, g = _Path(body, body.X, _levels(body)).grown(g_min), np.inf, g_min + step
+    mode: Array | None = None
     seen: list[tuple[float, float]] = []
     while high - stable.growth > PRECISION and stable.growth < g_max:
         path = stable.grown(min(g, g_max))
@@ -172,18 +179,15 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
         seen.append((path.growth, found.eigenvalue))
         if found.negative:
             high = path.growth
+        elif mode is not None and _turned(np.array(seen)):
+            return _found(body, _zero(np.array(seen[:-1])), True, mode, np.array(seen), stable.x)
         else:
             stable, mode = path, found.mode
         g = _next(np.array(seen), stable.growth, high, stable.growth + step)
     if mode is None:
         raise ValueError(f"the body is unstable at g_min = {g_min:g} already; begin below.")
-    history = np.array(seen)
-    if high == np.inf:
-        return BodyBifurcation(np.nan, mode, np.nan, np.nan, history, stable.x)
-    wave, radius = _wave_number(body, mode), np.linalg.norm(body.X[: body.n_surface], axis=1)
-    round_ = np.ptp(radius) < EVEN * radius.mean()
-    degree = np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5 if round_ else np.nan
-    return BodyBifurcation(_zero(history), mode, 2 * np.pi / wave, float(degree), history, stable.x)
+    g_crit = _zero(np.array(seen)) if high < np.inf else float("nan")
+    return _found(body, g_crit, False, mode, np.array(seen), stable.x)
 
 
 def bifurcation_of_scene(
@@ -202,6 +206,23 @@ def bifurcation_of_scene(
         As above.
     """
     return bifurcation_of_body(build_body(scene), g_max, step, g_min)
+
+
+def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array) -> BodyBifurcation:
+    if np.isnan(g_crit):
+        return BodyBifurcation(g_crit, rounded, mode, np.nan, np.nan, history, x)
+    wave, radius = _wave_number(body, mode), np.linalg.norm(body.X[: body.n_surface], axis=1)
+    sphere = np.ptp(radius) < EVEN * radius.mean()
+    degree = np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5 if sphere else np.nan
+    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, float(degree), history, x)
+
+
+def _turned(seen: Array) -> bool:
+    """Whether the eigenvalue of stable states seen (K, 2) has fallen, by half at least, and now rises."""
+    eigenvalue = seen[np.argsort(seen[:, 0]), 1]
+    if len(seen) < 3 or not (eigenvalue > 0).all():
+        return False
+    return bool(eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2] < 0.5 * eigenvalue.max())
 
 
 def _next(seen: Array, low: float, high: float, furthest: float) -> float:
@@ -245,9 +266,12 @@ def _wave_number(body: Body, mode: Array) -> float:
 def _levels(body: Body) -> sparse.csr_matrix | None:
     """One displacement along the thickness for each level of nodes, as (3 N, levels); None where levels are not even.
 
-    They are even if all nodes of a level are alike but for a turn or a shift: on a sphere about the origin, or flat.
+    They are even if all nodes of a level are alike but for a turn or a shift, on a sphere about the origin or flat, and
+    all grow alike.
     """
     bilayer, X = body.bilayer, body.X
+    if np.ptp(body.pattern) > 0:
+        return None
     n, count = len(X), -(-len(X) // body.n_surface)
     level = np.arange(n) // body.n_surface
     height = np.einsum("ij,ij->i", X, bilayer.radial)

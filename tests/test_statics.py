@@ -122,6 +122,8 @@ def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even)
     assert (levels is not None) == even
     if even:
         assert levels.shape[1] * body.n_surface == len(body.X)
+    body.pattern = np.linspace(0, 1, body.elements.n_cortex)            # regional growth
+    assert statics._levels(body) is None
 
 
 def test_a_path_that_ends_carries_its_last_state(monkeypatch):
@@ -208,8 +210,19 @@ def test_critical_growth_lies_between_a_stable_and_an_unstable_state(monkeypatch
 def test_a_body_that_stays_stable_has_no_critical_growth():
     found = statics.bifurcation_of_body(patch(size=(1.0, 1.0)), g_max=1.1, step=0.05)
     assert np.isnan(found.g_crit)
+    assert not found.rounded
     assert (found.history[:, 1] > 0).all()
     assert found.history[-1, 0] == 1.1
+
+
+def test_an_ellipsoid_that_bends_into_folds_is_said_to():
+    """All modes of an octant have the symmetry of its smooth state: they grow about where a sphere loses its own."""
+    body = Body(bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", 8), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
+                law="isotropic")  # fmt: skip
+    found = statics.bifurcation_of_body(body, g_min=1.1)
+    assert found.rounded
+    assert (found.history[:, 1] > 0).all()
+    assert found.g_crit == pytest.approx(theory.bifurcation(2 / 13, 2.0, kappa_ratio=50.0).g_crit, rel=0.1)
 
 
 def test_growth_out_of_order_is_refused():
