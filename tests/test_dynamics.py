@@ -74,14 +74,20 @@ def test_past_onset_the_sphere_folds_and_growth_before_it_does_not():
     assert run.state.record["kinetic_over_strain"] < 2e-2
 
 
+def _pairs_on_the_way(run, g):
+    """Pairs in contact at each measurement while growing to g."""
+    pairs = []
+    run.grow_to(g, lambda state: pairs.append(state.record["effects"]["contact"]["pairs"]))
+    return pairs
+
+
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
     results = []
     for threads in (1, 2):
         numba.set_num_threads(threads)
         run = make_run(3.0, n=12, amplitude=0.05, contact=True, steps=600, portion="half")
-        pairs = []
-        run.grow_to(1.8, lambda state: pairs.append(state.record["effects"]["contact"]["pairs"]))
+        pairs = _pairs_on_the_way(run, 1.8)
         assert max(pairs) > 0                                           # contact took part
         results.append(run.state.x.copy())
     assert np.array_equal(*results)
