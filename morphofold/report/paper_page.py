@@ -1,0 +1,225 @@
+"""The generated parts of docs/figures.md: tables and pictures of what ``morphofold reproduce`` wrote.
+
+``python -m morphofold.report.paper_page OUT PAGE`` puts those of the folder OUT between the marks ``<!-- fig5 -->`` and
+``<!-- /fig5 -->`` of the Markdown page PAGE, and the pictures, half as large, beside it. What stands outside of the
+marks is for people to write.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.io import atomic_file
+from morphofold.report.paper_folds import FIG5, FIG6, FIG7, Column
+from morphofold.report.paper_theory import ONE_D, THREE_D
+from morphofold.report.png import png_bytes
+
+Row = dict[str, Any]
+WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason")
+#: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
+FOLDS = {
+    "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
+    "skewness": ("height_skewness", "{:.2f}"), "sulci": ("sulci", "{:.0f}"), "gyri": ("gyri", "{:.0f}"),
+    "degree": ("degree", "{:.1f}"), "wavelength, mm": ("wavelength_mm", "{:.1f}"),
+    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"), "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
+    "crossings": ("crossings", "{:.0f}"),
+}  # fmt: skip
+
+
+def write_page(out: Path, page: Path) -> list[str]:
+    """Renew every marked part of ``page`` whose figure lies in ``out``; names of the figures that were renewed.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no index in ``out`` or no page.
+    ValueError
+        If the page hasn't one pair of marks for a figure of the index; Fig. 4 needs none. The page is as it was then.
+    """
+    figures = json.loads((out / "summary.json").read_text(encoding="utf-8"))["figures"]
+    text = page.read_text(encoding="utf-8")
+    renewed = [name for name in figures if name in PARTS]
+    for name in renewed:
+        tables = {file: read_rows(out / file) for file in figures[name]["files"] if file.endswith(".tsv")}
+        text = _between_marks(text, name, [*PARTS[name](tables), _health(figures[name]["simulations"])], page)
+        _halve(out / f"{name}.png", page.parent / f"{name}.png")
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return renewed
+
+
+def _between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:
+    """The text with paragraphs in place of what stood between the marks of a figure."""
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
+    before, rest = text.split(begin)
+    return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
+
+
+def read_rows(path: Path) -> list[Row]:
+    """A table with numbers as floats and None for what is missing."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    return [{k: v if k in WORDS else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _fig3(tables: dict[str, list[Row]]) -> list[str]:
+    radius, stress = tables["fig3a.tsv"], tables["fig3b.tsv"]
+
+    def worst(rows: Sequence[Row], column: str) -> str:
+        return f"{100 * max(abs(row[column]) for row in rows):.3f} %"
+
+    lines = []
+    for what, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
+        mine = [row for row in radius if row["source"] == source and row["folded"] == folded]
+        same = worst(mine, "over_1d") if source == THREE_D else "–"
+        lines.append([what, source, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), same])
+    for T in sorted({row["thickness_mm"] for row in stress}):
+        mine = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
+        what = f"stress, T = {T:g} mm"
+        lines.append([what, ONE_D, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), "–"])
+    heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
+    return [_image("fig3", "outer radius against growth, tangential stress through the cortex"), table(heads, lines)]
+
+
+def _range(rows: Sequence[Row]) -> str:
+    low, high = (f([row["growth"] for row in rows]) for f in (min, max))
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def _fig5(tables: dict[str, list[Row]]) -> list[str]:
+    shown = [g for row in FIG5 for g in row]
+    return [
+        _image("fig5", "six stages of a folding sphere, coloured by displacement"),
+        _folds([("", row) for row in tables["fig5.tsv"] if row["growth"] in shown], ()),
+    ]
+
+
+def _fig6(tables: dict[str, list[Row]]) -> list[str]:
+    rows = tables["fig6.tsv"]
+    return [
+        _image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
+        _columns(rows, FIG6), _first(rows, FIG6), _slopes(rows, FIG6),
+    ]  # fmt: skip
+
+
+def _fig7(tables: dict[str, list[Row]]) -> list[str]:
+    rows = tables["fig7.tsv"]
+    return [
+        _image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
+        _columns(rows, FIG7), _first(rows, FIG7),
+    ]  # fmt: skip
+
+
+def _image(name: str, words: str) -> str:
+    return f"![{words}]({name}.png)"
+
+
+def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> str:
+    """What the pictures show, in numbers."""
+    shown = [
+        (column.title, row)
+        for column in columns
+        for row in rows
+        if row["scene"] == column.scene and row["growth"] in column.growth
+    ]
+    return _folds(shown, ("",))
+
+
+def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> str:
+    cells = [
+        [*([title] if first else []), *(_told(row[name], how) for name, how in FOLDS.values())] for title, row in rows
+    ]
+    return table([*first, *FOLDS], cells)
+
+
+def _told(value: float | None, how: str) -> str:
+    return "–" if value is None else how.format(value).replace("-", "−")
+
+
+def _first(rows: Sequence[Row], columns: Sequence[Column]) -> str:
+    """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
+    heads = ["", "first picture, g", "wrinkles by theory, g", "degree", "by theory", "wavelength / T", "by theory",
+             "by the film formula"]  # fmt: skip
+    lines = []
+    for column in columns:
+        row = _at(rows, column, 0)
+        T = row["thickness_mm"]
+        numbers = (
+            row["growth"], row["theory_g"], row["degree"], row["theory_degree"], row["wavelength_mm"] / T,
+            row["theory_wavelength_mm"] / T, row["film_wavelength_mm"] / T,
+        )  # fmt: skip
+        how = ("{:.2f}", "{:.3f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
+        lines.append([column.title, *(h.format(x) for h, x in zip(how, numbers))])
+    return table(heads, lines)
+
+
+def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
+    """The row of the k-th picture of a column."""
+    return next(row for row in rows if row["scene"] == column.scene and row["growth"] == column.growth[k])
+
+
+def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> str:
+    """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
+    from scipy import stats
+
+    def fit(words: str, column: str, k: int) -> list[str]:
+        mine = [_at(rows, body, k) for body in columns]
+        found = stats.linregress([row["thickness_mm"] for row in mine], [row[column] for row in mine])
+        numbers = (found.slope, found.stderr, found.intercept, found.rvalue)
+        return [words, *(_told(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+
+    lines = [
+        fit("wavelength, first picture", "wavelength_mm", 0),
+        fit("wavelength, last picture", "wavelength_mm", -1),
+        fit("wavelength of the first wrinkles, theory", "theory_wavelength_mm", 0),
+        fit("wavelength by the film formula", "film_wavelength_mm", 0),
+        fit("gyral width, last picture", "gyral_thickness_mm", -1),
+        fit("rms height, last picture", "height_rms_mm", -1),
+    ]
+    return table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
+
+
+def _health(simulations: Sequence[dict[str, Any]]) -> str:
+    """A line per simulation, with its warnings."""
+    lines = []
+    for told in simulations:
+        size = f"{told['elements']:,} bricks, {told['steps']:,} steps, " if told["elements"] else ""
+        state = "healthy" if told["healthy"] else "**not healthy**: " + "; ".join(told["warnings"])
+        name = told["folder"].rpartition("/")[2]
+        lines.append(f"- `{name}`, {told['level']}: {size}{told['seconds']:.0f} s, {state}")
+    return "\n".join(lines)
+
+
+def _halve(source: Path, target: Path) -> None:
+    """A PNG picture half as wide and high, each pixel the mean of four."""
+    from matplotlib.image import imread
+
+    image = np.round(255 * imread(source)[:, :, :3])
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    small = image[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
+    with atomic_file(target) as temporary:
+        temporary.write_bytes(png_bytes(np.round(small).astype(np.uint8)))
+
+
+#: figure -> what stands between its marks, but for the health of its simulations, from its tables
+PARTS: dict[str, Callable[[dict[str, list[Row]]], list[str]]] = {
+    "fig3": _fig3, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    print(*write_page(Path(sys.argv[1]), Path(sys.argv[2])))
