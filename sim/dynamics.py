@@ -29,7 +29,9 @@ SETTLING = 0.02         # and at rest
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does
-EARLY = 1.2             # below this growth there is too little strain energy to judge the kinetic one by
+EARLY = 0.3             # below this growth strain the kinetic energy is held against what strain energy will be there
+SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
+FIRST_PACE = 0.1        # and what it starts from
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
 
 
@@ -54,6 +56,14 @@ class State:
     lowest_J: float = 1.0
     before_J: float = 1.0
     record: dict[str, Any] = field(default_factory=dict)
+
+
+def restlessness(growth: float, kinetic_over_strain: float) -> float:
+    """Kinetic over strain energy; before a growth strain of ``EARLY`` over the strain energy that will be there then.
+
+    A smooth body swells at nearly constant speed while its strain energy rises from nothing, with the square of growth.
+    """
+    return kinetic_over_strain * min(1.0, abs(growth - 1) / EARLY) ** 2
 
 
 class Dynamics:
@@ -99,7 +109,7 @@ class Dynamics:
             clock.start()
             self.body.grow(self.state.growth)
             clock.lap("grow")
-            self._run(REFRESH, self.damping)
+            self._run(REFRESH, self.damping )
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
@@ -130,9 +140,10 @@ class Dynamics:
     def _pace(self) -> float:
         """Share of the full growth rate: less while the run is out of balance, or an effect asks for it."""
         record = self.state.record
-        pace = 1.0
-        if self.state.growth >= EARLY and record["kinetic_over_strain"] > KINETIC_LIMIT:
-            pace = KINETIC_LIMIT / record["kinetic_over_strain"]
+        pace = min(1.0, FIRST_PACE + abs(self.state.growth - 1) / SOFT_START)
+        restless = restlessness(self.state.growth, record["kinetic_over_strain"])
+        if restless > KINETIC_LIMIT:
+            pace *= KINETIC_LIMIT / restless
         if record["min_J"] < COLLAPSE * self.state.before_J:
             pace = min(pace, 0.5)
         if record["inverted"]:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold.sim.boxes import box_tree
-from morphofold.sim.dynamics import EARLY
+from morphofold.sim.dynamics import restlessness
 from morphofold.sim.intersection import self_intersections
 from morphofold.sim.rays import ray_hits
 from morphofold.surface import Surface
@@ -21,7 +21,7 @@ CROSSING_TOLERANCE = 0.1
 
 #: greatest values that a healthy stage has, and what to change beyond them
 BOUNDS = {
-    "kinetic_over_strain": (2e-2, "slow the growth down (growth.rate)"),
+    "kinetic_over_strain": (1e-2, "slow the growth down (growth.rate)"),
     "overlap": (2e-3, "refine the mesh (accuracy.level), and check that the scene has [effects.contact]"),
     "winding_max": (1, "check that the scene has [effects.contact], and slow the growth down (growth.rate)"),
     "crossings": (0, "check that the scene has [effects.contact], and refine the mesh (accuracy.level)"),
@@ -113,12 +113,15 @@ def broken_bounds(stage: dict[str, Any]) -> list[str]:
     """One sentence for each bound that the numbers of a stage break; empty when it is healthy.
 
     Judged are the numbers that the stage has: one written by an earlier version has fewer.
-    The kinetic energy is judged from g = 1.2 on: before, there is too little strain energy to compare it with.
+    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`.
     """
+    judged = dict(stage)
+    if "kinetic_over_strain" in stage:
+        judged["kinetic_over_strain"] = restlessness(stage["growth"], stage["kinetic_over_strain"])
     told = [
-        f"{name} {_told(stage[name])} at g = {stage['growth']:.2f} exceeds {bound:g}: {cure}"
+        f"{name} {_told(judged[name])} at g = {stage['growth']:.2f} exceeds {bound:g}: {cure}"
         for name, (bound, cure) in BOUNDS.items()
-        if name in stage and not (stage[name] <= bound or (name == "kinetic_over_strain" and stage["growth"] < EARLY))
+        if name in judged and not judged[name] <= bound
     ]
     if not stage["lowest_J"] >= LEAST_J:
         told.append(

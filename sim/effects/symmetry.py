@@ -9,10 +9,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
-from morphofold.sim.effects.contact import DASHPOT, GAP, STIFFNESS
+from morphofold.sim.effects import Effect, contact
 
 Array = NDArray[np.float64]
+
+STIFFNESS = 4 * contact.STIFFNESS       # a node and its image press each other, at twice the distance
 
 
 @njit(cache=True)
@@ -22,7 +23,7 @@ def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
         if depth > 0.0 and not held[i]:
-            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
+            force = mass[i] * (STIFFNESS * depth - contact.DASHPOT * side * v[i, axis])
             if force > 0.0:
                 extra[i, axis] += side * force
                 count += 1
@@ -48,7 +49,7 @@ class Symmetry(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = 0, 0.0
         for (axis, at, side), held in self._planes:
-            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * GAP * body.filter.h, extra)
+            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * contact.GAP * body.filter.h, extra)
             self._pressed += count
             self._energy += energy
 
