@@ -117,7 +117,7 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
     """The tetrahedra of a patch are its points, and a last one is their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
     edges = from_lanes(tets.edges, count).reshape(-1, TETS, 3, 3)
-    corner = from_lanes(tets._corner, count).reshape(-1, TETS, 4).astype(np.int64)
+    corner = from_lanes(tets.corner, count).reshape(-1, TETS, 4).astype(np.int64)
     for part in _parts(count):
         real = tets.patches[part] >= 0
         to_edges = np.linalg.inv(edges[part].swapaxes(-1, -2)) * real[..., None, None]

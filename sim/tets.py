@@ -43,6 +43,9 @@ class Tets:
         Tetrahedra of each patch, -1 where it has fewer. Those of the cortex come first.
     volume : (E,) float64
         Reference volumes [mm^3].
+    corner : (block, 24 WIDTH) uint8
+        Which of its patch's eight nodes are the corners of each tetrahedron, in lanes: four each of six tetrahedra,
+        those that a patch lacks with the corners of its first one.
 
     Raises
     ------
@@ -68,7 +71,7 @@ class Tets:
         nodes, corner = _nodes_of(self.patches, tets)
         self.blocks = Blocks(nodes, len(X))
         count, first = self.blocks.count, self.patches[:, 0]
-        self._corner = to_lanes(corner, count)
+        self.corner = to_lanes(corner, count)
         moduli = to_lanes(np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)]), count)
         moduli.reshape(count, 3, WIDTH)[-1, :2, len(first) - (count - 1) * WIDTH :] = 0.0
         self.modulus = moduli
@@ -87,11 +90,6 @@ class Tets:
         self._J, self._state = np.zeros((count, TETS * WIDTH)), np.zeros((count, 2 * WIDTH))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
-    @property
-    def fill(self) -> float:
-        """Tetrahedra per place for one: 1 if all patches have six."""
-        return self.n / self.patches.size
-
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
@@ -102,20 +100,20 @@ class Tets:
         across.ravel()[self._cortex] = cortex
         along.ravel()[self._cortex] = 1.0 if self.law == "tangential" else cortex
         tet_kernels.grow_edges(
-            self._X, self._radial, b.nodes, b.start, b.local, self._corner, across, along, self.edges
+            self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges
         )
         self._core = core
 
     def compute_forces(self, x: Array) -> None:
         """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        tet_kernels.patch_forces(x, b.nodes, b.start, b.local, self._corner, self.edges, self.modulus, b.force)
+        tet_kernels.patch_forces(x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, b.force)
 
     def measure(self, x: Array) -> Array:
         """Measure the patches at ``x``; nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         tet_kernels.patch_state(
-            x, b.nodes, b.start, b.local, self._corner, self.edges, self.modulus, self._J, self._state, self._stiffness
+            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, self._J, self._state, self._stiffness
         )
         return b.nodal_sums(self._stiffness)
 

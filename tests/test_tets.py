@@ -8,6 +8,7 @@ from scipy.spatial import Delaunay
 from skfem import Basis, ElementTetP1, ElementVector, LinearForm, MeshTet
 
 from morphofold.sim import material, tet_kernels
+from morphofold.sim.blocks import from_lanes
 from morphofold.sim.body import SAFETY, Body
 from morphofold.sim.bricks import BINARY_CORNERS
 from morphofold.sim.dynamics import Dynamics
@@ -343,6 +344,17 @@ def test_patches_do_not_depend_on_how_corners_are_ordered(rng):
     other = MeshTet(mesh.p, np.ascontiguousarray(rng.permuted(mesh.t, axis=0)))
     both = [cluster(m, mesh.p.T, np.zeros(m.nelements, dtype=int)) for m in (mesh, other)]
     assert np.array_equal(*both)
+
+
+def test_corners_of_tetrahedra_are_found_among_the_nodes_of_their_patch(rng):
+    tets = make_tets("scattered", rng)
+    count, b = len(tets.patches), tets.blocks
+    nodes = from_lanes(b.nodes[b.start[:-1, None] + b.local], count)
+    corner = from_lanes(tets.corner, count)
+    got = np.take_along_axis(nodes, corner.astype(int), axis=1).reshape(count, 6, 4)
+    want = tets.mesh.t.T[np.where(tets.patches >= 0, tets.patches, tets.patches[:, :1])]
+    assert (tets.patches < 0).any()
+    np.testing.assert_array_equal(np.sort(got, axis=-1), np.sort(want, axis=-1))
 
 
 # refusals
