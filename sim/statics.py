@@ -9,6 +9,7 @@ by itself: Newton's method follows it, stable or not.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.tangent import Tangent
 
 Array = NDArray[np.float64]
+Look = Callable[[float, float], None]
 
 SMALLEST = 1e-4         # increment of growth at which to give up
 FURTHEST = 5.0          # extrapolation of the path, over the last increment
@@ -115,6 +117,8 @@ def equilibrium(body: Body, g: float, x: Array | None = None) -> Array:
 
     Raises
     ------
+    ValueError
+        If nothing holds the body.
     ConvergenceError
         If the path of equilibria could not be followed to g.
     """
@@ -132,7 +136,9 @@ def stability(body: Body, x: Array) -> Stability:
     return _Path(body, x).stability()
 
 
-def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0) -> BodyBifurcation:
+def bifurcation_of_body(
+    body: Body, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0, look: Look = lambda g, eigenvalue: None
+) -> BodyBifurcation:
     """Follow the smooth path of a body until it is unstable, and find the growth at which it becomes so.
 
     Parameters
@@ -145,6 +151,8 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
         The path is looked at each time g has grown by this, or less: what comes and goes within one step is not seen.
     g_min : float
         Growth up to which the body is known to be stable, below g_max.
+    look : callable
+        Called with growth and lowest eigenvalue of each state that was looked at, about equally long after each other.
 
     Returns
     -------
@@ -154,7 +162,7 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
     Raises
     ------
     ValueError
-        If g_min, g_max and step are not in order, or the body is unstable at g_min.
+        If g_min, g_max and step are not in order, nothing holds the body, or it is unstable at g_min.
     ConvergenceError
         If the path ends before g_max, and before it is unstable.
 
@@ -177,6 +185,7 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
         path = stable.grown(min(g, g_max))
         found = path.stability()
         seen.append((path.growth, found.eigenvalue))
+        look(*seen[-1])
         if found.negative:
             high = path.growth
         elif mode is not None and _turned(np.array(seen)):
@@ -191,7 +200,7 @@ def bifurcation_of_body(body: Body, g_max: float = 3.0, step: float = 0.05, g_mi
 
 
 def bifurcation_of_scene(
-    scene: Scene, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0
+    scene: Scene, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0, look: Look = lambda g, eigenvalue: None
 ) -> BodyBifurcation:
     """:func:`bifurcation_of_body` for the body of a scene, as its geometry, material, growth law and accuracy say.
 
@@ -205,7 +214,7 @@ def bifurcation_of_scene(
     ConvergenceError
         As above.
     """
-    return bifurcation_of_body(build_body(scene), g_max, step, g_min)
+    return bifurcation_of_body(build_body(scene), g_max, step, g_min, look)
 
 
 def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array) -> BodyBifurcation:
@@ -288,6 +297,11 @@ class _Path:
     """A state of a body at rest, and the way from it to others; ``levels`` as from :func:`_levels`, or None."""
 
     def __init__(self, body: Body, x: Array, levels: sparse.csr_matrix | None = None):
+        if body.free.all():
+            raise ValueError(
+                "nothing holds the body: it floats away at no cost in energy, so its stability can't be told. Hold its "
+                "inner surface (geometry.held), or cut it by symmetry planes."
+            )
         self.body, self.x, self.growth = body, x, body.growth
         self._before: tuple[float, Array] | None = None                 # the equilibrium that it came from
         self._rows = np.flatnonzero(body.free)
@@ -346,8 +360,10 @@ class _Path:
         floor = ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
         for share in 0.5 ** np.arange(HALVINGS):
             trial = x + share * change
-            after = self._residual(trial)
-            if np.linalg.norm(after) < max(np.linalg.norm(residual), floor):
+            with np.errstate(over="ignore", invalid="ignore"):          # far off it is infinite, and so not smaller
+                after = self._residual(trial)
+                size = np.linalg.norm(after)
+            if size < max(np.linalg.norm(residual), floor):
                 return trial, after
         raise FloatingPointError("no part of a Newton step brings the body closer to rest")
 

@@ -1,5 +1,6 @@
 """Equilibrium, stability and bifurcation of bodies of bricks and tetrahedra, against what is known of them."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -235,6 +236,33 @@ def test_a_body_unstable_from_the_start_is_refused(monkeypatch):
     body = wave_strip(monkeypatch, "isotropic", 1.0, 1)
     with pytest.raises(ValueError, match=r"unstable at g_min = 1\.4 already"):
         statics.bifurcation_of_body(body, g_min=1.4)
+
+
+def test_a_body_that_nothing_holds_is_refused():
+    floating = replace(bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5), planes=(), held=np.empty(0, dtype=np.int64))
+    body = Body(floating, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    for ask in (lambda: statics.bifurcation_of_body(body), lambda: statics.equilibrium(body, 1.1)):
+        with pytest.raises(ValueError, match="nothing holds the body"):
+            ask()
+
+
+def test_each_state_that_was_looked_at_is_told_in_turn():
+    seen = []
+    found = statics.bifurcation_of_body(patch(size=(1.0, 1.0)), g_max=1.1, look=lambda *state: seen.append(state))
+    np.testing.assert_array_equal(seen, found.history)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_newton_step_into_nonsense_is_halved_without_a_word(monkeypatch):
+    body = patch(size=(1.0, 1.0))
+    want, once, far = statics.equilibrium(body, 1.1), statics._Path._solve, [1e200]
+
+    def solve(self, stiffness, b):
+        return (far.pop() if far else 1.0) * once(self, stiffness, b)
+
+    monkeypatch.setattr(statics._Path, "_solve", solve)
+    np.testing.assert_allclose(statics.equilibrium(body, 1.1), want, atol=1e-8)
+    assert not far
 
 
 def test_a_scene_is_taken_without_its_effects():
