@@ -7,8 +7,12 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.cli import theory as command
-from morphofold.sim import theory
+from morphofold.report import theory_tables
+from morphofold.sim import stability, statics, theory
+from morphofold.sim.geometry import build_bilayer
 from morphofold.sim.growth import LAWS
+from morphofold.sim.radial import Sphere
+from morphofold.sim.scene import load_scene
 
 
 @pytest.fixture
@@ -314,3 +318,122 @@ def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch)
     monkeypatch.setattr("morphofold.sim.radial_statics.critical_growth_of_degree", lambda *_, **__: near)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
     assert capsys.readouterr().err == ""
+
+
+# the body of a scene
+
+OCTANT = ("--body", "demo", "--set", "geometry.portion=octant", "--set", "accuracy.edge=8")
+STRIP = ("--body", "strip", "--set", "geometry.length=22", "--set", "accuracy.edge=1.25",
+         "--set", "accuracy.elements_through_cortex=2")  # fmt: skip
+
+
+def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, monkeypatch):
+    asked_for, found, once = [], [], statics.bifurcation_of_scene
+
+    def noted(scene, **options):
+        asked_for.append(scene)
+        found.append(once(scene, **options))
+        return found[-1]
+
+    monkeypatch.setattr(statics, "bifurcation_of_scene", noted)
+    answer = asked(capsys, "bifurcation", *OCTANT, "--set", "geometry.hole_radius=20", "-q")
+    (row,), (scene,), (body,) = answer["rows"], asked_for, found
+    assert scene == load_scene("demo", ["geometry.portion=octant", "accuracy.edge=8", "geometry.hole_radius=20"])
+    exact = theory.bifurcation(3 / 50, 1.0, "isotropic", 50.0, A_over_C=0.4)
+    assert (row["g_theory"], row["degree_theory"]) == (exact.g_crit, exact.mode)
+    for name in ("g_crit", "rounded", "degree"):
+        assert row[name] == getattr(body, name)
+    assert row["difference_percent"] == pytest.approx(100 * (body.g_crit / exact.g_crit - 1), rel=1e-12)
+    assert 0 < row["difference_percent"] < 5                            # a mesh of 800 bricks
+    assert row["degree"] == pytest.approx(exact.mode, rel=0.3)
+    assert (row["wavelength_mm"], row["wavelength_over_T"]) == (body.wavelength, body.wavelength / 3)
+    assert row["elements"] == build_bilayer(scene).mesh.nelements
+    assert row["edge_over_T"] == pytest.approx(np.pi / 2 * 50 / 10 / 3)
+    assert row["seconds"] > 0
+    assert row["reason"] is None
+    assert (answer["parameters"]["body"], answer["parameters"]["settings"][-1]) == ("demo", "geometry.hole_radius=20")
+    assert "mu_ratio" not in answer["parameters"]                       # it is the scene's
+
+
+def test_an_octant_is_held_against_the_even_degrees_it_has():
+    """T = 3 and a cortex four times as stiff: degree 11 comes first in a quarter."""
+    found = {}
+    for portion in ("quarter", "octant"):
+        scene = load_scene("demo", ["material.mu_ratio=4", f"geometry.portion={portion}"])
+        found[portion] = theory_tables._theory_of(scene)
+    exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
+    assert found["quarter"] == (exact.g_crit, exact.mode, "")
+    assert exact.mode == 11
+    g = [stability.critical_growth_of_degree(Sphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)]
+    assert found["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("strip",), "not of a body with shape = 'strip'"),
+        (("ellipsoid",), "not of a body with shape = 'ellipsoid'"),
+        (("mesh",), "not of a body with shape = 'mesh'"),
+        (("demo", "geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"), "of even thickness"),
+        (("demo", "geometry.hole_radius=0.01"), "no theory: hole and cortex"),
+    ],
+)
+def test_where_there_is_no_theory_beside_a_body_the_reason_is_told(words, reason):
+    g, degree, told = theory_tables._theory_of(load_scene(words[0], words[1:]))
+    assert np.isnan([g, degree]).all()
+    assert reason in told
+
+
+def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
+    assert main(["theory", "bifurcation", *STRIP]) == 0
+    told = capsys.readouterr()
+    lines = told.out.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith(" g_crit"))
+    cells, note = lines[start + 1].split(), lines[start + 2]
+    assert 1.1 < float(cells[0]) < 1.3
+    assert (cells[1], *cells[4:7], cells[-1]) == ("–", "–", "–", "–", "[1]")
+    assert note.startswith("[1] the theory is that of a sphere")
+    assert "left out: contact, perturbation" in " ".join(lines)
+    assert max(map(len, lines)) <= 120
+    assert told.err.startswith("strip:  14% after")
+    assert told.err.splitlines()[0].endswith("  stable at g = 1.05000")
+
+
+def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
+    mode, scene = np.zeros((3, 3)), load_scene("demo", ["geometry.portion=octant", "accuracy.edge=12"])
+    history = np.array([[1.05, 1.0], [3.0, 0.5]])
+    for g_crit, rounded, said in ((1.3, True, "bends into folds"), (np.nan, False, "stable up to g = 3")):
+        found = statics.BodyBifurcation(g_crit, rounded, mode, 20.0, 12.0, history, mode)
+        monkeypatch.setattr(statics, "bifurcation_of_scene", lambda *_, found=found, **__: found)
+        row = theory_tables.body_row(scene)
+        assert said in row["reason"]
+        assert row["rounded"] == rounded
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--body radial", "radial: a radial scene has no mesh; its theory is what comes without --body"),
+        ("--body nowhere", "no scene file or built-in scene 'nowhere'"),
+        ("--body demo --set growth.law=round", "growth.law"),
+        ("--body demo --thickness 2 --law both --check", "leave out --thickness, --law, --check"),
+        ("--body demo --mu-ratio 1:2:3", "leave out --mu-ratio; change the scene by --set"),
+        ("--body demo --radius 50 --hole-ratio 0.5", "leave out --radius, --hole-ratio"),
+        ("--body demo --kappa-ratio inf", "leave out --kappa-ratio"),
+        ("--body demo --curve --plot it.png", "leave out --curve, --plot"),
+        ("--set material.mu_ratio=2", "--set changes a scene, and there is none"),
+    ],
+)
+def test_a_question_about_a_body_that_makes_no_sense_is_refused(here, capsys, monkeypatch, words, said):
+    monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
+    monkeypatch.setattr(theory, "bifurcation", pytest.fail)
+    assert said in refused(capsys, "theory", "bifurcation", *words.split())
+
+
+def test_a_body_that_loses_its_path_ends_with_1_and_one_line(capsys, monkeypatch):
+    def lost(*_, **__):
+        raise statics.ConvergenceError("no equilibrium found beyond g = 1.38", np.zeros((1, 3)), 1.38)
+
+    monkeypatch.setattr(statics, "bifurcation_of_scene", lost)
+    assert main(["theory", "bifurcation", *OCTANT, "-q"]) == 1
+    assert capsys.readouterr().err == "morphofold theory: no equilibrium found beyond g = 1.38\n"

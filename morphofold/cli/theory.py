@@ -44,8 +44,17 @@ The cortex grows by the stretch g (a ratio of lengths, 1 is none): in all direct
 alone if tangential. Wrinkles are waves all over the sphere, spherical harmonics of degree l: about l around it, each
 2 pi C / sqrt(l (l + 1)) long. A crease is a sharp fold of the surface alone; it can form once lambda_r/lambda_theta of
 the smooth surface is 2.4, the paper's criterion. The mu ratio is the cortex's shear modulus over the core's. The
-defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressible.
+defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressible. With --body it is the growth at
+which the elements of a scene lose their stability, by the exact stiffness of that very mesh, beside the theory if the
+scene is a sphere or a part of one; its effects are left out.
 """
+#: options of the sphere of bifurcation -> their words if not given; a --body has its own
+SPHERE = {
+    "thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5", "mu_ratio": ["1", "2", "4"],
+    "kappa_ratio": "inf", "law": "both",
+}  # fmt: skip
+#: states of a body that are typically still to be looked at
+STILL_TO_LOOK_AT = 6
 
 
 class Column(NamedTuple):
@@ -57,12 +66,12 @@ class Column(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What a question comes to: words above the table, its columns, all rows, and the figure to draw if asked."""
+    """What a question comes to: words above the table, its columns, all rows, and the figure to draw, if any."""
 
     title: str
     columns: Sequence[Column]
     rows: list[dict[str, Any]]
-    draw: Callable[[], Figure]
+    draw: Callable[[], Figure] | None = None
 
 
 LAW, THICKNESS, MU = Column("law", "law"), Column("thickness_mm", "T [mm]", "g"), Column("mu_ratio", "mu ratio", "g")
@@ -105,13 +114,18 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     bifurcation = question("bifurcation", BIFURCATION)
     _add_thicknesses(bifurcation)
     _add_sphere(bifurcation)
-    bifurcation.add_argument("--mu-ratio", nargs="+", default=["1", "2", "4"], metavar="M",
+    bifurcation.add_argument("--mu-ratio", nargs="+", metavar="M",
                              help=f"shear modulus, cortex over core; {RANGES} (default: 1 2 4)")  # fmt: skip
-    bifurcation.add_argument("--kappa-ratio", default="inf", metavar="K",
+    bifurcation.add_argument("--kappa-ratio", metavar="K",
                              help="bulk over shear modulus (default: inf, incompressible)")  # fmt: skip
     bifurcation.add_argument("--check", action="store_true", help="find each g_crit again, by finite elements")
     bifurcation.add_argument("--curve", action="store_true", help="critical growth by degree, not the least alone")
+    bifurcation.add_argument("--body", metavar="SCENE",
+                             help="a built-in scene or a TOML file, instead of the options above")  # fmt: skip
+    bifurcation.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append",
+                             help="with --body: change one value of the scene; may be repeated")  # fmt: skip
     _add_common(bifurcation, "both", "critical growth by thickness (by degree with --curve)")
+    bifurcation.set_defaults(**dict.fromkeys(SPHERE))       # to tell what is asked for from what is left as it is
 
 
 def _add_thicknesses(parser: argparse.ArgumentParser) -> None:
@@ -145,15 +159,17 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.report import line_plots
     from morphofold.results import strict_json
 
+    if args.what == "bifurcation":
+        _sphere_or_body(args)
     plot = None if args.plot is None else _writable(Path(args.plot), line_plots.check_format)
     _read_numbers(args)
     _refuse_too_much(args)
     answer = {"radius": _radius, "stress": _stress, "critical": _critical, "bifurcation": _bifurcation}[args.what](args)
-    if plot is not None:
+    if plot is not None and answer.draw is not None:
         _write_plot(answer.draw(), plot)
     if args.json:
         left_out = ("command", "what", "run", "json", "plot", "quiet", "debug")
-        asked = {key: value for key, value in vars(args).items() if key not in left_out}
+        asked = {key: value for key, value in vars(args).items() if key not in left_out and value is not None}
         if asked.get("kappa_ratio") == math.inf:
             asked["kappa_ratio"] = "inf"                    # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
@@ -233,6 +249,8 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.report import theory_plots, theory_tables
 
+    if args.body is not None:
+        return _body(args)
     if args.check and args.curve:
         raise ValueError("--check finds the least growth again, not the curve: leave out --check or --curve.")
     laws = _laws(args.law)
@@ -267,6 +285,54 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         )  # fmt: skip
     columns = (LAW, THICKNESS, MU, *found, Column("g_crease", "g crease", ".5f"), Column("first", "first"), REASON)
     return Answer(title, columns, [case.row() for case in cases], lambda: theory_plots.crease_or_wrinkle(cases))
+
+
+def _sphere_or_body(args: argparse.Namespace) -> None:
+    """Give the sphere its defaults, or refuse the options that are not for a body."""
+    if args.body is None:
+        if args.settings is not None:
+            raise ValueError("--set changes a scene, and there is none: name it with --body.")
+        for name, words in SPHERE.items():
+            if getattr(args, name) is None:
+                setattr(args, name, words)
+        return
+    wrong = [f"--{name.replace('_', '-')}" for name in (*SPHERE, "check", "curve", "plot")
+             if getattr(args, name) not in (None, False)]  # fmt: skip
+    if wrong:
+        raise ValueError(f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the "
+                         "scene by --set, such as --set material.mu_ratio=2.")  # fmt: skip
+
+
+def _body(args: argparse.Namespace) -> Answer:
+    from morphofold.cli.progress import progress
+    from morphofold.report import theory_tables
+    from morphofold.sim.scene import load_scene
+
+    scene = load_scene(args.body, args.settings or ())
+    if scene.geometry.shape == "radial":
+        raise ValueError(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
+    looks: list[float] = []
+    with progress(scene.name, args.quiet) as tell:
+
+        def look(g: float, eigenvalue: float) -> None:
+            looks.append(g)
+            state = "stable" if eigenvalue > 0 else "unstable"
+            tell(len(looks) / (len(looks) + STILL_TO_LOOK_AT), f"{state} at g = {g:.5f}")
+
+        row = theory_tables.body_row(scene, look)
+    title = (
+        f"Growth g_crit at which the body of {scene.name} loses its stability, as it is meshed: {row['law']} growth,\n"
+        f"T = {row['thickness_mm']:g} mm, mu ratio {row['mu_ratio']:g}, kappa/mu = {row['kappa_ratio']:g}; left out: "
+        f"{', '.join(row['left_out']) or 'nothing'}.\nWavelength on the ungrown surface; edge: the longest of it."
+    )
+    columns = (
+        Column("g_crit", "g_crit", ".5f"), Column("degree", "l", ".1f"),
+        Column("wavelength_mm", "wave [mm]", ".2f"), Column("wavelength_over_T", "over T", ".3f"),
+        Column("g_theory", "by theory", ".5f"), Column("degree_theory", "its l", "d"),
+        Column("difference_percent", "difference [%]", "+.2f"), Column("elements", "elements", ",d"),
+        Column("edge_over_T", "edge/T", ".2f"), Column("seconds", "seconds", ".1f"), REASON,
+    )  # fmt: skip
+    return Answer(title, columns, [row])
 
 
 def _laws(law: str) -> tuple[str, ...]:
@@ -313,6 +379,8 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
 
 def _refuse_too_much(args: argparse.Namespace) -> None:
     """Raise before anything is computed if the answer or its figure would be beyond reading."""
+    if vars(args).get("body") is not None:
+        return
     several = {name: len(value) for name, value in vars(args).items() if isinstance(value, list)}
     rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
     if rows > MOST_ROWS:

@@ -6,13 +6,18 @@ stresses are over a shear modulus, and the names of the columns say which.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.sim import theory
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+    from morphofold.sim.statics import Look
 
 Row = dict[str, Any]
 
@@ -216,6 +221,55 @@ def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C:
     if not np.isfinite(mode):
         return np.nan                                               # no mode, or none that a mesh can resolve
     return critical_growth_of_degree(int(mode), *sphere, A_over_C=A_over_C, g_max=G_MAX)
+
+
+def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
+    """Critical growth of a scene's body as it is meshed, beside the theory of the sphere if it is one or a part of one.
+
+    The scene's effects are left out of both. ``seconds`` are those of the body alone; ``look`` is called with growth
+    and lowest eigenvalue of each state on the way, see :func:`morphofold.sim.statics.bifurcation_of_body`.
+    """
+    from morphofold.sim.geometry import build_bilayer
+    from morphofold.sim.statics import bifurcation_of_scene
+
+    bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
+    g_theory, degree, reason = _theory_of(scene)
+    started = time.perf_counter()
+    found = bifurcation_of_scene(scene, look=look)
+    reasons = [reason] if reason else []
+    if np.isnan(found.g_crit):
+        reasons.append(f"this body is stable up to g = {found.history[:, 0].max():g}")
+    if found.rounded:
+        reasons.append("this uneven body bends into folds without a bifurcation: g_crit is about where, and not sharp")
+    return {
+        "scene": scene.name, "shape": scene.geometry.shape, "portion": getattr(scene.geometry, "portion", None),
+        "law": scene.growth.law, "thickness_mm": T, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio,
+        "left_out": scene.effects.named, "elements": bilayer.mesh.nelements, "edge_over_T": bilayer.edge / T,
+        "g_crit": found.g_crit, "rounded": found.rounded, "degree": found.degree,
+        "wavelength_mm": found.wavelength, "wavelength_over_T": found.wavelength / T,
+        "g_theory": g_theory, "degree_theory": _degree(degree),
+        "difference_percent": 100 * (found.g_crit / g_theory - 1), "seconds": time.perf_counter() - started,
+        "reason": "; ".join(reasons) or None,
+    }  # fmt: skip
+
+
+def _theory_of(scene: Scene) -> tuple[float, float, str]:
+    """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has harmonics of even degree alone."""
+    geometry, material = scene.geometry, scene.material
+    if geometry.shape != "sphere":
+        return np.nan, np.nan, f"the theory is that of a sphere, not of a body with shape = {geometry.shape!r}"
+    if geometry.thickness_spots:
+        return np.nan, np.nan, "the theory is that of a sphere of even thickness (no thickness_spots)"
+    sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
+    try:
+        found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
+    except ValueError as error:
+        return np.nan, np.nan, f"no theory: {error}"
+    if geometry.portion != "octant" or not np.isfinite(found.mode):
+        return found.g_crit, found.mode, found.reason and f"in theory {found.reason}"
+    degrees, g = (values[found.curve.degree % 2 == 0] for values in found.curve)
+    least = int(np.nanargmin(g))
+    return float(g[least]), float(degrees[least]), ""
 
 
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
