@@ -24,12 +24,12 @@ from morphofold.sim.effects import Effect, overriding
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
-DAMPING = 0.005         # share of the velocity lost per step while growing: more of it and folding lags behind growth,
-SETTLING = 0.02         # and at rest
+DAMPING = 0.75          # share of the velocity lost over as many steps as the body's extent has edges, while growing
+SETTLING = 1.5          # and at rest; more of it and folding lags behind growth, less and it feels the mesh
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does
-EARLY = 0.3             # below this growth strain the kinetic energy is held against what strain energy will be there
+EARLY = 0.2             # below this growth strain the kinetic energy is held against what strain energy will be there
 SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
 FIRST_PACE = 0.1        # and what it starts from
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
@@ -76,13 +76,17 @@ class Dynamics:
         Surface effects; an empty one costs nothing.
     steps_per_unit : float
         Steps for growth to rise by 1; fewer is faster and lags further behind equilibrium.
-    damping : float
-        Share of the velocity lost per step while growing; at rest it is SETTLING at least.
+    damping : float, optional
+        Share of the velocity lost per step while growing; from DAMPING and the mesh unless given. At rest it is more.
     """
 
-    def __init__(self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float = DAMPING):
+    def __init__(
+        self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None
+    ):
         self.body, self.effects = body, tuple(effects)
-        self.rate, self.damping, self.settling = 1.0 / steps_per_unit, damping, max(damping, SETTLING)
+        self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.bilayer.cells if damping is None else damping
+        self.settling = max(self.damping, SETTLING / body.bilayer.cells)
+        self.waits_for_balance = True                                   # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
@@ -139,18 +143,17 @@ class Dynamics:
 
     def _pace(self) -> float:
         """Share of the full growth rate: less while the run is out of balance, or an effect asks for it."""
-        record = self.state.record
-        pace = min(1.0, FIRST_PACE + abs(self.state.growth - 1) / SOFT_START)
-        restless = restlessness(self.state.growth, record["kinetic_over_strain"])
-        if restless > KINETIC_LIMIT:
-            pace *= KINETIC_LIMIT / restless
+        record, growth, pace = self.state.record, self.state.growth, 1.0
+        if self.waits_for_balance:
+            pace = min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
+            pace /= max(1.0, restlessness(growth, record["kinetic_over_strain"]) / KINETIC_LIMIT)
         if record["min_J"] < COLLAPSE * self.state.before_J:
             pace = min(pace, 0.5)
         if record["inverted"]:
             pace = SLOWEST
         pace = max(SLOWEST, pace)
         for effect in self._with["pace"]:
-            pace *= effect.pace(self.state.growth)
+            pace *= effect.pace(growth)
         return pace
 
     def _run(self, steps: int, damping: float) -> None:

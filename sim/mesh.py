@@ -59,8 +59,8 @@ class Bilayer:
         Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
     edge : float
         Largest edge of the pial surface [mm].
-    extent : float, optional
-        Length over which equilibrium must spread, of a body whose scene doesn't know it [mm].
+    extent : float
+        Length over which equilibrium must spread [mm]: a quarter of a great circle of a sphere.
     """
 
     mesh: MeshHex | MeshTet
@@ -74,7 +74,12 @@ class Bilayer:
     planes: tuple[Plane, ...]
     mirrored: tuple[int, ...]
     edge: float
-    extent: float | None = None
+    extent: float
+
+    @property
+    def cells(self) -> float:
+        """Edges along the extent: steps for a wave to cross the body, nearly."""
+        return self.extent / self.edge
 
     @property
     def closed(self) -> bool:
@@ -146,7 +151,7 @@ def core_shares(first: float, depth: float, edge: float) -> Array:
 
 def _extrude(
     pial: Array, white: Array, base: Array, quads: Ints, normal: Array, cortex_layers: int, edge: float,
-    planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
+    extent: float, planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
 ) -> Bilayer:  # fmt: skip
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
     n_surface = len(pial)
@@ -179,7 +184,7 @@ def _extrude(
     return Bilayer(
         mesh, quads, n_surface, sparse.csr_matrix(picks, (n_surface, len(nodes))),
         np.tile(normal, (n_layers + 1, 1)), np.tile(pial, (n_layers + 1, 1)), np.repeat(share, n_surface),
-        n_layers * n_surface + surface, planes, mirrored, edge,
+        n_layers * n_surface + surface, planes, mirrored, edge, extent,
     )  # fmt: skip
 
 
@@ -228,8 +233,10 @@ def bilayer_ellipsoid(
             f"under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in PLANES[portion])
-    edge = 0.5 * np.pi * float(axes.max()) / n
-    return _extrude(pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, PLANES[portion])
+    extent = 0.5 * np.pi * float(axes.max())
+    return _extrude(
+        pial, white, hole_share * pial, quads, normal, cortex_layers, extent / n, extent, planes, PLANES[portion]
+    )
 
 
 def bilayer_sphere(
@@ -275,7 +282,9 @@ def bilayer_patch(
     down, up = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
     edge = max(size[0] / nx, width / ny)
-    bilayer = _extrude(pial, pial + thickness * down, pial + depth * down, quads, up, cortex_layers, edge, planes)
+    white, base = pial + thickness * down, pial + depth * down
+    extent = max(size[0], width, depth)
+    bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, extent, planes)
     if strip:
         bilayer.foot[:, 1] = 0.0                                        # one imperfection for both sides
     return bilayer

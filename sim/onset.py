@@ -80,7 +80,7 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
 def _run(scene: Scene, rate: float) -> Dynamics:
     effects = build_effects(scene)
     body = build_body(scene, effects)
-    return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.bilayer.extent) / rate)
+    return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.bilayer.cells) / rate)
 
 
 def _least_difference(scene: Scene, start: float, rate: float, kick: Array) -> tuple[Onset, Array]:

@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, Validatio
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-#: accuracy level: (surface edge over cortex thickness, steps per unit of growth and cell along the body's extent)
-LEVELS = {"draft": (0.80, 110.0), "standard": (0.55, 140.0), "fine": (0.40, 180.0)}
-
+#: accuracy level: surface edge over cortex thickness
+LEVELS = {"draft": 0.80, "standard": 0.55, "fine": 0.40}
+STEPS = 140.0           # per unit of growth and edge along the body's extent: one rate, in waves that cross the body
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
@@ -40,11 +40,6 @@ class _Layers(_Table):
     """What every body has: a cortex on a core [mm]."""
 
     cortex_thickness: Positive = 2.0
-
-    @property
-    def extent(self) -> float:
-        """Length over which equilibrium must spread [mm]; a quarter of a great circle on a sphere."""
-        raise ValueError("a radial body has no extent along its surface, that of a file is only known once it is read.")
 
 
 class Spot(_Table):
@@ -76,10 +71,6 @@ class Sphere(_Layers):
     def semi_axes(self) -> Direction:
         return (self.radius, self.radius, self.radius)
 
-    @property
-    def extent(self) -> float:
-        return 0.5 * math.pi * self.radius
-
 
 class Ellipsoid(_Layers):
     """Bilayer ellipsoid; ``semi_axes`` of the pial surface [mm], the hole a copy of it, ``hole_share`` as large."""
@@ -95,10 +86,6 @@ class Ellipsoid(_Layers):
         _check_layers(min(self.semi_axes), self.cortex_thickness, self.hole_share * min(self.semi_axes))
         return self
 
-    @property
-    def extent(self) -> float:
-        return 0.5 * math.pi * max(self.semi_axes)
-
 
 class Patch(_Layers):
     """A flat block of ``size`` along x and y and of ``depth`` [mm], symmetry planes on its sides, held at its base."""
@@ -112,10 +99,6 @@ class Patch(_Layers):
         _check_layers(self.depth, self.cortex_thickness, 0.0)
         return self
 
-    @property
-    def extent(self) -> float:
-        return max(*self.size, self.depth)
-
 
 class Strip(_Layers):
     """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
@@ -128,10 +111,6 @@ class Strip(_Layers):
     def _layers_fit(self) -> Strip:
         _check_layers(self.depth, self.cortex_thickness, 0.0)
         return self
-
-    @property
-    def extent(self) -> float:
-        return max(self.length, self.depth)
 
 
 class Radial(_Layers):
@@ -350,12 +329,15 @@ class Scene(_Table):
         """Largest surface edge asked for [mm]."""
         thinnest = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
         thickness = self.geometry.cortex_thickness * min(thinnest, 1.0)
-        return self.accuracy.edge or LEVELS[self.accuracy.level][0] * thickness
+        return self.accuracy.edge or LEVELS[self.accuracy.level] * thickness
 
     @property
     def cells(self) -> int:
         """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
-        return max(4, 2 * math.ceil(0.5 * self.geometry.extent / self.edge - 1e-9))
+        if not isinstance(self.geometry, Sphere | Ellipsoid):
+            raise ValueError(f"{self.name}: cells are counted on a sphere or an ellipsoid only.")
+        quarter = 0.5 * math.pi * max(self.geometry.semi_axes)
+        return max(4, 2 * math.ceil(0.5 * quarter / self.edge - 1e-9))
 
     @property
     def bricks(self) -> float:
@@ -370,13 +352,9 @@ class Scene(_Table):
             return geometry.length / self.edge * layers
         return 0.0
 
-    def steps_per_unit(self, extent: float | None = None) -> float:
-        """Steps for growth to rise by 1: a wave needs as many more steps to cross as there are more cells.
-
-        ``extent`` [mm] is that of a body from a file, which the scene doesn't know.
-        """
-        cells = (self.geometry.extent if extent is None else extent) / self.edge
-        return LEVELS[self.accuracy.level][1] * cells / self.growth.rate
+    def steps_per_unit(self, cells: float) -> float:
+        """Steps for growth to rise by 1 in a body with ``cells`` edges along its extent: as many more as there are."""
+        return STEPS * cells / self.growth.rate
 
     @property
     def called_effects(self) -> dict[str, Any]:

@@ -98,7 +98,8 @@ def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     plain = ["geometry.portion=octant", "accuracy.level=draft", "effects={}", "output.stages=[]"]
     scene = load_scene("demo", [*plain, *settings])
     built = build_effects(scene)
-    run = Dynamics(build_body(scene, built), built, steps_per_unit=scene.steps_per_unit())
+    body = build_body(scene, built)
+    run = Dynamics(body, built, steps_per_unit=scene.steps_per_unit(body.bilayer.cells))
     run.grow_to(g)
     run.seconds.clear()
     first = run.state.step

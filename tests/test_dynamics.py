@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import Dynamics, UnstableError
+from morphofold.sim.dynamics import (
+    DAMPING, FIRST_PACE, REFRESH, SETTLING, SLOWEST, Dynamics, UnstableError, restlessness,
+)  # fmt: skip
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
@@ -129,15 +131,37 @@ def test_recorded_energies_are_those_of_the_state():
 
 
 def test_growth_slows_down_while_the_kinetic_energy_is_high(monkeypatch):
-    steps = []
-    for limit in (1.0, 1e-6):
+    steps = {}
+    for limit in (1.0, 1e-9):
         monkeypatch.setattr("morphofold.sim.dynamics.KINETIC_LIMIT", limit)
         run = make_run(n=8, steps=600)
         run.grow_to(1.3)
-        steps.append(run.state.step)
-    early, late = 120, 60                                               # steps at full pace up to 1.2, and from there
-    assert steps[0] == early + late
-    assert steps[1] > early + 4 * late
+        steps[limit] = run.state.step
+    full_pace = 180
+    assert full_pace < steps[1.0] < 1.25 * full_pace                        # the start is soft
+    assert steps[1e-9] == pytest.approx(full_pace / SLOWEST, rel=0.05)
+
+
+def test_growth_starts_softly(monkeypatch):
+    monkeypatch.setattr("morphofold.sim.dynamics.KINETIC_LIMIT", 1e9)
+    run = make_run(n=8, steps=1000)
+    growth = [1.0]
+    run.grow_to(1.1, lambda state: growth.append(state.growth))
+    pace = np.diff(growth)[:-1] / (REFRESH * run.rate)
+    assert pace[0] == pytest.approx(FIRST_PACE)
+    assert pace[:4].tolist() == sorted(pace[:4]) and pace.max() == pytest.approx(1.0)
+
+
+def test_damping_is_as_strong_on_a_finer_mesh_over_the_time_that_a_wave_takes_to_cross():
+    runs = [make_run(n=n) for n in (8, 16)]
+    assert [run.damping * run.body.bilayer.cells for run in runs] == pytest.approx([DAMPING, DAMPING])
+    assert [run.settling * run.body.bilayer.cells for run in runs] == pytest.approx([SETTLING, SETTLING])
+
+
+def test_before_folds_can_form_kinetic_energy_is_held_against_the_strain_energy_to_come():
+    constant = [restlessness(g, 1.0 / (g - 1) ** 2) for g in (1.01, 1.05, 1.15, 1.2)]
+    assert constant == pytest.approx([constant[-1]] * 4)
+    assert restlessness(1.5, 0.25) == 0.25
 
 
 def test_the_imperfection_is_a_function_of_position_and_seed_alone():

@@ -105,6 +105,7 @@ def growths(shape, final=1.8, steps_per_unit=2000):
     """Growth at each measurement of a run with a ramp (none: linear), the first at g = 1."""
     run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final)], steps_per_unit=steps_per_unit)
     run._run = lambda steps, *rest: setattr(run.state, "step", run.state.step + steps)     # growth alone, no mechanics
+    run.waits_for_balance = False                                                          # nor a soft start
     seen = [1.0]
     run.grow_to(final, lambda state: seen.append(state.growth))
     return np.array(seen)

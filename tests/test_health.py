@@ -74,7 +74,7 @@ def test_a_crushed_element_is_told_even_if_it_recovered():
 
 
 def test_kinetic_energy_of_early_growth_is_held_against_the_strain_energy_to_come():
-    assert broken_bounds({**SOUND, "growth": 1.03, "kinetic_over_strain": 0.5}) == []
+    assert broken_bounds({**SOUND, "growth": 1.02, "kinetic_over_strain": 0.5}) == []
     assert len(broken_bounds({**SOUND, "growth": 1.3, "kinetic_over_strain": 0.5})) == 1
 
 

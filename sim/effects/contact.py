@@ -20,8 +20,8 @@ from morphofold.sim.effects import Effect
 Array = NDArray[np.float64]
 
 GAP = 0.2               # contact acts below this distance, in cell sizes h
-STIFFNESS = 0.1         # penalty force per mass and penetration, at a step of one
-DASHPOT = 0.5           # damping force per mass and approach speed
+STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of one
+DASHPOT = 0.25          # damping force per mass and approach speed
 SEARCH = 1.5            # search radius in h
 DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
 APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [h at the time]

@@ -46,7 +46,7 @@ class Inertia(Effect):
             self._time += (run.state.step - self._step) * self._dt
         self._dt, self._step = dt, run.state.step
         run.body.mass[:] = self._mass / dt**2
-        run.rate = dt / self._duration
+        run.rate, run.waits_for_balance = dt / self._duration, False
         run.damping = run.settling = -np.expm1(-self._damping * dt)
 
     def record(self) -> dict[str, Any]:

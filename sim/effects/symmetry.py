@@ -13,7 +13,7 @@ from morphofold.sim.effects import Effect, contact
 
 Array = NDArray[np.float64]
 
-STIFFNESS = 4 * contact.STIFFNESS       # a node and its image press each other, at twice the distance
+STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT     # a node and its image press, at twice the depth
 
 
 @njit(cache=True)
@@ -23,7 +23,7 @@ def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
         if depth > 0.0 and not held[i]:
-            force = mass[i] * (STIFFNESS * depth - contact.DASHPOT * side * v[i, axis])
+            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
             if force > 0.0:
                 extra[i, axis] += side * force
                 count += 1
