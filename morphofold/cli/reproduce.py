@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from morphofold.cli.progress import Tell
-    from morphofold.sim.run import Simulation
+from typing import Any
 
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
@@ -23,7 +16,6 @@ FIGURES = {
     "fig6": "thin, normal and thick cortex, three stages (simulations)",
     "fig7": "shear moduli 1, 2 and 4 to 1, three stages (simulations)",
 }
-SIMULATIONS = "simulations"
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -46,12 +38,13 @@ def run(args: argparse.Namespace) -> int:
     if not args.out:
         raise ValueError("-o: no folder is named; give one to write, such as -o reproduce.")
     from morphofold import __version__
+    from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
     from morphofold.report.paper import REPRODUCTIONS
     from morphofold.results import strict_json
 
     out = Path(args.out)
-    runs = _Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
+    runs = Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on from the checkpoint."
     with atomic_folder(out) as folder:
         kept = _keep(out, folder, figures)
@@ -63,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
             "figures": {**kept, **drawn},
         }
         (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
-        if (out / SIMULATIONS).is_dir():
-            shutil.copytree(out / SIMULATIONS, folder / SIMULATIONS, copy_function=_link)
+        runs.keep(folder)
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
         return 0
@@ -77,37 +69,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"{name}: kept from an earlier run")
     print(f"-> {out / 'summary.json'}")
     return 0
-
-
-class _Runs:
-    """Grows the scenes that figures ask for in ``out``/simulations/NAME, each once, going on from checkpoints.
-
-    They lie in ``out`` itself and not in the folder that replaces it, so that an interrupt loses none. Drafts have
-    names of their own.
-    """
-
-    def __init__(self, out: Path, *, draft: bool, threads: int | None, quiet: bool):
-        self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
-
-    def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        from morphofold.io import atomic_folder
-        from morphofold.simulation import simulate
-
-        if not self._out.is_dir() or not any(self._out.iterdir()):
-            with atomic_folder(self._out):                              # marks it as ours
-                pass
-        if self._draft:
-            name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
-        with self.telling(name) as tell:
-            return simulate(
-                scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
-                progress=tell,
-            )  # fmt: skip
-
-    def telling(self, words: str) -> AbstractContextManager[Tell]:
-        from morphofold.cli.progress import progress
-
-        return progress(words, self._quiet)
 
 
 def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:
@@ -125,11 +86,3 @@ def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:
                 shutil.copy2(out / file, folder / file)
             kept[name] = entry
     return kept
-
-
-def _link(source: str, target: str) -> None:
-    """A second name of a file where the file system has such, else a copy: simulations are large."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copy2(source, target)

@@ -1,0 +1,60 @@
+"""The simulations behind a folder of results: grown into it, found there again, kept when the folder is replaced."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from morphofold.cli.progress import Tell
+    from morphofold.sim.run import Simulation
+
+SIMULATIONS = "simulations"
+
+
+class Runs:
+    """Grows the scenes that are asked for in ``out``/simulations/NAME, each once, going on from checkpoints.
+
+    They lie in ``out`` itself and not in the folder that replaces it, so that an interrupt loses none. Drafts have
+    names of their own.
+    """
+
+    def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
+        self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
+
+    def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
+        from morphofold.io import atomic_folder
+        from morphofold.simulation import simulate
+
+        if not self._out.is_dir() or not any(self._out.iterdir()):
+            with atomic_folder(self._out):                              # marks it as ours
+                pass
+        if self._draft:
+            name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
+        with self.telling(name) as tell:
+            return simulate(
+                scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
+                progress=tell,
+            )  # fmt: skip
+
+    def telling(self, words: str) -> AbstractContextManager[Tell]:
+        from morphofold.cli.progress import progress
+
+        return progress(words, self._quiet)
+
+    def keep(self, folder: Path) -> None:
+        """Bring all simulations, those of earlier runs too, into the ``folder`` that replaces ``out``."""
+        if (self._out / SIMULATIONS).is_dir():
+            shutil.copytree(self._out / SIMULATIONS, folder / SIMULATIONS, copy_function=_link)
+
+
+def _link(source: str, target: str) -> None:
+    """A second name of a file where the file system has such, else a copy: simulations are large."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
