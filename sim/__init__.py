@@ -1,4 +1,8 @@
-"""The growth room: scene in, folded stages out."""
+"""The growth room: scene in, folded stages out.
+
+``scene`` says what grows, ``geometry`` makes its ``body``, ``dynamics`` grows it, ``run`` writes it down and
+``health`` checks it. What is known without growing: ``theory``, ``statics``, ``onset``.
+"""
 
 if __name__ != "morphofold.sim":
     raise ImportError("this folder is imported as morphofold.sim, never as sim: use `import morphofold.sim`")

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem import MeshHex
 
-from morphofold.sim import kernels
-from morphofold.sim.blocks import Blocks
+from morphofold.sim.elements import kernels
+from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.growth import check_law
-from morphofold.sim.mesh import Bilayer
+from morphofold.sim.meshes.bilayer import Bilayer
 
 Array = NDArray[np.float64]
 
@@ -78,9 +78,9 @@ class Body:
         self.mu = np.where(cortex, mu_cortex, mu_core)
         kind: Any
         if isinstance(mesh, MeshHex):
-            from morphofold.sim.bricks import Bricks as kind
+            from morphofold.sim.elements.bricks import Bricks as kind
         else:
-            from morphofold.sim.tets import Tets as kind
+            from morphofold.sim.elements.tets import Tets as kind
         self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
         self.elements: Elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
         self.on_plane = np.zeros(self.X.shape, dtype=bool)

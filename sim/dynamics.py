@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.sim import kernels
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
+from morphofold.sim.elements import kernels
 
 Array = NDArray[np.float64]
 

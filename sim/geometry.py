@@ -9,7 +9,7 @@ import numpy as np
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.mesh import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
+from morphofold.sim.meshes.bilayer import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
 from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Strip
 
 
@@ -28,7 +28,7 @@ def build_bilayer(scene: Scene) -> Bilayer:
     if isinstance(geometry, Strip):
         return bilayer_patch((geometry.length, 0.0), geometry.depth, geometry.cortex_thickness, scene.edge, layers)
     if isinstance(geometry, MeshFile):
-        from morphofold.sim.meshfile import bilayer_from_file
+        from morphofold.sim.meshes.meshfile import bilayer_from_file
 
         return bilayer_from_file(geometry)
     raise ValueError(f"{scene.name}: a {geometry.shape} scene has no mesh.")

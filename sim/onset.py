@@ -1,11 +1,12 @@
 """The growth at which a growing body starts to fold, seen in its dynamics as noise vanishes.
 
-Two runs grow side by side, one of them kicked once by a small displacement. While the grown state is stable
-the difference between them dies away; past the bifurcation it grows. The onset is the growth at which the
-difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Of a
-random kick, waves that die slowly hide for long those that grow; so the kick of a second pass is what was left of the
-first one at its least: the critical mode, nearly alone. The onset lags behind the bifurcation of the same mesh by what
-the rate of growth costs, and tends to it as growth slows down.
+Twins grow side by side, step by step alike, one of them kicked once by a small displacement. While the grown state is
+stable the difference between them dies away; past the bifurcation it grows. The onset is the growth at which the
+difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Two things
+would spoil it. A difference that swings is least wherever it swings through zero: so the twins are damped until waves
+as long as the wrinkles creep. And of a random kick, waves that die slowly hide for long those that grow: so what
+became of the first difference, the critical mode nearly alone, is the kick of a second pair, and of their difference
+the part along that mode is all that counts. The onset tends to the bifurcation of the same mesh as growth slows down.
 """
 
 from __future__ import annotations
@@ -23,9 +24,12 @@ from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
-SILENT = ("perturbation", "contact", "enclosure")   # effects that the difference leaves out: none acts on a smooth body
+#: effects that are left out: they don't act on a smooth body, or only on its pace
+SILENT = ("perturbation", "contact", "enclosure", "inertia", "ramp")
 KICK = 1e-3             # of the cortical thickness, rms
-RISE = 3.0             # the difference has turned for good when it is this many times its least
+RISE = 3.0              # the difference has turned for good when it is this many times its least
+PURE = 30.0             # and is its growing part nearly alone when it is this many times
+CREEP = 1.0             # share of the velocity lost over as many steps as a wrinkle has edges
 
 
 @dataclass(frozen=True)
@@ -35,9 +39,9 @@ class Onset:
     Attributes
     ----------
     g : float
-        Growth at which the difference between the two runs is smallest.
+        Growth at which the difference between the twins is smallest.
     growth, difference : (M,) float64
-        Growth after the kick, and the rms distance between the pial surfaces of the two runs [mm].
+        Growth after the kick, and the rms over the nodes of the twins' difference along the critical mode [mm].
     """
 
     g: float
@@ -51,60 +55,107 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
     Parameters
     ----------
     scene : Scene
-        Its perturbation and contact are left out; growth goes on until the onset is passed, at most to
-        ``growth.final``.
+        Its perturbation, contact, enclosure, inertia and ramp are left out; growth goes on until the onset is passed,
+        at most to ``growth.final``.
     start : float
-        Growth at which one run is kicked, well before the onset.
+        Growth at which the twin of the first pair is kicked, well before the onset.
     rate : float
-        Pace of growth, times that of the scene.
+        Pace of growth, times that of the scene; even, whatever the balance of the body.
     seed : int
         Of the kick, a random smooth field with waves of the wrinkles' size.
 
     Raises
     ------
     ValueError
-        If the difference doesn't turn before ``growth.final``.
+        If 1 <= start < growth.final or rate > 0 do not hold; if the difference doesn't turn before ``growth.final``, or
+        grows from the start.
     """
-    named = {name: None for name in SILENT}
-    scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=named)})
+    final = scene.growth.final
+    if not (1 <= start < final and 0 < rate < np.inf):
+        raise ValueError(
+            f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
+        )
+    scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
     thickness = scene.geometry.cortex_thickness
-    field = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed)
-    run = _run(scene, rate)
-    kick = field.reshape(run.body.bilayer, run.body.X) - run.body.X
-    _, kick = _least_difference(scene, start, rate, kick)
-    kick *= KICK * thickness / np.sqrt(np.mean(np.sum(kick[: run.body.n_surface] ** 2, axis=1)))
-    found, _ = _least_difference(scene, start, rate, kick)
-    return found
+    twins = _Twins(scene, rate)
+    twins.grow(start)
+    bilayer, X = twins.body.bilayer, twins.body.X
+    kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(bilayer, X) - X
+
+    growth, difference, mode = twins.part(kick, PURE)
+    mode *= KICK * thickness / _rms(mode)
+    twins.grow(_late(growth, difference, start))
+    growth, difference, _ = twins.part(mode, RISE, along=mode)
+    if difference.argmin() == 0:
+        raise ValueError(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
+    return Onset(_least(growth, difference), growth, difference)
 
 
-def _run(scene: Scene, rate: float) -> Dynamics:
-    effects = build_effects(scene)
-    body = build_body(scene, effects)
-    return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.bilayer.cells) / rate)
+class _Twins:
+    """A run that stands at some growth, and a twin that parts from it there; neither chooses its own pace."""
+
+    def __init__(self, scene: Scene, rate: float):
+        self.scene = scene
+        self.one, self.other = self._run(), self._run()
+        self.body = self.one.body
+        self.step = REFRESH * rate / scene.steps_per_unit(self.body.bilayer.cells)
+        self._start = self.one.save()
+
+    def _run(self) -> Dynamics:
+        effects = build_effects(self.scene)
+        body = build_body(self.scene, effects)
+        wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
+        # one step per unit of growth would be far too fast: all that grow_to is asked for is one increment to it
+        return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)
+
+    def grow(self, g: float) -> None:
+        """From the beginning of growth, or where it was last, to ``g``; both take the place of the one."""
+        self.one.load(self._start)
+        while self.one.state.growth < g:
+            self.one.grow_to(min(self.one.state.growth + self.step, g))
+        self._start = self.one.save()
+
+    def part(self, kick: Array, rise: float, along: Array | None = None) -> tuple[Array, Array, Array]:
+        """Kick (N, 3) the twin and grow until the difference is ``rise`` times its least, or growth is final.
+
+        Growth and rms difference (M,) on the way, in all or ``along`` a mode, and the last difference (N, 3).
+        """
+        one, other, final = self.one, self.other, self.scene.growth.final
+        other.load(self._start)
+        other.state.x += np.where(self.body.free, kick, 0.0)
+        growth: list[float] = []
+        difference: list[float] = []
+        apart = kick
+        while one.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
+            g = min(one.state.growth + self.step, final)
+            for run in (one, other):
+                run.grow_to(g)
+            apart = other.state.x - one.state.x
+            growth.append(g)
+            difference.append(_rms(apart if along is None else self._share(apart, along) * along))
+        if difference[-1] <= RISE * min(difference):
+            raise ValueError(
+                f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; let it grow further."
+            )
+        return np.array(growth), np.array(difference), apart
+
+    def _share(self, apart: Array, mode: Array) -> float:
+        """How much of a mode there is in a displacement: modes are orthogonal with the mass as a weight."""
+        weighed = self.body.mass[:, None] * mode
+        return float(np.sum(weighed * apart) / np.sum(weighed * mode))
 
 
-def _least_difference(scene: Scene, start: float, rate: float, kick: Array) -> tuple[Onset, Array]:
-    """The onset after one kick (N, 3), and the difference (N, 3) when it was least."""
-    runs = [_run(scene, rate) for _ in range(2)]
-    n = runs[0].body.n_surface
-    for run in runs:
-        run.grow_to(start)
-    runs[1].state.x += np.where(runs[1].body.free, kick, 0.0)
-    growth: list[float] = []
-    difference: list[float] = []
-    least = kick
-    while runs[0].state.growth < scene.growth.final:
-        g = min(runs[0].state.growth + REFRESH * runs[0].rate, scene.growth.final)
-        for run in runs:
-            run.grow_to(g)
-        apart = runs[1].state.x - runs[0].state.x
-        growth.append(g)
-        difference.append(float(np.sqrt(np.mean(np.sum(apart[:n] ** 2, axis=1)))))
-        if difference[-1] == min(difference):
-            least = apart
-        if difference[-1] > RISE * min(difference):
-            return Onset(_least(np.array(growth), np.array(difference)), np.array(growth), np.array(difference)), least
-    raise ValueError(f"{scene.name}: no onset between g = {start:g} and {scene.growth.final:g}; let it grow further.")
+def _rms(displacement: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
+
+
+def _late(growth: Array, difference: Array, start: float) -> float:
+    """The last growth at which the dying difference is more than ``PURE`` times its least, or ``start``.
+
+    A kick at that growth has no time to die so far that what remains of other waves can hide it.
+    """
+    high = np.flatnonzero(difference[: difference.argmin()] > PURE * difference.min())
+    return float(growth[high[-1]]) if high.size else start
 
 
 def _least(growth: Array, difference: Array) -> float:
@@ -116,4 +167,4 @@ def _least(growth: Array, difference: Array) -> float:
     if high - low < 4:
         return float(growth[k])
     a, b, _ = np.polyfit(growth[low:high] - growth[k], np.log(difference[low:high]), 2)
-    return float(growth[k] - b / (2 * a))
+    return float(np.clip(growth[k] - b / (2 * a), growth[low], growth[high - 1]))

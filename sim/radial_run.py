@@ -18,8 +18,8 @@ from morphofold.shapes import icosphere
 from morphofold.sim.effects import build_effects
 from morphofold.sim.folder import FolderWriter
 from morphofold.sim.growth import volume as det_G
-from morphofold.sim.radial_statics import LAYERS, RadialState, radial_equilibrium
 from morphofold.sim.scene import Radial, Scene
+from morphofold.sim.smooth.radial_statics import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
 
 Array = NDArray[np.float64]

@@ -239,7 +239,7 @@ class _Run:
             return
         import meshio
 
-        from morphofold.sim.bricks import BINARY_CORNERS
+        from morphofold.sim.elements.bricks import BINARY_CORNERS
 
         body, state = self.body, self.dynamics.state
         element = body.elements.state()

@@ -13,7 +13,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.geometry import build_body
-from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.meshes.bilayer import bilayer_sphere
 from morphofold.sim.scene import load_scene
 
 #: settings that call for each effect
@@ -33,7 +33,7 @@ def element_speed(cells: int = 32, portion: str = "half", threads: int = 1, seco
     cells : int
         Surface cells along a quarter circle; 32 on half a sphere makes 30,720 bricks.
     portion : str
-        See :func:`morphofold.sim.mesh.bilayer_sphere`.
+        See :func:`morphofold.sim.meshes.bilayer.bilayer_sphere`.
     threads : int
         Threads to use.
     seconds : float

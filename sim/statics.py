@@ -21,8 +21,8 @@ from scipy.sparse.linalg import LinearOperator, cg, eigsh
 from morphofold.sim.body import Body
 from morphofold.sim.dissection import Dissection, Factor
 from morphofold.sim.geometry import build_body
-from morphofold.sim.radial import ConvergenceError as NoState
 from morphofold.sim.scene import Scene
+from morphofold.sim.smooth.radial import ConvergenceError as NoState
 from morphofold.sim.tangent import Tangent
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Second derivative of a body's energy: the stiffness matrix at any positions, exact, from the elements' own data.
 
-Both elements have the energy of :mod:`morphofold.sim.kernels` and :mod:`morphofold.sim.tet_kernels` in one form. At a
+Both elements have the energy of :mod:`morphofold.sim.elements.kernels` and its twin for tets in one form. At a
 point D = sum_a x_a g_a^T, with g_a the gradient of node a's shape function in coordinates in which the grown
 material has the metric C, w tr(A^T A) = D : D C, and the volume w, J = det D / w. Per point and per element,
 
@@ -27,13 +27,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem import ElementHex1
 
-from morphofold.sim.blocks import from_lanes
 from morphofold.sim.body import Body
-from morphofold.sim.bricks import BINARY_CORNERS, GAUSS, Bricks
-from morphofold.sim.kernels import J_MIN, POINT
+from morphofold.sim.elements.blocks import from_lanes
+from morphofold.sim.elements.bricks import BINARY_CORNERS, GAUSS, Bricks
+from morphofold.sim.elements.kernels import J_MIN, POINT
+from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED, NODES, TETS
+from morphofold.sim.elements.tets import Tets
 from morphofold.sim.material import cofactor
-from morphofold.sim.tet_kernels import BLEND, CRUSHED, NODES, TETS
-from morphofold.sim.tets import Tets
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

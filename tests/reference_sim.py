@@ -4,7 +4,7 @@ import numpy as np
 from skfem import Basis, ElementHex1, ElementVector, LinearForm
 
 from morphofold.sim.body import Body
-from morphofold.sim.bricks import GAUSS, GAUSS_WEIGHT
+from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
 from morphofold.sim.material import brick_energy, brick_stress
 

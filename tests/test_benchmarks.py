@@ -14,8 +14,8 @@ from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
-from morphofold.sim.mesh import bilayer_sphere
-from morphofold.sim.radial import smooth_state
+from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.smooth.radial import smooth_state
 
 
 @pytest.fixture(params=[1, 2])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphofold.shapes import icosphere
-from morphofold.sim.boxes import BLOCK, box_tree, following, meets, meets_ray
+from morphofold.sim.crossings.boxes import BLOCK, box_tree, following, meets, meets_ray
 
 
 def needles(rng, n):

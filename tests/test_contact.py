@@ -6,7 +6,7 @@ import pytest
 from morphofold.sim.body import Body
 from morphofold.sim.effects.contact import GAP, Contact, _nearest_weights, find_facing, node_normals, triangles
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.meshes.bilayer import bilayer_sphere
 
 
 def make_body(portion="full", n=16):

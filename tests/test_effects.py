@@ -10,7 +10,7 @@ import pytest
 from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
 from morphofold.sim.body import Body
-from morphofold.sim.bricks import BINARY_CORNERS
+from morphofold.sim.crossings.intersection import self_intersections
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.bulk_viscosity import BulkViscosity
@@ -23,10 +23,10 @@ from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.ramp import RATES, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.intersection import self_intersections
-from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.radial_statics import radial_equilibrium
+from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene import load_scene
+from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.surfaces import whole_surfaces
 
 

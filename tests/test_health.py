@@ -5,7 +5,7 @@ import pytest
 from made_folds import joined, pressed_sphere
 
 from morphofold.shapes import bumpy_sphere, icosphere
-from morphofold.sim.boxes import box_tree
+from morphofold.sim.crossings.boxes import box_tree
 from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,

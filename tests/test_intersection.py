@@ -7,8 +7,8 @@ from reference_signs import displaced, rational_sign
 
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
-from morphofold.sim.boxes import box_tree
-from morphofold.sim.intersection import _crossings, _edges, self_intersections
+from morphofold.sim.crossings.boxes import box_tree
+from morphofold.sim.crossings.intersection import _crossings, _edges, self_intersections
 from morphofold.surface import Surface
 
 

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from reference_sim import Twin
 
-from morphofold.sim import kernels
 from morphofold.sim.body import SAFETY, Body
 from morphofold.sim.effects.perturbation import Perturbation
-from morphofold.sim.mesh import bilayer_sphere
+from morphofold.sim.elements import kernels
+from morphofold.sim.meshes.bilayer import bilayer_sphere
 
 
 def make_body(law="isotropic", portion="octant", mu_cortex=2.0, kappa_ratio=50.0, n=6):

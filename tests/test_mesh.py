@@ -1,8 +1,15 @@
 import numpy as np
 import pytest
 
-from morphofold.sim.bricks import BINARY_CORNERS
-from morphofold.sim.mesh import PLANES, bilayer_ellipsoid, bilayer_patch, bilayer_sphere, core_shares, spot_factors
+from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.meshes.bilayer import (
+    PLANES,
+    bilayer_ellipsoid,
+    bilayer_patch,
+    bilayer_sphere,
+    core_shares,
+    spot_factors,
+)
 
 
 @pytest.mark.parametrize("portion", PLANES)

@@ -4,11 +4,11 @@ import pytest
 from skfem import MeshTet
 
 from morphofold.shapes import icosphere
-from morphofold.sim import tetmesh
-from morphofold.sim.descent import _find, descend
-from morphofold.sim.meshfile import bilayer_from_file
+from morphofold.sim.meshes import tetmesh
+from morphofold.sim.meshes.descent import _find, descend
+from morphofold.sim.meshes.meshfile import bilayer_from_file
+from morphofold.sim.meshes.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
-from morphofold.sim.tetmesh import read_tets
 
 R, HOLE, T = 50.0, 25.0, 6.0
 

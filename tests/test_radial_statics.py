@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.polynomial import Legendre, Polynomial
 
-from morphofold.sim import radial_statics
 from morphofold.sim.growth import LAWS
 from morphofold.sim.material import energy
-from morphofold.sim.radial_statics import (
+from morphofold.sim.smooth import radial_statics
+from morphofold.sim.smooth.radial_statics import (
     ConvergenceError,
     critical_growth_of_degree,
     radial_equilibrium,

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from morphofold.sim import impedance, radial, radial_statics, stability, theory
+from morphofold.sim import theory
 from morphofold.sim.material import energy
-from morphofold.sim.radial import Sphere, smooth_state
+from morphofold.sim.smooth import impedance, radial, radial_statics, stability
+from morphofold.sim.smooth.radial import Sphere, smooth_state
 
 LAWS = ("isotropic", "tangential")
 

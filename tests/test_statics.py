@@ -9,11 +9,12 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from test_tangent import make_body, split
 
-from morphofold.sim import mesh, statics, theory
+from morphofold.sim import statics, theory
 from morphofold.sim.body import Body
-from morphofold.sim.mesh import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
-from morphofold.sim.radial_statics import radial_equilibrium
+from morphofold.sim.meshes import bilayer as shapes
+from morphofold.sim.meshes.bilayer import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
 from morphofold.sim.scene import load_scene
+from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.tangent import Tangent, cauchy_stress
 
 
@@ -38,7 +39,7 @@ def flat(law, mu_ratio, kappa_ratio=50.0):
 
 def wave_strip(monkeypatch, law, mu_ratio, k):
     """Half a wave of a strip, 1 thick on a deep core; all steps fall by k, those of the core by and by too."""
-    monkeypatch.setattr(mesh, "CORE_RATIO", 1.4 ** (1 / k))
+    monkeypatch.setattr(shapes, "CORE_RATIO", 1.4 ** (1 / k))
     wavelength = flat(law, mu_ratio)[1]
     bilayer = bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 16 / k, 3 * k)
     return Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)

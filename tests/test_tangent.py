@@ -8,7 +8,7 @@ from scipy import sparse
 
 from morphofold.sim.body import Body
 from morphofold.sim.dissection import Dissection, Factor
-from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
 from morphofold.sim.tangent import Tangent, cauchy_stress
 
 KINDS = ("bricks", "tets")

@@ -7,16 +7,17 @@ import pytest
 from scipy.spatial import Delaunay
 from skfem import Basis, ElementTetP1, ElementVector, LinearForm, MeshTet
 
-from morphofold.sim import material, tet_kernels
-from morphofold.sim.blocks import from_lanes
+from morphofold.sim import material
 from morphofold.sim.body import SAFETY, Body
-from morphofold.sim.bricks import BINARY_CORNERS
 from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.elements import tet_kernels
+from morphofold.sim.elements.blocks import from_lanes
+from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.elements.patches import cluster
+from morphofold.sim.elements.tets import Tets
 from morphofold.sim.growth import growth_tensor
-from morphofold.sim.mesh import bilayer_sphere
-from morphofold.sim.patches import cluster
-from morphofold.sim.radial_statics import radial_equilibrium
-from morphofold.sim.tets import Tets
+from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.smooth.radial_statics import radial_equilibrium
 
 LAWS = ("isotropic", "tangential")
 

@@ -8,11 +8,12 @@ import pytest
 from morphofold.cli import main
 from morphofold.cli import theory as command
 from morphofold.report import theory_tables
-from morphofold.sim import stability, statics, theory
+from morphofold.sim import statics, theory
 from morphofold.sim.geometry import build_bilayer
 from morphofold.sim.growth import LAWS
-from morphofold.sim.radial import Sphere
 from morphofold.sim.scene import load_scene
+from morphofold.sim.smooth import stability
+from morphofold.sim.smooth.radial import Sphere
 
 
 @pytest.fixture
@@ -269,7 +270,7 @@ def test_quiet_and_debug_count_on_either_side_of_the_question(capsys):
 
 
 def test_a_solver_that_finds_no_state_ends_with_1_and_its_own_words(capsys, monkeypatch):
-    from morphofold.sim.radial import ConvergenceError
+    from morphofold.sim.smooth.radial import ConvergenceError
 
     def lost(*_, **__):
         raise ConvergenceError("no smooth state found at g = 9")
@@ -304,7 +305,7 @@ def test_check_prints_the_same_growth_by_finite_elements(capsys):
 
 @pytest.mark.parametrize("wrong", [1.3, float("nan")])
 def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
-    monkeypatch.setattr("morphofold.sim.radial_statics.critical_growth_of_degree", lambda *_, **__: wrong)
+    monkeypatch.setattr("morphofold.sim.smooth.radial_statics.critical_growth_of_degree", lambda *_, **__: wrong)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
     told = capsys.readouterr()
     assert "difference" in told.out
@@ -315,7 +316,7 @@ def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
 def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
     found = theory.bifurcation(0.04, 2.0)
     near = found.g_crit * (1 + 0.9e-6)
-    monkeypatch.setattr("morphofold.sim.radial_statics.critical_growth_of_degree", lambda *_, **__: near)
+    monkeypatch.setattr("morphofold.sim.smooth.radial_statics.critical_growth_of_degree", lambda *_, **__: near)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
     assert capsys.readouterr().err == ""
 

@@ -21,9 +21,9 @@ from morphofold.report.theory_plots import LAWS, draw_critical, draw_radius, dra
 from morphofold.report.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.results import write_table
 from morphofold.sim import theory
-from morphofold.sim.radial_statics import radial_equilibrium
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
+from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:

@@ -42,7 +42,8 @@ class Case:
     bifurcation : Bifurcation
         Of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
     g_elements : float, optional
-        g_crit of the same mode by finite elements (:mod:`morphofold.sim.radial_statics`), if asked for; NaN for none.
+        g_crit of the same mode by finite elements (:mod:`morphofold.sim.smooth.radial_statics`), if asked for; NaN for
+        none.
     """
 
     thickness: float
@@ -216,7 +217,7 @@ def bifurcation_cases(
 
 
 def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
-    from morphofold.sim.radial_statics import critical_growth_of_degree
+    from morphofold.sim.smooth.radial_statics import critical_growth_of_degree
 
     if not np.isfinite(mode):
         return np.nan                                               # no mode, or none that a mesh can resolve

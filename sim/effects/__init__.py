@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import Dynamics
-    from morphofold.sim.mesh import Bilayer
+    from morphofold.sim.meshes.bilayer import Bilayer
     from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]

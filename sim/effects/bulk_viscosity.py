@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from morphofold.sim import kernels
 from morphofold.sim.body import Body
-from morphofold.sim.bricks import Bricks
 from morphofold.sim.effects import Effect
-from morphofold.sim.kernels import _FAST, _U, _W, EIGHTH, WIDTH
+from morphofold.sim.elements import kernels
+from morphofold.sim.elements.bricks import Bricks
+from morphofold.sim.elements.kernels import _FAST, _U, _W, EIGHTH, WIDTH
 
 LOCAL = Bricks.LOCAL
 

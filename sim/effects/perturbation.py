@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim.effects import Effect
-from morphofold.sim.mesh import Bilayer
+from morphofold.sim.meshes.bilayer import Bilayer
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,12 @@ import pytest
 from test_statics import flat, wave_strip
 from test_tangent import split
 
-from morphofold.sim import mesh, statics, theory
+from morphofold.sim import statics, theory
 from morphofold.sim.body import Body
-from morphofold.sim.mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.meshes import bilayer as shapes
+from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.onset import onset
+from morphofold.sim.scene import load_scene
 
 LAWS = ("isotropic", "tangential")
 
@@ -54,7 +57,17 @@ def test_a_finer_and_finer_strip_wrinkles_as_the_flat_limit_does(law, mu_ratio, 
 @pytest.mark.parametrize(("law", "mu_ratio"), [("isotropic", 1.0), ("tangential", 4.0)])
 def test_a_strip_of_tetrahedra_does_too(law, mu_ratio, monkeypatch):
     g_crit, wavelength = flat(law, mu_ratio)
-    monkeypatch.setattr(mesh, "CORE_RATIO", 1.4**0.5)
+    monkeypatch.setattr(shapes, "CORE_RATIO", 1.4**0.5)
     bilayer = split(bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 32, 6))
     body = Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
     assert 0 < statics.bifurcation_of_body(body, g_min=g_crit - 0.01).g_crit / g_crit - 1 < 3e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
+def test_the_onset_in_the_dynamics_is_within_three_percent_of_the_theory(law, mu_ratio):
+    """Where folding is seen to start in an octant with edges of 1.6 thicknesses, at the pace of the scene."""
+    settings = ("geometry.portion=octant", "accuracy.edge=3.3", f"growth.law={law}", f"material.mu_ratio={mu_ratio}")
+    found = onset(load_scene("fig5", settings), start=1.05).g
+    assert 0 < found / theory.bifurcation(0.04, mu_ratio, law, kappa_ratio=50.0).g_crit - 1 < 0.03

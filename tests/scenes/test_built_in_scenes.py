@@ -47,7 +47,7 @@ def _radius_by_direction(verts, cells):
     """Outer radius interpolated to common reference directions of the octant."""
     from scipy.interpolate import NearestNDInterpolator
 
-    from morphofold.sim.mesh import bilayer_sphere
+    from morphofold.sim.meshes.bilayer import bilayer_sphere
 
     bilayer = bilayer_sphere(50, 3, 25, "octant", cells)
     start = bilayer.mesh.p.T[: bilayer.n_surface] / 50

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTet
 
-from morphofold.sim import tet_kernels
-from morphofold.sim.blocks import Blocks, to_lanes
+from morphofold.sim.elements import tet_kernels
+from morphofold.sim.elements.blocks import Blocks, to_lanes
+from morphofold.sim.elements.kernels import WIDTH
+from morphofold.sim.elements.patches import cluster
+from morphofold.sim.elements.tet_kernels import NODES, TETS
 from morphofold.sim.growth import check_law
-from morphofold.sim.kernels import WIDTH
-from morphofold.sim.patches import cluster
-from morphofold.sim.tet_kernels import NODES, TETS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,7 +20,7 @@ FLAT = 1e-10            # a volume below this share of the cube of the longest e
 
 
 class Tets:
-    """Tetrahedra in patches; see :mod:`morphofold.sim.tet_kernels` for the energy.
+    """Tetrahedra in patches; see :mod:`morphofold.sim.elements.tet_kernels` for the energy.
 
     Parameters
     ----------

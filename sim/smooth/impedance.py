@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import schur
 
-from morphofold.sim.radial import COMPLIANCE, LAMBDA_R, LAMBDA_T, PRESSURE, RADIUS, RATE, Sphere, smooth_state
+from morphofold.sim.smooth.radial import COMPLIANCE, LAMBDA_R, LAMBDA_T, PRESSURE, RADIUS, RATE, Sphere, smooth_state
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
-from morphofold.sim import kernels
-from morphofold.sim.blocks import Blocks, from_lanes, to_lanes
-from morphofold.sim.kernels import POINT, WIDTH
+from morphofold.sim.elements import kernels
+from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
+from morphofold.sim.elements.kernels import POINT, WIDTH
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ CHUNK = 1 << 16         # bricks set up at once: bounds the memory of scikit-fem
 
 
 class Bricks:
-    """Eight-node Q1P0 bricks; see :mod:`morphofold.sim.kernels` for the energy.
+    """Eight-node Q1P0 bricks; see :mod:`morphofold.sim.elements.kernels` for the energy.
 
     Parameters
     ----------

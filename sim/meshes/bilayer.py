@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from skfem import MeshHex, MeshTet
 
-from morphofold.sim.bricks import BINARY_CORNERS
+from morphofold.sim.elements.bricks import BINARY_CORNERS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

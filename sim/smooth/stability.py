@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from morphofold.sim.impedance import impedances, short_wave_impedances
-from morphofold.sim.radial import LAMBDA_R, LAMBDA_T, RADIUS, ConvergenceError, Sphere, smooth_state
+from morphofold.sim.smooth.impedance import impedances, short_wave_impedances
+from morphofold.sim.smooth.radial import LAMBDA_R, LAMBDA_T, RADIUS, ConvergenceError, Sphere, smooth_state
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ def bifurcation(
     Raises
     ------
     ValueError
-        For a parameter out of its range, see :class:`morphofold.sim.radial.Sphere`, or g_max not above 1.
+        For a parameter out of its range, see :class:`morphofold.sim.smooth.radial.Sphere`, or g_max not above 1.
 
     Notes
     -----

@@ -33,7 +33,7 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import brentq
 from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
-from morphofold.sim.radial import ConvergenceError, Sphere
+from morphofold.sim.smooth.radial import ConvergenceError, Sphere
 
 Array = NDArray[np.float64]
 Growth = tuple[float, float]

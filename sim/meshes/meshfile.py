@@ -10,11 +10,11 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 from skfem import MeshTet
 
-from morphofold.sim.boxes import _morton
-from morphofold.sim.descent import descend
-from morphofold.sim.mesh import Bilayer
+from morphofold.sim.crossings.boxes import _morton
+from morphofold.sim.meshes.bilayer import Bilayer
+from morphofold.sim.meshes.descent import descend
+from morphofold.sim.meshes.tetmesh import FACES, TetMesh, read_tets
 from morphofold.sim.scene import MeshFile
-from morphofold.sim.tetmesh import FACES, TetMesh, read_tets
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,8 +55,8 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     Raises
     ------
     FileNotFoundError, ValueError
-        If the file doesn't hold such a body (:func:`morphofold.sim.tetmesh.read_tets`), or there is no cortex, no core,
-        or nothing to hold.
+        If the file doesn't hold such a body (:func:`morphofold.sim.meshes.tetmesh.read_tets`), or there is no cortex,
+        no core, or nothing to hold.
     """
     name, body = geometry.file, read_tets(geometry)
     if geometry.held == "inner" and not len(body.inner):

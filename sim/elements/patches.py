@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from skfem import MeshTet
 
-from morphofold.sim.tet_kernels import NODES, TETS
+from morphofold.sim.elements.tet_kernels import NODES, TETS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

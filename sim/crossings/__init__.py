@@ -1,0 +1,1 @@
+"""Whether a surface passes through itself, exactly."""
