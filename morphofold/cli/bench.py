@@ -1,26 +1,114 @@
-"""Measure on this machine: ``bench speed`` times the solver, ``bench effects`` what each effect adds to a step."""
+"""Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step, and
+``bench folds`` grows folds on several meshes and from several imperfections and says how far they agree."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+WORDS = {
+    "speed": "brick-steps per second on this machine",
+    "effects": "what each effect adds to a step on this machine",
+    "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
+}
+SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
+TWINS = tuple(f"{name}-tangential" for name in SCENES)
+FOLDS = """
+Grows every scene at every level of accuracy from the first seed of its imperfection, and at the second-finest of the
+levels (the only one, if there is one) from the other seeds too: convergence with the mesh and spread over seeds are
+both had without growing the finest mesh more than once. Runs lie in OUT/simulations; those that are there are used
+again, and interrupted ones go on. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
+"""
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "what", choices=["speed", "effects"], help="speed: brick-steps per second; effects: their cost per step"
-    )
-    parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
-    parser.add_argument("--json", action="store_true", help="print as JSON")
+    questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
+
+    def question(name: str, more: str = "") -> argparse.ArgumentParser:
+        words = f"{WORDS[name][0].upper()}{WORDS[name][1:]}. {more}"
+        return questions.add_parser(name, help=WORDS[name], description=words, formatter_class=parser.formatter_class)
+
+    for name in ("speed", "effects"):
+        timed = question(name)
+        timed.add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
+        _add_common(timed, "print as JSON")
+
+    folds = question("folds", FOLDS)
+    folds.add_argument("-o", "--out", metavar="DIR", required=True,
+                       help="folder to write; simulations of an earlier study there stay")  # fmt: skip
+    folds.add_argument("--scenes", metavar="NAMES", default=",".join((*SCENES, *TWINS)),
+                       help=f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)")
+    folds.add_argument("--levels", metavar="LEVELS", default="draft,standard,fine",
+                       help="of accuracy (default: draft,standard,fine)")  # fmt: skip
+    folds.add_argument("--seeds", metavar="SEEDS", default="0,1,2", help="of the imperfection (default: 0,1,2)")
+    folds.add_argument("--portion", metavar="PORTION", default="octant",
+                       help="of the sphere: octant, quarter, half or full (default: octant)")  # fmt: skip
+    folds.add_argument("--growth", metavar="G", default="1.3,1.5,1.75,2.0",
+                       help="stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)")  # fmt: skip
+    folds.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    _add_common(folds, "print summary.json")
+
+
+def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
+    parser.add_argument("--json", action="store_true", help=json_words)
+    # the command's own; without a default, so that they count on either side of WHAT
+    shared: Any = {"action": "store_true", "default": argparse.SUPPRESS}
+    parser.add_argument("-q", "--quiet", help="no progress", **shared)
+    parser.add_argument("--debug", help="show the traceback of an error", **shared)
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.what == "folds":
+        return _folds(args)
     if not 0 < args.seconds < 3600:
         raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
     rows, lines = _speed(args.seconds) if args.what == "speed" else _effects(args.seconds)
     print(json.dumps(rows, indent=1) if args.json else "\n".join(lines))
     return 0
+
+
+def _folds(args: argparse.Namespace) -> int:
+    if not args.out:
+        raise ValueError("-o: no folder is named; give one to write, such as -o folds.")
+    from morphofold.cli.runs import Runs
+    from morphofold.io import atomic_folder
+    from morphofold.report.fold_page import text_tables
+    from morphofold.report.fold_study import Study, planned, run_study
+
+    study = Study(
+        _listed("--scenes", args.scenes, str), _listed("--levels", args.levels, str),
+        _listed("--seeds", args.seeds, int), args.portion, _listed("--growth", args.growth, float),
+    )  # fmt: skip
+    planned(study)                                                      # refuses before anything is written
+    out = Path(args.out)
+    runs = Runs(out, threads=args.threads, quiet=args.quiet)
+    args.on_interrupt = " Run it again to go on from the checkpoint."
+    with atomic_folder(out) as folder:
+        summary = run_study(study, folder, runs)
+        runs.keep(folder)
+    if args.json:
+        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        return 0
+    print("\n\n".join(text_tables(out)))
+    for name, why in summary["left_out"].items():
+        print(f"no {name}.tsv: {why}")
+    for warning in summary["warnings"]:
+        print(f"warning: {warning}")
+    print(f"-> {out / 'summary.json'}")
+    return 0
+
+
+def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
+    """The items of a list with commas; empty ones don't count."""
+    items = [item.strip() for item in text.split(",") if item.strip()]
+    try:
+        return tuple(map(kind, items))
+    except ValueError:
+        what = "whole numbers" if kind is int else "numbers"
+        raise ValueError(f"{option}: {text!r} is no list of {what}; separate them by commas.") from None
 
 
 def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:

@@ -28,6 +28,7 @@ class Runs:
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         from morphofold.io import atomic_folder
+        from morphofold.sim.dynamics import UnstableError
         from morphofold.simulation import simulate
 
         if not self._out.is_dir() or not any(self._out.iterdir()):
@@ -36,10 +37,13 @@ class Runs:
         if self._draft:
             name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
         with self.telling(name) as tell:
-            return simulate(
-                scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
-                progress=tell,
-            )  # fmt: skip
+            try:
+                return simulate(
+                    scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
+                    progress=tell,
+                )  # fmt: skip
+            except UnstableError as error:
+                raise UnstableError(f"{name}: {error}", error.sound) from error         # which of many
 
     def telling(self, words: str) -> AbstractContextManager[Tell]:
         from morphofold.cli.progress import progress

@@ -7,22 +7,19 @@ marks is for people to write.
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from morphofold.io import atomic_file
+from morphofold.report.markdown import Row, between_marks, health, number, read_rows, table
 from morphofold.report.paper_folds import FIG5, FIG6, FIG7, Column
 from morphofold.report.paper_theory import ONE_D, THREE_D
 from morphofold.report.png import png_bytes
 
-Row = dict[str, Any]
-WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason")
 #: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
 FOLDS = {
     "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
@@ -48,33 +45,11 @@ def write_page(out: Path, page: Path) -> list[str]:
     renewed = [name for name in figures if name in PARTS]
     for name in renewed:
         tables = {file: read_rows(out / file) for file in figures[name]["files"] if file.endswith(".tsv")}
-        text = _between_marks(text, name, [*PARTS[name](tables), _health(figures[name]["simulations"])], page)
+        text = between_marks(text, name, [*PARTS[name](tables), health(figures[name]["simulations"])], page)
         _halve(out / f"{name}.png", page.parent / f"{name}.png")
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return renewed
-
-
-def _between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:
-    """The text with paragraphs in place of what stood between the marks of a figure."""
-    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ValueError(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
-    before, rest = text.split(begin)
-    return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
-
-
-def read_rows(path: Path) -> list[Row]:
-    """A table with numbers as floats and None for what is missing."""
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    return [{k: v if k in WORDS else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
-
-
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _fig3(tables: dict[str, list[Row]]) -> list[str]:
@@ -142,13 +117,9 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> str:
 
 def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> str:
     cells = [
-        [*([title] if first else []), *(_told(row[name], how) for name, how in FOLDS.values())] for title, row in rows
+        [*([title] if first else []), *(number(row[name], how) for name, how in FOLDS.values())] for title, row in rows
     ]
     return table([*first, *FOLDS], cells)
-
-
-def _told(value: float | None, how: str) -> str:
-    return "–" if value is None else how.format(value).replace("-", "−")
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> str:
@@ -181,7 +152,7 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> str:
         mine = [_at(rows, body, k) for body in columns]
         found = stats.linregress([row["thickness_mm"] for row in mine], [row[column] for row in mine])
         numbers = (found.slope, found.stderr, found.intercept, found.rvalue)
-        return [words, *(_told(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+        return [words, *(number(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
 
     lines = [
         fit("wavelength, first picture", "wavelength_mm", 0),
@@ -192,17 +163,6 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> str:
         fit("rms height, last picture", "height_rms_mm", -1),
     ]
     return table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
-
-
-def _health(simulations: Sequence[dict[str, Any]]) -> str:
-    """A line per simulation, with its warnings."""
-    lines = []
-    for told in simulations:
-        size = f"{told['elements']:,} bricks, {told['steps']:,} steps, " if told["elements"] else ""
-        state = "healthy" if told["healthy"] else "**not healthy**: " + "; ".join(told["warnings"])
-        name = told["folder"].rpartition("/")[2]
-        lines.append(f"- `{name}`, {told['level']}: {size}{told['seconds']:.0f} s, {state}")
-    return "\n".join(lines)
 
 
 def _halve(source: Path, target: Path) -> None:

@@ -1,0 +1,58 @@
+"""Generated parts of Markdown pages: tables of what a folder of results holds, put between marks."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+Row = dict[str, Any]
+#: columns of tables that stay text
+WORDS = (
+    "scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number",
+)  # fmt: skip
+
+
+def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:
+    """The text with paragraphs in place of what stood between the marks ``<!-- name -->`` and ``<!-- /name -->``.
+
+    Raises
+    ------
+    ValueError
+        If there isn't one pair of them; the message names the page.
+    """
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
+    before, rest = text.split(begin)
+    return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
+
+
+def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
+    """A table with numbers as floats, and None for what is missing."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    return [{k: v if k in words else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def number(value: float | None, how: str) -> str:
+    """A number in the format ``how``, a dash for a missing one."""
+    return "–" if value is None else how.format(value).replace("-", "−")
+
+
+def health(simulations: Sequence[dict[str, Any]]) -> str:
+    """A line per simulation of an index, with its warnings."""
+    lines = []
+    for told in simulations:
+        size = f"{told['elements']:,} bricks, {told['steps']:,} steps, " if told["elements"] else ""
+        state = "healthy" if told["healthy"] else "**not healthy**: " + "; ".join(told["warnings"])
+        name = told["folder"].rpartition("/")[2]
+        lines.append(f"- `{name}`, {told['level']}: {size}{told['seconds']:.0f} s, {state}")
+    return "\n".join(lines)
