@@ -92,7 +92,7 @@ def _folds(args: argparse.Namespace) -> int:
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
         return 0
-    print("\n\n".join(text_tables(out)))
+    print("\n\n".join(text_tables(out)), end="\n\n")
     for name, why in summary["left_out"].items():
         print(f"no {name}.tsv: {why}")
     for warning in summary["warnings"]:
