@@ -61,6 +61,9 @@ class Body:
         Share of the growth that the core takes, isotropically; 0 unless an effect sets it.
     mass : (N,) float64
         Least nodal mass, times ``SAFETY``, for which a step of length 1 is stable.
+    crossing : float
+        Steps in which a shear wave crosses the cortex, with such a mass, before growth. It is the clock by which the
+        pace of growth and damping are the same on every mesh.
     """
 
     def __init__(
@@ -91,10 +94,14 @@ class Body:
         self.pattern: float | Array = 1.0
         self.core_share = 0.0
         self.growth = 1.0
-        self.mass = np.ones(len(self.X))
         self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)                                # round-off only; see kernels.advance
         self.filter = SurfaceFilter(self, FILTER[bilayer.faces.shape[1]] * mu_cortex)
+        self.update_state(self.X)
+        above = bilayer.share > 0
+        density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
+        thickness = self.elements.volume[: self.elements.n_cortex].sum() / self.filter.area
+        self.crossing = float(thickness * np.sqrt(density / mu_cortex))
 
     @property
     def n_surface(self) -> int:
@@ -168,12 +175,12 @@ class SurfaceFilter:
         self.update(self._X)
 
     def update(self, x: Array) -> None:
-        """Refresh the cell size h, the root of the mean area of a cell (two triangles), from positions ``x``."""
+        """Refresh the area, and the cell size h, the root of the mean area of a cell (two triangles), at ``x``."""
         p = x[self._faces]
         last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
-        area = 0.5 * np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum()
+        self.area = 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())
         cells = len(self._faces) if p.shape[1] == 4 else len(self._faces) / 2
-        self.h = float(np.sqrt(area / cells))
+        self.h = float(np.sqrt(self.area / cells))
 
     @property
     def stiffness(self) -> Array:

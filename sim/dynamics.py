@@ -24,8 +24,7 @@ from morphofold.sim.elements import kernels
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
-DAMPING = 0.75          # share of the velocity lost over as many steps as the body's extent has edges, while growing
-SETTLING = 1.5          # and at rest; more of it and folding lags behind growth, less and it feels the mesh
+DAMPING = 0.75          # share of the velocity lost while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does
@@ -77,15 +76,14 @@ class Dynamics:
     steps_per_unit : float
         Steps for growth to rise by 1; fewer is faster and lags further behind equilibrium.
     damping : float, optional
-        Share of the velocity lost per step while growing; from DAMPING and the mesh unless given. At rest it is more.
+        Share of the velocity lost per step; by DAMPING unless given.
     """
 
     def __init__(
         self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None
     ):
         self.body, self.effects = body, tuple(effects)
-        self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.bilayer.cells if damping is None else damping
-        self.settling = max(self.damping, SETTLING / body.bilayer.cells)
+        self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
         self.waits_for_balance = True                                   # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.seconds: dict[str, float] = defaultdict(float)
@@ -113,13 +111,13 @@ class Dynamics:
             clock.start()
             self.body.grow(self.state.growth)
             clock.lap("grow")
-            self._run(REFRESH, self.damping )
+            self._run(REFRESH)
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
         """Take steps at the present growth until there were ``steps`` of them, rounded up to ``REFRESH``."""
         while self.state.relaxed < steps:
-            self._run(REFRESH, self.settling)
+            self._run(REFRESH)
             self.state.relaxed += REFRESH
             after(self.state)
 
@@ -156,7 +154,7 @@ class Dynamics:
             pace *= effect.pace(growth)
         return pace
 
-    def _run(self, steps: int, damping: float) -> None:
+    def _run(self, steps: int) -> None:
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
         clock = _Clock(seconds)
@@ -174,7 +172,7 @@ class Dynamics:
                 clock.lap(effect.name)
             kernels.advance(
                 state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
-                1.0 - damping,
+                1.0 - self.damping,
             )  # fmt: skip
             clock.lap("advance")
             for effect in self._with["after_step"]:

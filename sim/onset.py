@@ -98,7 +98,7 @@ class _Twins:
         self.scene = scene
         self.one, self.other = self._run(), self._run()
         self.body = self.one.body
-        self.step = REFRESH * rate / scene.steps_per_unit(self.body.bilayer.cells)
+        self.step = REFRESH * rate / scene.steps_per_unit(self.body.crossing)
         self._start = self.one.save()
 
     def _run(self) -> Dynamics:

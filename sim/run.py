@@ -101,7 +101,7 @@ class _Run:
         self.started = time.perf_counter()
         effects = build_effects(scene)
         self.body = build_body(scene, effects)
-        steps_per_unit = scene.steps_per_unit(self.body.bilayer.cells)
+        steps_per_unit = scene.steps_per_unit(self.body.crossing)
         self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit)
         self.relaxing = int(RELAXATION * steps_per_unit * (scene.growth.final - 1))
         self.log: list[dict[str, Any]] = []

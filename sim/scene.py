@@ -16,7 +16,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 #: accuracy level: surface edge over cortex thickness
 LEVELS = {"draft": 0.80, "standard": 0.55, "fine": 0.40}
-STEPS = 140.0           # per unit of growth and edge along the body's extent: one rate, in waves that cross the body
+CROSSINGS = 265.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
@@ -352,9 +352,9 @@ class Scene(_Table):
             return geometry.length / self.edge * layers
         return 0.0
 
-    def steps_per_unit(self, cells: float) -> float:
-        """Steps for growth to rise by 1 in a body with ``cells`` edges along its extent: as many more as there are."""
-        return STEPS * cells / self.growth.rate
+    def steps_per_unit(self, crossing: float) -> float:
+        """Steps for growth to rise by 1 in a body whose cortex a wave crosses in ``crossing`` steps."""
+        return CROSSINGS * crossing / self.growth.rate
 
     @property
     def called_effects(self) -> dict[str, Any]:

@@ -99,7 +99,7 @@ def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     scene = load_scene("demo", [*plain, *settings])
     built = build_effects(scene)
     body = build_body(scene, built)
-    run = Dynamics(body, built, steps_per_unit=scene.steps_per_unit(body.bilayer.cells))
+    run = Dynamics(body, built, steps_per_unit=scene.steps_per_unit(body.crossing))
     run.grow_to(g)
     run.seconds.clear()
     first = run.state.step

@@ -47,7 +47,7 @@ class Inertia(Effect):
         self._dt, self._step = dt, run.state.step
         run.body.mass[:] = self._mass / dt**2
         run.rate, run.waits_for_balance = dt / self._duration, False
-        run.damping = run.settling = -np.expm1(-self._damping * dt)
+        run.damping = -np.expm1(-self._damping * dt)
 
     def record(self) -> dict[str, Any]:
         return {"time": self._time, "time_step": self._dt}

@@ -59,8 +59,6 @@ class Bilayer:
         Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
     edge : float
         Largest edge of the pial surface [mm].
-    extent : float
-        Length over which equilibrium must spread [mm]: a quarter of a great circle of a sphere.
     """
 
     mesh: MeshHex | MeshTet
@@ -74,12 +72,6 @@ class Bilayer:
     planes: tuple[Plane, ...]
     mirrored: tuple[int, ...]
     edge: float
-    extent: float
-
-    @property
-    def cells(self) -> float:
-        """Edges along the extent: steps for a wave to cross the body, nearly."""
-        return self.extent / self.edge
 
     @property
     def closed(self) -> bool:
@@ -151,7 +143,7 @@ def core_shares(first: float, depth: float, edge: float) -> Array:
 
 def _extrude(
     pial: Array, white: Array, base: Array, quads: Ints, normal: Array, cortex_layers: int, edge: float,
-    extent: float, planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
+    planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
 ) -> Bilayer:  # fmt: skip
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
     n_surface = len(pial)
@@ -184,7 +176,7 @@ def _extrude(
     return Bilayer(
         mesh, quads, n_surface, sparse.csr_matrix(picks, (n_surface, len(nodes))),
         np.tile(normal, (n_layers + 1, 1)), np.tile(pial, (n_layers + 1, 1)), np.repeat(share, n_surface),
-        n_layers * n_surface + surface, planes, mirrored, edge, extent,
+        n_layers * n_surface + surface, planes, mirrored, edge,
     )  # fmt: skip
 
 
@@ -233,10 +225,8 @@ def bilayer_ellipsoid(
             f"under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in PLANES[portion])
-    extent = 0.5 * np.pi * float(axes.max())
-    return _extrude(
-        pial, white, hole_share * pial, quads, normal, cortex_layers, extent / n, extent, planes, PLANES[portion]
-    )
+    edge = 0.5 * np.pi * float(axes.max()) / n
+    return _extrude(pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, PLANES[portion])
 
 
 def bilayer_sphere(
@@ -283,8 +273,7 @@ def bilayer_patch(
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
     edge = max(size[0] / nx, width / ny)
     white, base = pial + thickness * down, pial + depth * down
-    extent = max(size[0], width, depth)
-    bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, extent, planes)
+    bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, planes)
     if strip:
         bilayer.foot[:, 1] = 0.0                                        # one imperfection for both sides
     return bilayer

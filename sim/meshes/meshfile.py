@@ -78,10 +78,9 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
     )
     held = np.unique(rank[body.inner]) if geometry.held == "inner" else np.empty(0, dtype=np.int64)
-    extent = 0.25 * np.pi * float(np.ptp(points, axis=0).max())         # a quarter of a circle that wide
     return Bilayer(
         mesh, faces, n_surface, white, radial, layers.foot[node], np.clip(level, 0.0, 1.0), held, (), (),
-        float(edge.max()), extent,
+        float(edge.max()),
     )  # fmt: skip
 
 
