@@ -69,6 +69,18 @@ def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
     return verts * radius, faces.astype(np.int64)
 
 
+def even_directions(n: int) -> NDArray[np.float64]:
+    """Unit directions (n, 3), evenly spread over the whole sphere (Fibonacci lattice).
+
+    No two of them are mirror images at a coordinate plane: on a sphere that was mirrored from an octant they are n
+    places of the octant.
+    """
+    k = np.arange(n) + 0.5
+    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+    rho = np.sqrt(1 - z * z)
+    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
+
+
 def irregular_sphere(
     level: int, radius: float = 1.0, *, jitter: float = 0.45, rng: np.random.Generator | int = 0
 ) -> tuple[Verts, Faces]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from morphofold.shapes import even_directions
 from morphofold.sim.crossings.boxes import box_tree
 from morphofold.sim.crossings.intersection import self_intersections
 from morphofold.sim.crossings.rays import ray_hits
@@ -78,7 +79,7 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
     """
     verts, faces = surface.verts - surface.verts.mean(axis=0), surface.faces.copy()
     tree = box_tree(verts, faces)
-    twice, once, most, centre = _along_rays(verts, faces, tree.bounds, tree.order, _fibonacci(rays))
+    twice, once, most, centre = _along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
     if (centre != centre[0]).any():
         raise ValueError(
             f"{surface.name}: isn't closed: it winds {centre.min()} to {centre.max()} times around its centroid, "
@@ -94,14 +95,6 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
 
 def _told(value: float | int) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
-
-
-def _fibonacci(n: int) -> np.ndarray:
-    """Unit directions (n, 3), evenly spread."""
-    k = np.arange(n) + 0.5
-    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
-    rho = np.sqrt(1 - z * z)
-    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
 
 
 def enclosed_volume(surface: Surface) -> float:

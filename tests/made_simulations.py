@@ -22,14 +22,6 @@ def harmonic(verts, l, m):
     return np.sqrt(8 * np.pi) * reference.harmonic(direction, l, m).real
 
 
-def lattice(n):
-    """Unit directions (n, 3), evenly spread (Fibonacci)."""
-    k = np.arange(n) + 0.5
-    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
-    rho = np.sqrt(1 - z * z)
-    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
-
-
 def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=()):
     """A sphere whose pial surface lies ``height(g, verts)`` [mm] outside of 50 mm at growth g, white 2 mm below."""
     scene = load_scene(scene, settings)

@@ -12,10 +12,10 @@ from matplotlib.image import imread
 
 from morphofold.cli import main, parser
 from morphofold.report import fold_page, fold_statistics, fold_study
-from morphofold.report.fold_statistics import correlation, directions, line, outer_radius
+from morphofold.report.fold_statistics import DIRECTIONS, correlation, line, outer_radius
 from morphofold.report.fold_study import Study, planned, run_study
 from morphofold.report.markdown import read_rows
-from morphofold.shapes import icosphere
+from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
 from morphofold.sim.scene import load_scene
 from morphofold.surface import Surface
@@ -26,7 +26,7 @@ BODIES = ("fig6-thin", "fig5", "fig6-thick")
 
 
 def test_directions_are_unit_even_and_no_mirror_images_of_each_other():
-    d = directions()
+    d = even_directions(DIRECTIONS)
     assert d.shape == (4000, 3)
     np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1, rtol=1e-14)
     np.testing.assert_allclose(d.T @ d / len(d), np.eye(3) / 3, atol=1e-3)
@@ -54,7 +54,7 @@ def test_outer_radius_is_the_first_hit_from_outside_however_many_lie_below():
 def test_a_surface_that_does_not_enclose_the_origin_is_refused():
     verts, faces = icosphere(2)
     with pytest.raises(ValueError, match=r"ball: isn't hit along direction \[.*close its holes, and centre it"):
-        outer_radius(Surface(verts + 5.0, faces, name="ball"), directions(10))
+        outer_radius(Surface(verts + 5.0, faces, name="ball"), even_directions(10))
 
 
 @pytest.mark.parametrize(("m", "angle"), [(3, 0.0), (3, 0.2), (3, math.pi / 6), (5, 0.5), (6, math.pi / 6)])
@@ -65,7 +65,8 @@ def test_a_harmonic_of_order_m_turned_by_an_angle_correlates_at_its_cosine(m, an
     turned = verts @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])       # meshes that have nothing in common
 
     def radius(points):
-        return outer_radius(Surface(points * (1 + 0.02 * harmonic(verts, 6, m))[:, None], faces), directions())
+        surface = Surface(points * (1 + 0.02 * harmonic(verts, 6, m))[:, None], faces)
+        return outer_radius(surface, even_directions(DIRECTIONS))
 
     assert correlation(radius(verts), radius(turned)) == pytest.approx(math.cos(m * angle), abs=5e-3)
 

@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from made_simulations import harmonic, lattice, made_simulation
+from made_simulations import harmonic, made_simulation
 
 from morphofold import analysis
 from morphofold.report import fold_tables
+from morphofold.shapes import even_directions
 from morphofold.sim import theory
 
 STAGES = ["output.stages=[1.0, 1.2, 1.5, 2.0]"]
@@ -49,7 +50,7 @@ def test_narrow_furrows_make_the_height_skew(tmp_path):
     """Seven of them, between which nothing stands out."""
 
     def furrows(g, verts):
-        away = np.linalg.norm(verts[:, None] / 50 - lattice(7), axis=2)
+        away = np.linalg.norm(verts[:, None] / 50 - even_directions(7), axis=2)
         return -10 * (g - 1) * np.exp(-8 * away**2).sum(axis=1)
 
     *_, row = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", STAGES, height=furrows))

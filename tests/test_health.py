@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from made_folds import joined, pressed_sphere
 
-from morphofold.shapes import bumpy_sphere, icosphere
+from morphofold.shapes import bumpy_sphere, even_directions, icosphere
 from morphofold.sim.crossings.boxes import box_tree
 from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,
     LEAST_J,
     _along_rays,
-    _fibonacci,
     broken_bounds,
     check_surface,
     cover,
@@ -118,7 +117,7 @@ def test_walls_that_touch_all_over_are_no_overlap():
 @pytest.mark.parametrize("press", [0.0, 0.99, 1.4])
 def test_rays_agree_with_brute_force(press):
     surface = pressed_sphere(4, press=press, irregular=True)
-    directions = _fibonacci(1500)
+    directions = even_directions(1500)
     centred = Surface(surface.verts - surface.verts.mean(axis=0), surface.faces)
     twice, once, most, _ = along_rays(centred, directions)
     expected = np.array([brute_force(centred.verts, centred.faces, d) for d in directions])

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from made_simulations import lattice
 
 from morphofold import analysis
-from morphofold.shapes import icosphere
+from morphofold.shapes import even_directions, icosphere
 
 
 def bumps(verts, centres, width):
@@ -15,7 +14,7 @@ def bumps(verts, centres, width):
 @pytest.mark.parametrize("n", [12, 40, 80])
 def test_bumps_are_counted_alike_on_every_mesh(level, n):
     verts, faces = icosphere(level)
-    height = bumps(verts, lattice(n), 0.4 / np.sqrt(n))
+    height = bumps(verts, even_directions(n), 0.4 / np.sqrt(n))
     assert len(analysis.prominent_peaks(faces, height, 0.5)) == n
 
 
@@ -30,7 +29,7 @@ def test_a_product_of_waves_has_the_highs_and_lows_that_it_must():
 
 def test_ripples_do_not_count(rng):
     verts, faces = icosphere(5)
-    height = bumps(verts, lattice(40), 0.06) + rng.uniform(-0.1, 0.1, len(verts))
+    height = bumps(verts, even_directions(40), 0.06) + rng.uniform(-0.1, 0.1, len(verts))
     assert len(analysis.prominent_peaks(faces, height, 0.0)) > 500
     assert len(analysis.prominent_peaks(faces, height, 0.5)) == 40
 

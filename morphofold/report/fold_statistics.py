@@ -32,7 +32,7 @@ BY_THICKNESS = (
     ("fig6-thin-tangential", "fig5-tangential", "fig6-thick-tangential"),
 )
 
-#: (scene, level, seed, growth) -> outer radius [mm] along :func:`directions`
+#: (scene, level, seed, growth) -> outer radius [mm] along as many even directions
 Radii = dict[tuple[str, str, int, float], Array]
 
 
@@ -43,17 +43,6 @@ class Line(NamedTuple):
     standard_error: float | None
     intercept: float
     r: float
-
-
-def directions(n: int = DIRECTIONS) -> Array:
-    """Unit directions (n, 3), evenly spread over the whole sphere (Fibonacci lattice).
-
-    No two of them are mirror images, so on a sphere that was mirrored from an octant they are n places of the octant.
-    """
-    k = np.arange(n) + 0.5
-    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
-    rho = np.sqrt(1 - z * z)
-    return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
 
 
 def outer_radius(surface: Surface, along: Array) -> Array:

@@ -20,7 +20,6 @@ from morphofold.report.fold_statistics import (
     DIRECTIONS,
     Radii,
     convergence_rows,
-    directions,
     outer_radius,
     slope_rows,
     spread_rows,
@@ -28,6 +27,7 @@ from morphofold.report.fold_statistics import (
 from morphofold.report.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.report.paper_runs import Runs, told
 from morphofold.results import strict_json, write_table
+from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS, load_scene
 
@@ -175,7 +175,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     ``left_out`` says why.
     """
     plan = planned(study)
-    along = directions()
+    along = even_directions(DIRECTIONS)
     rows: list[Row] = []
     radii: Radii = {}
     simulations = []
