@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -80,6 +81,25 @@ def simulate(
     return Simulation(folder, scene)
 
 
+def peak_memory() -> float | None:
+    """Most memory that this process has held at once since it began [GiB]; None where the system does not say.
+
+    What it did before a run counts, the processes that started it do not: on Linux the ``ru_maxrss`` of ``getrusage``
+    begins with the memory of the parent, so that the kernel's own high-water mark is read there.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return round(int(line.split()[1]) / 2**20, 3)           # KiB
+    try:
+        import resource
+    except ImportError:                                                 # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)      # bytes on macOS, else KiB
+
+
 def _run_of(scene: Scene) -> Any:
     """What grows a scene; one in one dimension never imports the solver of three."""
     if isinstance(scene.geometry, Radial):
@@ -121,6 +141,8 @@ class _Run:
             raise
 
     def _grow(self) -> None:
+        import numba
+
         from morphofold.sim.health import broken_bounds
 
         stages = []
@@ -141,6 +163,8 @@ class _Run:
             steps=self.dynamics.state.step,
             seconds=round(self._elapsed(), 2),
             seconds_by_phase={k: round(v, 3) for k, v in self.dynamics.seconds.items()},
+            threads=numba.get_num_threads(),
+            peak_memory_GiB=peak_memory(),
         )
         (self.writer.out / "checkpoint.npz").unlink(missing_ok=True)
         self.progress(1.0, "done")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from skfem import MeshTet
 
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
+from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.geometry import build_body
-from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.meshes.bilayer import Bilayer, bilayer_sphere
 from morphofold.sim.scene import load_scene
 
 #: settings that call for each effect
@@ -24,46 +28,128 @@ EFFECTS = {
 }  # fmt: skip
 FOLDED = 1.7            # growth at which contact is awake
 
+#: surface cells along a quarter circle of the half spheres that are timed
+SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
+SHAKE = 0.05            # positions at which kernels are timed: standard deviation from the reference [mm]
 
-def element_speed(cells: int = 32, portion: str = "half", threads: int = 1, seconds: float = 2.0) -> dict[str, Any]:
-    """Speed of the brick force kernel and of whole steps on a deformed bilayer sphere.
+
+class Quoted(NamedTuple):
+    """A speed that others' code reached elsewhere, as noted then: text, for none of it is measured here."""
+
+    design: str
+    timed: str
+    threads: str
+    ms: str
+    millions: str
+
+
+#: where and how the speeds of the peers were measured
+PEERS_SOURCE = (
+    "noted on 2026-11-21 on a Linux machine of 2 cores and 24 GB (Python 3.11, numpy 2.4, numba 0.68, gcc 12): both "
+    "programs on BrainGrowth's demo ellipsoid, 6,761 nodes and 35,497 tet4 with nodal-averaged J, whole steps. CPU "
+    "rows are CPU time of a single thread; wall rows were taken with other load on the machine, but for the one "
+    "that says quiet, and their times are upper bounds"
+)
+#: whole steps of the peers' designs: milliseconds, and million tet-steps per second
+PEERS = (
+    Quoted("BrainGrowth (Python, numba)", "wall, quiet machine", "1", "51.3", "0.69"),
+    Quoted("BrainGrowth (Python, numba)", "CPU time, mean of steps 0 to 3,500", "1", "49.6", "0.72"),
+    Quoted("BrainGrowth (Python, numba)", "CPU time, steps 3,500 to 4,500 (folds form)", "1", "55.5", "0.64"),
+    Quoted("BrainGrowth (Python, numba)", "wall, taken once, other jobs not excluded: no speed-up seen", "2", "73.2",
+           "0.48"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, its own phase timers", "1", "10.1", "3.5"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "CPU time, whole run of about 6,000 steps", "1", "~7", "~5"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, best stretch", "2", "5.6 to 6.6", "5.4 to 6.3"),
+)  # fmt: skip
+
+
+def cut_bricks(bilayer: Bilayer) -> Bilayer:
+    """A layered cubed sphere in six tetrahedra a brick, conforming: the same nodes, layers and surface.
+
+    The six of a brick lie around its diagonal away from the middle of a face of the cube; so neighbours cut the
+    quad that they share alike. They make one full patch of ``elements.tets``, which no other mesh does everywhere.
+    """
+    p = bilayer.mesh.p
+    corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
+    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)                # least in the middle of a face of the cube
+    nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
+    corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
+    corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
+    paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
+    ends = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in paths])
+    tets = ends.transpose(2, 0, 1).reshape(-1, 4)
+    n = 6 * len(bilayer.mesh.subdomains["cortex"])
+    mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
+        {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
+    )
+    return replace(bilayer, mesh=mesh, faces=np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]]))
+
+
+def speed_body(element: str, cells: int, portion: str = "half") -> Body:
+    """The bilayer sphere that is timed, of one modulus, C = 50, T = 3 and A = 25 mm, not grown.
 
     Parameters
     ----------
+    element : {"brick", "tet"}
+        Tetrahedra are those of the bricks, six each (:func:`cut_bricks`).
     cells : int
-        Surface cells along a quarter circle; 32 on half a sphere makes 30,720 bricks.
+        Surface cells along a quarter circle; 32 on half a sphere makes 27,648 bricks.
     portion : str
         See :func:`morphofold.sim.meshes.bilayer.bilayer_sphere`.
-    threads : int
-        Threads to use.
+
+    Raises
+    ------
+    ValueError
+        If there is no such element, portion or number of cells.
+    """
+    if element not in SIZES:
+        raise ValueError(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
+    bilayer = bilayer_sphere(50, 3, 25, portion, cells)
+    if element == "tet":
+        bilayer = cut_bricks(bilayer)
+    return Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+
+
+def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.0) -> list[dict[str, Any]]:
+    """Speed of the force kernel of a body, shaken by ``SHAKE``, and of its whole steps, from rest.
+
+    Parameters
+    ----------
+    body : Body
+        It is as before afterwards, but for what was last computed.
+    threads : iterable of int
+        Numbers of threads to use, one after the other.
     seconds : float
         How long to repeat each.
 
     Returns
     -------
-    dict
-        ``bricks``, ``threads``, and million brick-steps per second: ``best`` and ``median`` of the kernel over the
-        repeats, ``steps`` of whole steps, all measuring included (median). A brick has 8 Gauss points.
+    list of dict
+        Per number of threads: ``element`` ("brick", of 8 Gauss points, or "tet"), ``elements``, ``threads``, and
+        million element-steps per second: ``best`` and ``median`` of the kernel over the repeats, ``steps`` of whole
+        steps, all measuring included (median).
     """
-    bilayer = bilayer_sphere(50, 3, 25, portion, cells)
-    body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    x = body.X + 0.05 * np.random.default_rng(0).standard_normal(body.X.shape)
-    run = Dynamics(body, steps_per_unit=1e5)
+    x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
+    millions = body.elements.n / 1e6
     before = numba.get_num_threads()
-    numba.set_num_threads(threads)
+    rows = []
     try:
-        kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
-        ten_steps = _repeat(lambda: run.relax(run.state.relaxed + 10), seconds)
+        for n in threads:
+            numba.set_num_threads(n)
+            run = Dynamics(body, steps_per_unit=1e5)
+            kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
+            ten_steps = _repeat(lambda run=run: run.relax(run.state.relaxed + 10), seconds)  # type: ignore[misc]
+            rows.append({
+                "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
+                "elements": body.elements.n,
+                "threads": n,
+                "best": millions / min(kernel),
+                "median": millions / float(np.median(kernel)),
+                "steps": 10 * millions / float(np.median(ten_steps)),
+            })  # fmt: skip
     finally:
         numba.set_num_threads(before)
-    millions = body.elements.n / 1e6
-    return {
-        "bricks": body.elements.n,
-        "threads": threads,
-        "best": millions / min(kernel),
-        "median": millions / float(np.median(kernel)),
-        "steps": 10 * millions / float(np.median(ten_steps)),
-    }
+    return rows
 
 
 def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 WORDS = {
-    "speed": "brick-steps per second on this machine",
+    "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
     "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
 }
@@ -114,22 +115,27 @@ def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ..
 def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
     import numba
 
-    from morphofold.sim.speed import element_speed
+    from morphofold.sim.speed import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
 
-    cores = numba.get_num_threads()
+    threads = list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
-        element_speed(cells, threads=threads, seconds=seconds)
-        for cells in (16, 32, 56)
-        for threads in dict.fromkeys((1, cores))
+        row
+        for element, sizes in SIZES.items()
+        for cells in sizes
+        for row in element_speed(speed_body(element, cells), threads, seconds)
     ]
     lines = [
-        "million 8-point brick-steps per second: force kernel (median, best) and whole steps",
-        f"{'bricks':>8} {'threads':>8} {'median':>8} {'best':>8} {'steps':>8} {'steps per core':>15}",
+        "million element-steps per second: force kernel (median, best) and whole steps; a brick has 8 points",
+        f"{'element':8} {'elements':>8} {'threads':>8} {'median':>8} {'best':>8} {'steps':>8} {'steps per core':>15}",
         *(
-            f"{r['bricks']:8,} {r['threads']:8} {r['median']:8.1f} {r['best']:8.1f} {r['steps']:8.1f} "
-            f"{r['steps'] / r['threads']:15.1f}"
+            f"{r['element']:8} {r['elements']:8,} {r['threads']:8} {r['median']:8.1f} {r['best']:8.1f} "
+            f"{r['steps']:8.1f} {r['steps'] / r['threads']:15.1f}"
             for r in rows
         ),
+        "",
+        *textwrap.wrap(f"quoted, not measured here; {PEERS_SOURCE}:", 110),
+        f"{'design':31} {'threads':>7} {'ms a step':>10} {'million tet-steps/s':>20}  timed",
+        *(f"{p.design:31} {p.threads:>7} {p.ms:>10} {p.millions:>20}  {p.timed}" for p in PEERS),
     ]
     return rows, lines
 
