@@ -24,7 +24,7 @@ from morphofold.sim.elements import kernels
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
-DAMPING = 0.75          # share of the velocity lost while a wave crosses the cortex (Body.crossing)
+DAMPING = 0.5           # share of the velocity lost while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does

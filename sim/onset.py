@@ -5,8 +5,8 @@ stable the difference between them dies away; past the bifurcation it grows. The
 difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Two things
 would spoil it. A difference that swings is least wherever it swings through zero: so the twins are damped until waves
 as long as the wrinkles creep. And of a random kick, waves that die slowly hide for long those that grow: so what
-became of the first difference, the critical mode nearly alone, is the kick of a second pair, and of their difference
-the part along that mode is all that counts. The onset tends to the bifurcation of the same mesh as growth slows down.
+became of the difference is the kick of a next pair, later, and of their difference the part along that kick is all that
+counts; and so on, until the onset stays where it is. It tends to the bifurcation of the same mesh as growth slows down.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 SILENT = ("perturbation", "contact", "enclosure", "inertia", "ramp")
 KICK = 1e-3             # of the cortical thickness, rms
 RISE = 3.0              # the difference has turned for good when it is this many times its least
-PURE = 30.0             # and is its growing part nearly alone when it is this many times
+PURE = 30.0             # and its growing part is nearly alone when it is so many times its least
+STEADY = 1e-3           # the onset stays where it is if it moves by less growth between two pairs,
+PAIRS = 8               # after so many at most
 CREEP = 1.0             # share of the velocity lost over as many steps as a wrinkle has edges
 
 
@@ -67,8 +69,8 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
     Raises
     ------
     ValueError
-        If 1 <= start < growth.final or rate > 0 do not hold; if the difference doesn't turn before ``growth.final``, or
-        grows from the start.
+        If 1 <= start < growth.final or rate > 0 do not hold; if the difference doesn't turn before ``growth.final``,
+        grows from the start, or turns elsewhere after every kick.
     """
     final = scene.growth.final
     if not (1 <= start < final and 0 < rate < np.inf):
@@ -83,12 +85,20 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
     kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(bilayer, X) - X
 
     growth, difference, mode = twins.part(kick, PURE)
-    mode *= KICK * thickness / _rms(mode)
-    twins.grow(_late(growth, difference, start))
-    growth, difference, _ = twins.part(mode, RISE, along=mode)
-    if difference.argmin() == 0:
-        raise ValueError(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
-    return Onset(_least(growth, difference), growth, difference)
+    begin, found = _late(growth, difference, PURE, start), np.inf
+    for _ in range(PAIRS):
+        mode *= KICK * thickness / _rms(mode)
+        twins.grow(begin)
+        growth, difference, mode = twins.part(mode, RISE, along=mode)
+        if difference.argmin() == 0:
+            raise ValueError(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
+        before, found = found, _least(growth, difference)
+        if abs(found - before) < STEADY:
+            return Onset(found, growth, difference)
+        begin = _late(growth, difference, RISE, begin)
+    raise ValueError(
+        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow more slowly."
+    )
 
 
 class _Twins:
@@ -149,12 +159,12 @@ def _rms(displacement: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
 
 
-def _late(growth: Array, difference: Array, start: float) -> float:
-    """The last growth at which the dying difference is more than ``PURE`` times its least, or ``start``.
+def _late(growth: Array, difference: Array, times: float, start: float) -> float:
+    """The last growth at which the dying difference is more than so many times its least, or ``start``.
 
     A kick at that growth has no time to die so far that what remains of other waves can hide it.
     """
-    high = np.flatnonzero(difference[: difference.argmin()] > PURE * difference.min())
+    high = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
     return float(growth[high[-1]]) if high.size else start
 
 

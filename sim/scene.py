@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, Validatio
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 #: accuracy level: surface edge over cortex thickness
-LEVELS = {"draft": 0.80, "standard": 0.55, "fine": 0.40}
-CROSSINGS = 265.0       # times that a wave crosses the cortex while growth rises by 1
+LEVELS = {"draft": 0.80, "standard": 0.50, "fine": 0.40}
+CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 

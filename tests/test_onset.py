@@ -65,8 +65,8 @@ def test_the_least_of_a_difference_is_one_looked_at_where_there_are_too_few():
 
 def test_a_second_kick_comes_when_little_of_the_first_is_left_to_die():
     growth, difference = np.arange(1.1, 1.8, 0.1), np.array([1e3, 1e2, 40, 20, 1, 50, 90])
-    assert _late(growth, difference, 1.05) == pytest.approx(1.3)
-    assert _late(growth, difference / np.array([1e3, 1e2, 1e2, 1, 1, 1, 1]), 1.05) == 1.05
+    assert _late(growth, difference, 30.0, 1.05) == pytest.approx(1.3)
+    assert _late(growth, difference / np.array([1e3, 1e2, 1e2, 1, 1, 1, 1]), 30.0, 1.05) == 1.05
 
 
 def test_a_body_that_does_not_start_to_fold_before_its_growth_is_final_has_no_onset():
