@@ -82,7 +82,10 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
         {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
     )
-    return replace(bilayer, mesh=mesh, faces=np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]]))
+    quads = bilayer.faces                                               # the bricks below them come first, in order
+    turned = np.isin(nearest[: len(quads)], (1, 2))[:, None]            # cut from corner 1 to 3, else from 0 to 2
+    quads = np.where(turned, np.roll(quads, -1, axis=1), quads)
+    return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 
 def speed_body(element: str, cells: int, portion: str = "half") -> Body:
