@@ -18,11 +18,11 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import Bilayer, bilayer_sphere
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene import Scene, load_scene
 
 #: settings that call for each effect
 EFFECTS = {
-    "contact": "{}", "perturbation": "{}", "ramp": '{shape = "smooth"}', "enclosure": "{gap = 0.5}", "inertia": "{}",
+    "contact": "{}", "perturbation": "{}", "ramp": '{shape = "smooth"}', "enclosure": "{gap = 13}", "inertia": "{}",
     "core_growth": "{}", "regional_growth": "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}",
     "bulk_viscosity": "{}",
 }  # fmt: skip
@@ -156,7 +156,7 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
 
 
 def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:
-    """What each effect adds to a step of a draft octant (demo), and contact once more when it is folded.
+    """What each effect adds to a step of an octant of ``demo``, and contact once more when it is folded.
 
     Returns
     -------
@@ -181,11 +181,16 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
     return rows
 
 
+def effect_scene(effects: Iterable[str]) -> Scene:
+    """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
+    settings = [f"effects.{name}={EFFECTS[name]}" for name in effects]
+    plain = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
+    return load_scene("demo", [*plain, *settings])
+
+
 def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     """Milliseconds per step by phase, at growth g and slow growth from there."""
-    settings = [f"effects.{name}={EFFECTS[name]}" for name in effects]
-    plain = ["geometry.portion=octant", "accuracy.level=draft", "effects={}", "output.stages=[]"]
-    scene = load_scene("demo", [*plain, *settings])
+    scene = effect_scene(effects)
     built = build_effects(scene)
     body = build_body(scene, built)
     run = Dynamics(body, built, steps_per_unit=scene.steps_per_unit(body.crossing))

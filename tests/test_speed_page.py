@@ -8,9 +8,10 @@ from morphofold.cli import main
 from morphofold.report import speed_page
 from morphofold.report.speed_page import whole_run, write_page
 from morphofold.sim import speed
+from morphofold.sim.effects import build_effects
 from morphofold.sim.folder import FolderWriter
 from morphofold.sim.meshes.bilayer import bilayer_sphere
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene import Effects, load_scene
 from morphofold.sim.speed import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
 
 PAGE = """# How fast
@@ -124,6 +125,17 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
     measured, quoted = capsys.readouterr().out.split("quoted, not measured here; ")
     assert PEERS_SOURCE in " ".join(quoted.split())
     assert all(peer.design not in measured and f"{peer.ms:>10} {peer.millions:>20}" in quoted for peer in PEERS)
+
+
+@pytest.mark.parametrize("name", speed.EFFECTS)
+def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
+    scene = speed.effect_scene([name])
+    assert scene.effects.named == (name,)
+    assert name in {effect.name for effect in build_effects(scene)}             # and is not refused
+
+
+def test_every_effect_that_a_scene_can_name_is_timed():
+    assert set(speed.EFFECTS) == set(Effects.model_fields)
 
 
 # the page ---------------------------------------------------------------------------------------------------

@@ -145,7 +145,7 @@ def _effects(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
 
     rows = effect_costs(seconds=seconds)
     lines = [
-        "what each effect adds to a step of a draft octant, one thread",
+        "what each effect adds to a step of an octant of demo, one thread",
         f"{'effect':28} {'ms':>8} {'share':>8}",
         *(f"{r['effect']:28} {r['ms']:8.3f} {r['share']:8.1%}" for r in rows),
     ]
