@@ -303,6 +303,8 @@ class Scene(_Table):
         for name in effects.named:
             if fits is not None and name not in fits:
                 raise ValueError(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
+        if shape == "mesh" and self.accuracy != Accuracy():
+            raise ValueError("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
         if effects.core_growth is not None and self.growth.final == 1:
             raise ValueError("effects.core_growth needs a cortex that grows: growth.final is 1")
         if effects.ramp is not None and self.growth.final == 1:

@@ -87,6 +87,13 @@ def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, message):
         load_scene(write(tmp_path, text))
 
 
+@pytest.mark.parametrize("setting", ["accuracy.level=draft", "accuracy.edge=1.0"])
+def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
+    with pytest.raises(ValueError, match="accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's"):
+        load_scene("mesh", [setting])
+    assert load_scene(load_scene("mesh")) == load_scene("mesh")
+
+
 def test_all_problems_are_told_at_once(tmp_path):
     text = GOOD.replace("final = 1.8", 'final = 9\nlaw = "x"\nfoo = 1')
     with pytest.raises(ValueError) as told:
