@@ -97,7 +97,7 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
             return Onset(found, growth, difference)
         begin = _late(growth, difference, RISE, begin)
     raise ValueError(
-        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow more slowly."
+        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow slower."
     )
 
 

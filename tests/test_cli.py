@@ -180,7 +180,8 @@ def test_scenes_lists_every_scene_with_its_effects(capsys):
     assert scenes["fig5"]["effects"] == ["contact", "perturbation"]
 
 
-def test_bench_speed_prints_positive_speeds(capsys):
+def test_bench_speed_prints_positive_speeds(capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.sim.speed.SIZES", {"brick": (8,), "tet": (6,)})
     assert main(["bench", "speed", "--seconds", "0.01", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert all(r["median"] > 0 and np.isfinite(r["best"]) for r in rows)

@@ -1,5 +1,3 @@
-import itertools
-from dataclasses import replace
 
 import numba
 import numpy as np
@@ -12,31 +10,14 @@ from morphofold.sim.body import SAFETY, Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import from_lanes
-from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.growth import growth_tensor
 from morphofold.sim.meshes.bilayer import bilayer_sphere
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.sim.speed import cut_bricks
 
 LAWS = ("isotropic", "tangential")
-
-
-def cut_bricks(bilayer):
-    """The bilayer in six tetrahedra a brick, around its diagonal away from the middle of a cube face; conforming."""
-    p = bilayer.mesh.p
-    corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
-    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)
-    nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
-    corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
-    corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
-    paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
-    tets = np.stack([[corner[:, 0, 0, 0]] + [corner[:, *at] for at in path] for path in paths]).transpose(2, 0, 1)
-    mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.reshape(-1, 4).T))
-    assert len(mesh.boundary_facets()) == 2 * len(bilayer.mesh.boundary_facets())
-    n = 6 * len(bilayer.mesh.subdomains["cortex"])
-    mesh = mesh.with_subdomains({"cortex": np.arange(n), "core": np.arange(n, mesh.nelements)})
-    return replace(bilayer, mesh=mesh, faces=np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]]))
 
 
 def scattered(rng, n=5):

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import morphofold as mf
-from morphofold.sim.scene import SHAPES, Effects, load_scene, scene_names
+from morphofold.report.fold_statistics import outer_radius
+from morphofold.shapes import even_directions
+from morphofold.sim.scene import LEVELS, SHAPES, Effects, load_scene, scene_names
 
 
 @pytest.mark.slow
@@ -33,30 +35,19 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_pattern_of_folds_is_that_of_a_finer_mesh(tmp_path):
-    """Same imperfection on 40 and 48 cells: the radius over the reference directions correlates."""
-    radii = []
-    for cells in (40, 48):
-        settings = [f"accuracy.edge={78.54 / cells}", "growth.final=1.7", "geometry.portion=octant"]
-        cortex = mf.simulate("demo", tmp_path / str(cells), settings=[*settings, "output.stages=[]"]).cortex()
-        radii.append(_radius_by_direction(cortex.pial.verts, cells))
-    r = np.corrcoef(*radii)[0, 1]
-    assert r > 0.7                                                       # an independent study found 0.83 for 32 to 64
-
-
-def _radius_by_direction(verts, cells):
-    """Outer radius interpolated to common reference directions of the octant."""
-    from scipy.interpolate import NearestNDInterpolator
-
-    from morphofold.sim.meshes.bilayer import bilayer_sphere
-
-    bilayer = bilayer_sphere(50, 3, 25, "octant", cells)
-    start = bilayer.mesh.p.T[: bilayer.n_surface] / 50
-    radius = np.linalg.norm(verts[: bilayer.n_surface], axis=1)          # the simulated part comes first
-    rng = np.random.default_rng(0)
-    directions = np.abs(rng.standard_normal((3000, 3)))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return NearestNDInterpolator(start, radius)(directions)
+def test_folds_at_standard_are_those_of_the_fine_mesh(tmp_path):
+    """One imperfection, T/C = 3/50, cortex as stiff as the core: the outer radius in 4,000 directions, and GI."""
+    runs = []
+    for level in ("standard", "fine"):
+        settings = ["geometry.portion=octant", f"accuracy.edge={3.0 * LEVELS[level]}", "output.stages=[1.5]"]
+        runs.append(mf.simulate("demo", tmp_path / level, settings=settings))
+    along = even_directions(4000)
+    for g in (1.5, runs[0].scene.growth.final):
+        cortices = [run.cortex(g) for run in runs]
+        radii = [outer_radius(cortex.pial, along) for cortex in cortices]
+        assert np.corrcoef(*radii)[0, 1] > 0.95
+        standard, fine = (mf.analysis.gyrification_index(cortex.pial.verts, cortex.faces) for cortex in cortices)
+        assert standard == pytest.approx(fine, rel=0.04)
 
 
 @pytest.mark.parametrize(
