@@ -89,7 +89,7 @@ def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, message):
 
 @pytest.mark.parametrize("setting", ["accuracy.level=draft", "accuracy.edge=1.0"])
 def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
-    with pytest.raises(ValueError, match="accuracy makes no sense .* = 'mesh': the mesh is the file's; drop it"):
+    with pytest.raises(ValueError, match=r"accuracy makes no sense .* = 'mesh': the mesh is the file's; drop it"):
         load_scene("mesh", [setting])
     assert load_scene(load_scene("mesh")) == load_scene("mesh")
 
