@@ -145,15 +145,24 @@ def find_facing(x, X, normals, n_nodes, radius, apart, facing):
         facing[i] = nearest
 
 
+@njit(inline="always")
+def _squared(a, b):
+    """Squared distance."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
 @njit(parallel=True, cache=True)
-def choose_triangles(x, tri, ring_first, ring, facing, partner):
-    """Of the triangles around the facing node, the one nearest to each node; -1: none."""
+def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
+    """Of the triangles around the facing node, the one nearest to each node; -1: none.
+
+    Triangles with a corner nearer than ``apart`` in the reference are the node's own surroundings.
+    """
     for i in prange(len(facing)):
-        best, nearest = 1e300, -1
+        best, nearest, near = 1e300, -1, apart * apart
         if facing[i] >= 0:
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
-                if tri[t, 0] == i or tri[t, 1] == i or tri[t, 2] == i:
+                if min(_squared(X[i], X[tri[t, 0]]), _squared(X[i], X[tri[t, 1]]), _squared(X[i], X[tri[t, 2]])) < near:
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
                 wa, wb, wc = _nearest_weights(x[i], a, b, c)
@@ -259,7 +268,8 @@ class Contact(Effect):
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
-            choose_triangles(x, self._tri, self._ring_first, self._ring, self._facing, self._partner)
+            choose_triangles(x, body.X, self._tri, self._ring_first, self._ring, self._facing,
+                             APART * body.bilayer.edge, self._partner)  # fmt: skip
         else:
             self._partner[:] = -1
             self._depth[:] = self._energy[:] = 0.0
