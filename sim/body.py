@@ -12,6 +12,7 @@ from skfem import MeshHex
 from morphofold.sim.elements import kernels
 from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.growth import check_law
+from morphofold.sim.growth import volume as det_G
 from morphofold.sim.meshes.bilayer import Bilayer
 
 Array = NDArray[np.float64]
@@ -115,9 +116,16 @@ class Body:
 
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighed by ``pattern``; the core takes its share."""
-        stretch = np.broadcast_to(1 + (g - 1) * np.asarray(self.pattern), self.elements.n_cortex)
-        self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
+        self.elements.grow(self._stretch(g), 1 + (g - 1) * self.core_share)
         self.growth = g
+
+    def _stretch(self, g: float) -> Array:
+        """Growth stretch of each element of the cortex."""
+        return np.broadcast_to(1 + (g - 1) * np.asarray(self.pattern), self.elements.n_cortex)
+
+    def grown_volumes(self) -> Array:
+        """Volume of each element of the cortex after free growth, its reference volume times det G [mm^3]."""
+        return self.elements.volume[: self.elements.n_cortex] * det_G(self._stretch(self.growth), self.law)
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""

@@ -24,7 +24,7 @@ from morphofold.sim.elements import kernels
 Array = NDArray[np.float64]
 
 REFRESH = 10            # steps between measurements of mass, energies and growth increments
-DAMPING = 0.5           # share of the velocity lost while a wave crosses the cortex (Body.crossing)
+DAMPING = 0.5           # velocities fall by exp(-0.5) while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does
@@ -101,7 +101,7 @@ class Dynamics:
         Raises
         ------
         UnstableError
-            If a position stops being finite or elements turn inside out.
+            If a position stops being finite, an element has no volume left, or one of its points bursts.
         """
         while self.state.growth < g:
             increment = self.rate * REFRESH * self._pace()
@@ -199,9 +199,9 @@ class Dynamics:
             raise UnstableError(
                 f"{broken.size} of {body.elements.n} elements have no volume left or burst at g = {state.growth:.3f}, "
                 f"step {state.step}; the first is element {broken[0]} with v/V = "
-                f"{element['volume_ratio'][broken[0]]:.2f}. Slow the growth down (growth.rate) or refine the mesh.",
-                self._sound,
-            )
+                f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
+                "growth down (growth.rate) or refine the mesh.", self._sound,
+            )  # fmt: skip
         min_J = float(element["J_min"].min())
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)

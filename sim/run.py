@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
-from morphofold.sim.growth import volume as det_G
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Radial, Scene, load_scene
 from morphofold.threads import set_threads
@@ -123,7 +122,7 @@ class _Run:
         self.body = build_body(scene, effects)
         steps_per_unit = scene.steps_per_unit(self.body.crossing)
         self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit)
-        self.relaxing = int(RELAXATION * steps_per_unit * (scene.growth.final - 1))
+        self.relaxing = int(RELAXATION / self.dynamics.rate * (scene.growth.final - 1))
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
@@ -226,7 +225,7 @@ class _Run:
         body, state = self.body, self.dynamics.state
         white, pial = whole_surfaces(body, state.x)
         closed = body.bilayer.closed
-        grown = self.grown_volume()
+        grown = float(np.sum(body.grown_volumes())) / body.bilayer.portion
         found = enclosed_volume(pial) - enclosed_volume(white) if closed else self._cortex_volume()
         numbers = {
             "growth": g,
@@ -243,20 +242,11 @@ class _Run:
         )  # fmt: skip
         return numbers
 
-    def grown_volume(self) -> float:
-        """Volume of the closed cortex after free growth: the reference volume times det G [mm^3]."""
-        body = self.body
-        stretch = 1 + (body.growth - 1) * np.asarray(body.pattern)
-        volume = body.elements.volume[: body.elements.n_cortex] * det_G(stretch, body.law)
-        return float(volume.sum()) / body.bilayer.portion
-
     def _cortex_volume(self) -> float:
         """Present volume of the elements of the cortex [mm^3]."""
         body = self.body
-        n = body.elements.n_cortex
-        stretch = 1 + (body.growth - 1) * np.asarray(body.pattern)
-        grown = body.elements.volume[:n] * det_G(stretch, body.law)
-        return float(np.sum(grown * body.elements.state()["volume_ratio"][:n])) / body.bilayer.portion
+        present = body.grown_volumes() * body.elements.state()["volume_ratio"][: body.elements.n_cortex]
+        return float(np.sum(present)) / body.bilayer.portion
 
     def _write_volume(self, folder: Path) -> None:
         if not self.scene.output.volume:

@@ -177,7 +177,7 @@ class Material(_Table):
 
 
 class Growth(_Table):
-    """Growth law and final growth stretch of the cortex; ``rate`` below 1 grows slower than the level's own pace."""
+    """Growth law and final growth stretch of the cortex; ``rate``: pace, times that by default."""
 
     law: Literal["isotropic", "tangential"] = "isotropic"
     final: Annotated[float, Field(ge=1, le=4)] = 2.0
@@ -191,7 +191,8 @@ class Contact(_Table):
 class Perturbation(_Table):
     """Random smooth imperfection of the cortical thickness: rms amplitude over the thickness, and its seed.
 
-    ``wavelength`` [mm]: by default 7.85 cortical thicknesses, about the wrinkles' own.
+    ``wavelength`` [mm]: of its waves in space, by default 7.85 cortical thicknesses. A sphere cuts them 1.2 to 1.3
+    times as long (a strip twice, or so), about the wrinkles' own.
     """
 
     amplitude: Annotated[float, Field(gt=0, le=0.3)] = 0.02
@@ -224,8 +225,8 @@ class Enclosure(_Table):
 
 
 class Inertia(_Table):
-    """True inertia. ``duration``: time in which growth rises by 1, ``damping``: share of the velocity lost per time, in
-    the time a shear wave takes to cross 1 mm of core at density 1."""
+    """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per
+    time; time in that of a shear wave across 1 mm of core at density 1. Growth waits for collapsing elements still."""
 
     density: Positive = 1.0
     duration: Positive = 500.0
@@ -235,8 +236,8 @@ class Inertia(_Table):
 class BulkViscosity(_Table):
     """Viscous pressure against volume rate, as in the program that the paper used."""
 
-    linear: Annotated[float, Field(ge=0, le=1)] = 0.06
-    quadratic: Annotated[float, Field(ge=0, le=5)] = 1.2
+    linear: Annotated[float, Field(ge=0, le=0.5)] = 0.06                # more outruns the step
+    quadratic: Annotated[float, Field(ge=0, le=2)] = 1.2
 
 
 class Effects(_Table):

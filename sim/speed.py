@@ -171,7 +171,7 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
         rows = [{"effect": "none", "ms": whole, "share": 1.0}]
         for name in EFFECTS:
             added = _per_step([name], 1.05, seconds)
-            ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0) * (name != "grow")
+            ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0)
             rows.append({"effect": name, "ms": ms, "share": ms / whole})
         folded = _per_step(["contact", "perturbation"], FOLDED, seconds)
         ms = folded["contact"] + folded["symmetry"]

@@ -401,13 +401,14 @@ class _Path:
         """Of this equilibrium."""
         stiffness = self._stiffness(self.x)
         factor = self._factorise(stiffness)
-        count = min(factor.negative + 2, MODES, len(self._rows) - 1)
+        negative = min(factor.negative, MODES)                          # 1/eigenvalue is what eigsh sorts
         values, vectors = eigsh(
-            stiffness, count, sparse.diags(self._volume), sigma=0.0, tol=1e-6,
-            OPinv=LinearOperator(stiffness.shape, matvec=factor.solve), v0=np.cos(np.arange(len(self._rows)) ** 2.0),
+            stiffness, max(negative, 1), sparse.diags(self._volume), sigma=0.0, which="SA" if negative else "LA",
+            tol=1e-6, v0=np.cos(np.arange(len(self._rows)) ** 2.0),
+            OPinv=LinearOperator(stiffness.shape, matvec=factor.solve),
         )  # fmt: skip
         lowest = int(np.argmin(values))
-        eigenvalue = float(values[lowest]) if factor.negative < count else float("nan")
+        eigenvalue = float(values[lowest]) if negative == factor.negative else float("nan")
         mode = np.zeros(self.x.shape)
         mode.ravel()[self._rows] = vectors[:, lowest]
         mode /= np.linalg.norm(mode, axis=1).max()

@@ -157,9 +157,10 @@ def test_increments_shrink_where_newton_fails(monkeypatch):
 # stability
 
 
-@pytest.mark.parametrize(("g", "stable"), [(1.1, True), (1.5, False)])
-def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, stable):
-    body = patch(mu_ratio=1.0, size=(4.0, 0.5))
+@pytest.mark.parametrize(("g", "length", "stable"), [(1.1, 4.0, True), (1.5, 4.0, False), (1.6, 12.0, False)])
+def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, length, stable):
+    """Far beyond the onset there are many negative eigenvalues, and those next to zero are not the lowest."""
+    body = patch(mu_ratio=1.0, size=(length, 0.5))
     x = statics._Path(body, body.X, statics._levels(body)).grown(g).x
     found = statics.stability(body, x)
     rows = np.flatnonzero(body.free)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Effect:
-    """What an optional effect may do. Hooks are called in the order of the scene's effects."""
+    """What an optional effect may do. Hooks are called in the order of ``scene.Effects``."""
 
     name = ""
 

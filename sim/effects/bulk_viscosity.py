@@ -3,7 +3,8 @@
 A pressure against the rate of volume, b1 rho c L e + rho (b2 L e)^2 [only where e < 0], with e the volumetric strain
 rate, rho the density, c the speed of pressure waves, rho c^2 = kappa + 4/3 mu, and L the brick's smallest width: its
 volume over the largest of its three middle sections. (With the cube root of the volume, flat bricks would be
-damped beyond what the step can follow.) The density is that of the present nodal masses, fictitious or real.
+damped beyond what the step can follow.) The density is that of the present nodal masses, fictitious or real, over the
+volume before growth.
 """
 
 from __future__ import annotations

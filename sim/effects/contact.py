@@ -24,7 +24,7 @@ STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of o
 DASHPOT = 0.25          # damping force per mass and approach speed
 SEARCH = 1.5            # search radius in h
 DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
-APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [h at the time]
+APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [largest edge]
 OPPOSED = -0.2          # largest cosine between the normals of a pair
 
 
@@ -178,7 +178,7 @@ def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
 def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
-    Nearer in the reference than 2.5 ``apart``, a pair counts only before it has passed through: the flanks of one
+    Nearer in the reference than 2.5 ``apart``, a pair counts until it is half a gap deep only: the flanks of one
     ridge lie there, not two walls of a sulcus.
     """
     for i in prange(len(partner)):

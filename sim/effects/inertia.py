@@ -27,7 +27,7 @@ class Inertia(Effect):
     duration : float
         Time in which growth rises by 1, in mm sqrt(density / mu of the core): a shear wave takes 1 per mm in the core.
     damping : float
-        Share of the velocity lost per unit of time.
+        Rate at which velocities decay, per unit of time.
     """
 
     name = "inertia"

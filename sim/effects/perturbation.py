@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 WAVES = 200
 SPREAD = 0.3            # wave numbers lie within this share of the mean one
-WAVELENGTH = 7.85       # mean wavelength in cortical thicknesses: that of the first wrinkles, nearly
+WAVELENGTH = 7.85       # in space, in cortical thicknesses; on a sphere 10 or so, not far from the first wrinkles
 
 
 def build(options, scene) -> Perturbation:
@@ -28,7 +28,8 @@ class Perturbation(Effect):
     amplitude : float
         Root mean square of the field [mm].
     wavelength : float
-        Of the plane waves, 200 of random direction and phase, that the field is the sum of [mm]; within 30 %.
+        Of the plane waves in space, 200 of random direction and phase, that the field is the sum of [mm]; their wave
+        numbers lie within 30 %. A surface cuts waves that don't run along it longer: 1.2 to 1.3 times on a sphere.
     seed : int
         The field is a function of position and seed alone, so meshes of any size carry the same one.
     """
