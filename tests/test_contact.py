@@ -4,9 +4,21 @@ import numpy as np
 import pytest
 
 from morphofold.sim.body import Body
-from morphofold.sim.effects.contact import GAP, Contact, _nearest_weights, find_facing, node_normals, triangles
+from morphofold.sim.effects.contact import (
+    APART,
+    DASHPOT,
+    DEEPEST,
+    GAP,
+    SEARCH,
+    STIFFNESS,
+    Contact,
+    _nearest_weights,
+    find_facing,
+    node_normals,
+    triangles,
+)
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.meshes.bilayer import Plane, bilayer_sphere
 
 
 def make_body(portion="full", n=16):
@@ -126,3 +138,141 @@ def test_a_symmetry_plane_acts_as_the_mirror_image():
     assert np.count_nonzero(extra) == 1
     assert planes.record()["pressed"] == 1
     assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * (0.5 + 0.5 * GAP * body.filter.h))
+
+
+# two flat walls, face to face
+
+
+def walls(distance, *, n=9, mass=1.0, aside=0.0, reference=40.0):
+    """Walls of n x n nodes 1 mm apart at x = ``distance``/2, facing down, and its mirror image, ``distance`` apart.
+
+    In the reference they are ``reference`` mm apart. The upper one comes first, ``aside`` mm along y.
+    """
+    u, v = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    flat = np.column_stack([np.zeros(n * n), u.ravel(), v.ravel()])
+    number = u * n + v
+    quads = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1).reshape(-1, 4)
+    up, shift = np.array([1.0, 0.0, 0.0]), np.array([0.0, aside, 0.0])
+
+    def pair(apart):
+        return np.concatenate([flat + 0.5 * apart * up, flat - 0.5 * apart * up])
+
+    body = SimpleNamespace(
+        bilayer=SimpleNamespace(
+            faces=np.concatenate([quads, quads[:, ::-1] + n * n]), edge=1.0, planes=(Plane(0, 0.0, 1),),
+        ),
+        n_surface=2 * n * n, X=pair(reference), mass=np.broadcast_to(mass, 2 * n * n).astype(float),
+        filter=SimpleNamespace(h=1.0),
+    )  # fmt: skip
+    x = pair(distance)
+    x[: n * n] += shift
+    return body, x
+
+
+def halved(body):
+    """The upper wall alone."""
+    n = body.n_surface // 2
+    return SimpleNamespace(
+        bilayer=SimpleNamespace(mesh=SimpleNamespace(p=body.X[:n].T), planes=body.bilayer.planes),
+        n_surface=n, mass=body.mass[:n], filter=body.filter,
+    )  # fmt: skip
+
+
+def pushes(body, x, v=None):
+    """Forces of contact on the walls, and the effect."""
+    contact, extra = Contact(), np.zeros((body.n_surface, 3))
+    contact.prepare(body)
+    contact.refresh(standing(body, x))
+    contact.add_forces(body, x, np.zeros_like(x) if v is None else v, extra)
+    return extra, contact
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.02, -0.02, -1.0])
+def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, speed):
+    """Of the two walls one is the image of the other; ``speed`` is that towards the plane."""
+    body, x = walls(0.6 * GAP, mass=3.0)
+    n = body.n_surface // 2
+    v = 0.001 * rng.standard_normal((n, 3)) - [speed, 0, 0]
+    both, contact = pushes(body, x, np.concatenate([v, v * [-1, 1, 1]]))
+    plane, one = Symmetry(), np.zeros((n, 3))
+    plane.prepare(halved(body))
+    plane.add_forces(halved(body), x[:n], v, one)
+    np.testing.assert_allclose(one, both[:n], atol=1e-14)
+    np.testing.assert_allclose(both[n:], both[:n] * [-1, 1, 1], atol=1e-14)
+    assert 2 * plane.energy() == pytest.approx(contact.energy())
+    assert (one[:, 0] > 0).all() == (speed > -1)                        # and nothing holds what flies off
+    assert one.any() == (speed > -1)
+
+
+def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
+    body, x = walls(0.6 * GAP)
+    v = np.zeros_like(x)
+    push = []
+    for speed in (-0.01, 0.0, 0.01):                                    # of the upper wall, down
+        v[: len(x) // 2, 0] = -speed
+        push.append(pushes(body, x, v)[0][: len(x) // 2, 0])
+    depth = 0.4 * GAP
+    np.testing.assert_allclose(push[1], 2 * STIFFNESS * depth)          # of its own springs, and those of the other
+    np.testing.assert_allclose(push[2] - push[1], 2 * DASHPOT * 0.01)
+    np.testing.assert_allclose(push[0] - push[1], -2 * DASHPOT * 0.01)
+
+
+@pytest.mark.parametrize("heavy", ["upper", "lower"])
+def test_a_push_is_that_of_the_lighter_side(heavy):
+    """Scaled by the heavier one it would need a smaller step."""
+    body, x = walls(0.6 * GAP)
+    n = len(x) // 2
+    light, _ = pushes(body, x)
+    body.mass[slice(n) if heavy == "upper" else slice(n, None)] = 1e6
+    np.testing.assert_allclose(pushes(body, x)[0], light, rtol=1e-12)
+    assert light.any()
+
+
+@pytest.mark.parametrize(("gaps", "pace"), [(2.0, 1.0), (0.5, 1.0), (0.0, 1.0), (-1.0, 1 / 2), (-3.0, 1 / 4)])
+def test_the_pace_falls_with_the_depth_beyond_the_gap_and_is_kept_in_a_checkpoint(gaps, pace):
+    body, x = walls(gaps * GAP)
+    _, contact = pushes(body, x)
+    assert contact.pace(1.5) == pytest.approx(pace)
+    again = Contact()
+    again.prepare(body)
+    again.load(contact.save())
+    assert again.pace(1.5) == contact.pace(1.5)
+
+
+def test_contact_is_looked_for_within_its_radius_and_ends_at_its_depth():
+    for distance, found in ((0.99 * SEARCH, True), (1.01 * SEARCH, False)):
+        body, x = walls(distance)
+        assert (pushes(body, x)[1].save()["facing"] >= 0).any() == found
+    for depth, pushed in ((0.99 * DEEPEST * SEARCH, True), (1.01 * DEEPEST * SEARCH, False)):
+        body, x = walls(-depth)
+        assert pushes(body, x)[0].any() == pushed
+
+
+def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_until_half_a_gap_deep():
+    """Of a triangle the first corner counts, up to the diagonal of a cell aside of the node."""
+    for reference, distance, pushed in (
+        (0.5, 0.5 * GAP, False), (1.01 * APART, 0.5 * GAP, True),
+        (2.0 * APART, -0.49 * GAP, True), (2.0 * APART, -0.51 * GAP, False), (2.51 * APART, -0.51 * GAP, True),
+    ):  # fmt: skip
+        body, x = walls(distance, reference=reference)
+        middle = len(x) // 4                                            # away from the edges of the walls
+        assert pushes(body, x)[0][middle].any() == pushed, (reference, distance)
+
+
+def test_a_node_that_slid_off_its_triangle_by_a_cell_is_pushed_no_more():
+    """The walls overlap by the rows that are left; one cell is five gaps."""
+    for beyond, pushed in ((0.99, True), (1.01, False)):
+        body, x = walls(0.5 * GAP, aside=8.0 + beyond)                  # the first row of the upper wall lies beyond
+        row = x[: len(x) // 2, 1] == 8.0 + beyond
+        extra, contact = pushes(body, x)
+        assert (contact.save()["facing"][: len(row)][row] >= 0).all()
+        assert extra[: len(row)][row].any() == pushed
+
+
+def test_the_pairing_is_renewed_once_the_surface_has_moved_by_a_fifth_of_the_radius():
+    body, x = walls(GAP)
+    contact = Contact()
+    contact.prepare(body)
+    for moved, searches in ((0.0, 1), (0.19, 1), (0.21, 2), (0.35, 2)):
+        contact.refresh(standing(body, x + [0, 0, moved * SEARCH]))
+        assert contact.record()["searches"] == searches
