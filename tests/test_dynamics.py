@@ -236,3 +236,74 @@ def test_an_element_turned_inside_out_stops_the_run_and_is_named():
     run.state.x[corner] = centre - 3 * (run.state.x[corner] - centre)
     with pytest.raises(UnstableError, match="have no volume left"):
         run._measure()
+
+
+def sink(run, node, by):
+    """Measure the run with a pial node ``by`` mm below its place."""
+    run.state.x[node] = run.body.X[node] - by * run.body.bilayer.radial[node]
+    run._measure()
+
+
+def inner_node(run):
+    """The pial node at the corner of the cubed sphere, off the symmetry planes: three bricks meet there."""
+    return int(np.argmin(np.abs(run.body.X[: run.body.n_surface] - 50 / 3**0.5).sum(axis=1)))
+
+
+def test_growth_halves_as_an_element_collapses_and_crawls_while_one_is_inside_out():
+    """A corner that sinks by a share s of its brick leaves J = 1 - 0.62 s at the nearest of the Gauss points."""
+    run = make_run(n=16)
+    run.state.growth = 1.5                                              # past the soft start
+    node, seen = inner_node(run), []
+    for by in (0.0, 0.05, 0.3, 0.3, 1.75, 0.05, 0.05):                  # bricks are 1 mm thick
+        sink(run, node, by)
+        seen.append((run.state.record["inverted"], run._pace()))
+    assert -0.2 < run.state.lowest_J < 0                                # of all times, not of the last
+    assert seen == [(0, 1.0), (0, 1.0), (0, 0.5), (0, 1.0), (3, dynamics.SLOWEST), (0, 1.0), (0, 1.0)]
+
+
+def test_a_run_taken_up_has_the_pace_that_it_had():
+    """Growth slows down for what J was at the measurement before, too: here far below 1 throughout."""
+    run, again = make_run(n=8), make_run(n=8)
+    run.state.growth = 1.5
+    run.body.grow(1.5)
+    node, paces = inner_node(run), []
+    for by in (0.0, 0.05, 0.1, 0.6):
+        sink(run, node, by)
+        again.load(run.save())
+        assert again._pace() == run._pace()
+        paces.append(run._pace())
+    assert run.state.before_J < 0.4
+    assert paces == [0.5, 1.0, 1.0, 0.5]
+
+
+def test_relaxation_takes_the_steps_it_is_asked_for_once():
+    run = make_run(n=8)
+    run.relax(95)                                                       # rounded up
+    assert run.state.step == 100
+    for steps in (100, 50):
+        run.relax(steps)
+        assert run.state.step == 100
+
+
+def test_a_step_from_rest_follows_the_forces_of_elements_and_filter(rng):
+    """v = f/m, Newton's law with a step of one."""
+    run = make_run(n=8)
+    body, n = run.body, run.body.n_surface
+    run.state.x[:n] += 0.1 * rng.standard_normal((n, 3)) * body.free[:n]
+    run._measure()
+    force = body.forces(run.state.x)
+    filtered = body.filter.forces(run.state.x).copy()
+    assert np.abs(filtered).max() > 0.01 * np.abs(force).max()
+    force[:n] += filtered
+    want = np.where(body.free, force / body.mass[:, None], 0.0)
+    run._run(1)
+    np.testing.assert_allclose(run.state.v, want, atol=1e-12 * np.abs(want).max())
+
+
+def test_a_gauss_point_that_bursts_stops_the_run_though_its_element_has_volume():
+    run = make_run(n=16)
+    node = inner_node(run)
+    sink(run, node, -8.0)                                               # J near 6
+    assert 5 < run.state.record["max_J"] < run.body.elements.LARGEST_J
+    with pytest.raises(UnstableError, match=r"3 of .* elements have no volume left or burst .* with v/V = 4\."):
+        sink(run, node, -14.0)
