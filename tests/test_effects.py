@@ -98,6 +98,40 @@ def test_regions_multiply_where_they_overlap():
     np.testing.assert_allclose(body.pattern, 1.5)
 
 
+@pytest.mark.parametrize("factor", [0.25, 2.0])
+def test_a_spot_of_a_scene_takes_its_factor_of_the_growth(factor):
+    everywhere = f"{{centre = [50.0, 0.0, 0.0], radius = 1e9, factor = {factor}}}"
+    scene = load_scene("regional", [f"effects.regional_growth.spots=[{everywhere}]"])
+    (effect,) = (effect for effect in build_effects(scene) if effect.name == "regional_growth")
+    body = sphere(4)
+    effect.prepare(body)
+    np.testing.assert_allclose(body.pattern, factor)
+
+
+# --- the imperfection
+
+
+def test_the_waves_of_the_imperfection_have_its_wavelength_and_its_rms(rng):
+    """Over all of space a sum of waves of number k has a slope of k times its rms."""
+    field = Perturbation(0.3, 12.0, seed=4).field
+    at, step = rng.uniform(-1e4, 1e4, (5_000, 3)), 1e-4
+    height, ways = field(at), step * np.eye(3)
+    slope = [(field(at + way) - field(at - way)) / (2 * step) for way in ways]
+    assert height.std() == pytest.approx(0.3, rel=0.05)
+    spread = (1 + 0.3**2 / 3) ** 0.5                                    # wave numbers lie evenly within 30 %
+    rms = np.mean(np.square(slope).sum(axis=0)) ** 0.5
+    assert rms / height.std() == pytest.approx(spread * 2 * np.pi / 12.0, rel=0.05)
+
+
+@pytest.mark.parametrize(("wavelength", "means"), [(10.0, 10.0), (None, 7.85 * 3.0)])
+def test_a_scene_gives_its_imperfection_a_wavelength_or_that_of_the_first_wrinkles(wavelength, means, rng):
+    settings = ["geometry.cortex_thickness=3", "effects.perturbation.amplitude=0.05", "effects.perturbation.seed=7"]
+    settings += [] if wavelength is None else [f"effects.perturbation.wavelength={wavelength}"]
+    (effect,) = (effect for effect in build_effects(load_scene("demo", settings)) if effect.name == "perturbation")
+    at = rng.uniform(-50, 50, (10, 3))
+    np.testing.assert_allclose(effect.field(at), Perturbation(0.05 * 3.0, means, 7).field(at))
+
+
 # --- ramps
 
 
@@ -202,6 +236,16 @@ def test_an_enclosure_without_room_for_the_grown_body_is_refused(settings, fills
         build_effects(load_scene("skull", [*settings, f"effects.enclosure.gap={0.999 * room}"]))
 
 
+def test_the_enclosure_of_a_scene_stands_its_gap_outside_the_body():
+    scene = load_scene("ellipsoid", ["growth.final=1.2", "effects.enclosure.gap=4.5"])
+    (shell,) = (effect for effect in build_effects(scene) if effect.name == "enclosure")
+    body = SimpleNamespace(mass=np.ones(3))
+    for beyond, pressed in ((4.49, 0), (4.51, 3)):
+        x, extra = np.diag(np.array([60.0, 45.0, 40.0]) + beyond), np.zeros((3, 3))
+        shell.add_forces(body, x, np.zeros_like(x), extra)
+        assert shell.record()["pressed"] == np.count_nonzero(extra) == pressed
+
+
 def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
     body = sphere(12)
     shell = Enclosure(np.full(3, 51.0))
@@ -249,12 +293,15 @@ def test_a_block_breathes_with_the_period_of_pressure_waves(density):
     assert at == pytest.approx([period / 4, 3 * period / 4], rel=0.01)
 
 
-def test_damping_takes_its_share_of_the_velocity():
-    time, height = breathing(damping=0.1)
-    w = (P_WAVE * (0.5 * np.pi / 24) ** 2 - 0.05**2) ** 0.5
-    want = np.exp(-0.05 * time) * (np.cos(w * time) + 0.05 / w * np.sin(w * time))
+@pytest.mark.parametrize("density", [1.0, 4.0])
+def test_damping_takes_its_share_of_the_velocity(density):
+    """Time is counted in the crossings of a shear wave: where all is heavier, both it and damping are slower."""
+    time, height = breathing(density, damping=0.1)
+    rate = 0.05 / density**0.5
+    w = (P_WAVE / density * (0.5 * np.pi / 24) ** 2 - rate**2) ** 0.5
+    want = np.exp(-rate * time) * (np.cos(w * time) + rate / w * np.sin(w * time))
     np.testing.assert_allclose(height / 0.02, want, atol=0.05)
-    assert np.exp(-0.05 * time[-1]) < 0.6
+    assert np.exp(-rate * time[-1]) < 0.6
 
 
 def test_velocities_stay_when_the_step_changes():
