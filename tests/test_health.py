@@ -6,6 +6,7 @@ from made_folds import joined, pressed_sphere
 
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
 from morphofold.sim.crossings.boxes import box_tree
+from morphofold.sim.effects.contact import GAP
 from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,
@@ -185,3 +186,7 @@ def test_the_check_of_a_surface_through_itself_breaks_every_bound_that_tells_it(
     assert checked["deepest_crossing"] > CROSSING_TOLERANCE
     told = broken_bounds({**SOUND, **checked, "overlap": 0.0})
     assert [sentence.split()[0] for sentence in told] == ["winding_max", "crossings", "deepest_crossing"]
+
+
+def test_a_crossing_of_less_than_half_the_gap_of_contact_is_none():
+    assert CROSSING_TOLERANCE == 0.5 * GAP

@@ -8,6 +8,9 @@ from morphofold.sim.meshes.bilayer import PLANES, bilayer_sphere
 from morphofold.sim.surfaces import smooth_diagonals, whole_surfaces
 from morphofold.surface import Surface
 
+#: the triangles of a quad, cut from corner 0 to 2 and from 1 to 3
+SPLITS = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]]
+
 
 @pytest.mark.parametrize("portion", PLANES)
 def test_every_portion_gives_the_whole_closed_sphere(portion):
@@ -52,3 +55,34 @@ def test_a_deep_dent_overlaps_nothing_and_two_bodies_in_one_place_do():
     assert overlap(Surface(dented, faces)) == 0.0
     both = Surface(np.concatenate([verts, verts + [12.0, 0, 0]]), np.concatenate([faces, faces + len(verts)]))
     assert overlap(both) > 0.02
+
+
+def test_no_other_diagonal_of_a_single_quad_would_bend_the_surface_less(rng):
+    """By brute force: squared angles between the normals of neighbours, summed over all inner edges."""
+    n = 9
+    u, v = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    number = u * n + v
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    quads = np.array([np.roll(quad, rng.integers(4)) for quad in quads])         # any corner may be the first
+    x = np.column_stack([u.ravel(), v.ravel(), 0.4 * rng.standard_normal(n * n)])
+
+    def bent(choice):
+        faces = np.concatenate([quad[c] for quad, c in zip(quads, np.array(SPLITS)[choice])])
+        normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        sides = {}
+        for f, face in enumerate(faces.tolist()):
+            for k in range(3):
+                sides.setdefault(frozenset((face[k], face[k - 1])), []).append(f)
+        pairs = np.array([both for both in sides.values() if len(both) == 2])
+        assert len(pairs) == 3 * n * n - 4 * n + 1 - 4 * (n - 1)
+        return np.sum(np.arccos(np.clip(np.sum(normal[pairs[:, 0]] * normal[pairs[:, 1]], axis=1), -1, 1)) ** 2)
+
+    first = smooth_diagonals(x, quads)[: len(quads)]
+    choice = np.where((first == quads[:, [0, 1, 2]]).all(axis=1), 0, 1)
+    least = bent(choice)
+    assert 0.3 < choice.mean() < 0.7
+    for q in range(len(quads)):
+        flipped = choice.copy()
+        flipped[q] = 1 - flipped[q]
+        assert bent(flipped) > least - 1e-9
