@@ -20,6 +20,11 @@ SMALL = [
     "output.stages=[1.2]", "effects.perturbation.amplitude=0.05",
 ]  # fmt: skip
 
+TINY = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "output.stages=[]"]
+
+#: the corners that each corner of VTK's hexahedron shares an edge with, right-handed
+VTK_HEXAHEDRON = [(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)]
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -97,8 +102,9 @@ def test_stages_read_back_as_cortices_of_a_whole_sphere(folder):
 def test_the_volume_opens_with_its_layers_and_ratios(folder):
     mesh = meshio.read(folder / "stages" / "g1.20" / "volume.vtu")
     corners = mesh.points[mesh.cells_dict["hexahedron"]]
-    x, y, z = (corners[:, k] - corners[:, 0] for k in (1, 3, 4))
-    assert np.einsum("ij,ij->i", np.cross(x, y), z).min() > 0              # VTK's corner order
+    for corner, ends in enumerate(VTK_HEXAHEDRON):
+        x, y, z = (corners[:, k] - corners[:, corner] for k in ends)
+        assert np.einsum("ij,ij->i", np.cross(x, y), z).min() > 0          # VTK's corner order
     layers = mesh.cell_data["cortex"][0]
     assert 0 < layers.mean() < 1
     np.testing.assert_allclose(mesh.points, mesh.point_data["reference"] + mesh.point_data["displacement"], atol=1e-12)
@@ -128,6 +134,39 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
         assert _geometry(ends[0]) == _geometry(ends[1])
     steps = [[json.loads(x)["step"] for x in (o / "log.jsonl").read_text().splitlines()] for o in (folder, out)]
     assert steps[0] == steps[1]
+
+
+def test_a_run_taken_up_keeps_its_log_to_the_last_line_and_goes_on_counting_its_time(tmp_path):
+    out, hour = tmp_path / "x", 3600.0
+
+    class Stop(Exception):
+        pass
+
+    def lines():
+        log = out / "log.jsonl"
+        return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+
+    def stop(share, text):
+        if len(lines()) > 3:
+            with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
+                if lines()[-1]["step"] == checkpoint["step"]:
+                    raise Stop
+
+    tiny = [*TINY, "growth.final=1.2", "output.checkpoint_minutes=1e-6"]
+    with pytest.raises(Stop):
+        simulate("demo", out, settings=tiny, progress=stop)
+    before = lines()
+    for line in before:                                                     # as if it had taken hours
+        line["elapsed"] += hour
+        line["seconds"]["elements"] += hour
+    (out / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in before))
+    health = simulate("demo", out, settings=tiny, resume=True).health
+    after = lines()
+    assert after[: len(before)] == before
+    assert after[len(before)]["step"] > before[-1]["step"]
+    assert np.all(np.diff([line["elapsed"] for line in after]) >= 0)
+    assert health["seconds"] > hour
+    assert health["seconds_by_phase"]["elements"] > hour
 
 
 def _geometry(raw):
@@ -171,6 +210,30 @@ def test_tangential_growth_reaches_the_kernels_and_its_own_volume(tmp_path):
         radius[law] = stage["mean_radius_mm"]
     for law, power in (("isotropic", 3), ("tangential", 2)):
         assert radius[law] == pytest.approx((47.0**3 + 1.15**power * (50.0**3 - 47.0**3)) ** (1 / 3), rel=4e-3)
+
+
+def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
+    """So compressible a cortex gives way instead of growing."""
+    run = {kappa: simulate("demo", tmp_path / str(kappa), settings=[*TINY, "growth.final=1.3", "growth.rate=1",
+                           f"material.kappa_ratio={kappa}"]) for kappa in (5, 50)}  # fmt: skip
+    stage = {kappa: json.loads(next(run[kappa].path.glob("stages/*/stage.json")).read_text()) for kappa in run}
+    for kappa, sound in ((5, False), (50, True)):
+        health = run[kappa].health
+        assert health["healthy"] == sound
+        assert health["warnings"] == stage[kappa]["warnings"]
+        assert [told.split()[0] for told in health["warnings"]] == ([] if sound else ["volume_drift"])
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize(
+    ("scene", "settings"),
+    [("strip", ["geometry.length=8", "accuracy.elements_through_cortex=3"]), ("patch", ["geometry.size=[4, 4]"])],
+)
+def test_the_drift_of_a_body_that_is_not_closed_is_from_its_grown_volume(scene, settings, law, tmp_path):
+    settings = [*settings, "geometry.depth=8", "accuracy.edge=2", "growth.final=1.15", f"growth.law={law}",
+                "output.stages=[]"]  # fmt: skip
+    (stage,) = simulate(scene, tmp_path / "x", settings=settings).health["stages"]
+    assert stage["volume_drift"] < 0.03                                 # det G is 1.52 and 1.32
 
 
 def test_the_final_stage_is_relaxed(folder):
