@@ -1,3 +1,4 @@
+import json
 import math
 
 import numpy as np
@@ -6,8 +7,9 @@ from made_simulations import harmonic, made_simulation
 
 from morphofold import analysis
 from morphofold.report import fold_tables
-from morphofold.shapes import even_directions
+from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import theory
+from morphofold.surface import Cortex, Surface
 
 STAGES = ["output.stages=[1.0, 1.2, 1.5, 2.0]"]
 RMS = {1.0: 0.0, 1.2: 0.19, 1.5: 0.21, 2.0: 2.0}
@@ -82,6 +84,47 @@ def test_theory_stands_beside_at_the_compressibility_of_the_scene(rows):
         assert row["theory_degree"] == found.mode
         assert row["theory_wavelength_mm"] == pytest.approx(50 * found.wavelength)
         assert row["film_wavelength_mm"] == pytest.approx(2 * math.pi * 2 * (2 / 3) ** (1 / 3))
+
+
+def test_theory_is_of_a_body_with_the_hole_of_the_scene(rows, tmp_path):
+    settings = ["output.stages=[1.0, 1.1]", "growth.final=1.1", "geometry.hole_radius=46"]
+    (row,) = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", settings))
+    found = theory.bifurcation(2 / 50, 2.0, "isotropic", 50.0, A_over_C=46 / 50)
+    assert row["theory_g"] == found.g_crit != rows[0]["theory_g"]
+    assert row["theory_degree"] == found.mode
+
+
+@pytest.fixture(scope="module")
+def egg():
+    """Height 2 P_2(cos) on meshes as even as can be, and with three times finer triangles around one pole."""
+
+    def measured(offset):
+        verts, faces = icosphere(4)
+        verts = verts + [0.0, 0.0, offset]
+        direction = verts / np.linalg.norm(verts, axis=1, keepdims=True)
+        pial = direction * (50 + 3 * direction[:, 2:] ** 2 - 1)
+        sphere, egg = (
+            Cortex(Surface(0.96 * at, faces), Surface(at, faces), maps={"thickness": np.full(len(at), 2.0)},
+                   info={"reference_thickness": 2.0, "health": {"crossings": 0, "deepest_crossing": 0.0}})
+            for at in (50 * direction, pial)
+        )  # fmt: skip
+        return fold_tables.measured(sphere, egg)
+
+    return {offset: measured(offset) for offset in (0.0, 0.5)}
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_height_is_weighed_by_area_wherever_the_vertices_are(egg, offset):
+    """The mean of P_2 over the sphere is 0, of its square 1/5, of its cube 2/35."""
+    assert egg[offset]["height_rms_mm"] == pytest.approx(2 / 5**0.5, rel=0.01)
+    assert egg[offset]["height_skewness"] == pytest.approx(2 / 35 * 5**1.5, rel=0.02)
+
+
+def test_what_a_surface_does_not_have_is_null_in_strict_json(egg):
+    row = egg[0.0]
+    assert row["gyral_thickness_mm"] is None
+    assert row["note"]
+    assert json.loads(json.dumps(row, allow_nan=False)) == row
 
 
 def test_every_column_is_explained_or_says_of_which_body_it_is(rows):
