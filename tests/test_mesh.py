@@ -3,6 +3,8 @@ import pytest
 
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.meshes.bilayer import (
+    CORE_CAP,
+    CORE_RATIO,
     PLANES,
     bilayer_ellipsoid,
     bilayer_patch,
@@ -82,11 +84,12 @@ def test_a_patch_is_a_block_and_a_strip_one_brick_deep():
 
 
 def test_core_layers_grow_inwards_and_end_at_the_base():
-    shares = core_shares(1.0, 22.0, edge=2.0)
+    shares = core_shares(1.0, 22.0, edge=0.5)
     steps = 22.0 * np.diff(shares)
     assert (shares[0], shares[-1]) == (0, 1)
     assert (np.diff(steps) >= -1e-12).all()
-    assert steps.max() < 8 * 1.01
+    assert steps.max() <= 0.5 * CORE_CAP < 22.0 / 4
+    assert (steps[1:] / steps[:-1]).max() <= CORE_RATIO * (1 + 1e-12)
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ Ints = NDArray[np.int64]
 #: coordinates that each portion keeps at or above zero
 PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
 
-CORE_RATIO = 1.4        # each core layer is this much thicker than the one outside it,
-CORE_CAP = 4.0          # up to this many surface edges
+CORE_RATIO = 1.6        # each core layer is this much thicker than the one outside it,
+CORE_CAP = 8.0          # up to this many surface edges
 TILE = (4, 8)           # surface cells in the order of tiles: a block of 32 bricks then shares most of its nodes
 
 
