@@ -331,6 +331,14 @@ def test_layers_that_are_none_are_refused_with_numbers(tmp_path, options, messag
         bilayer(tmp_path / "a.vtu", **options)
 
 
+def test_a_label_of_several_numbers_is_refused(tmp_path):
+    points, tets, _ = shell(1)
+    mesh = meshio.Mesh(points, [("tetra", tets)], cell_data={"layer": [np.ones((len(tets), 3))]})
+    mesh.write(tmp_path / "a.vtu")
+    with pytest.raises(ValueError, match=r"'layer' have the shape \(1680, 3\); give one number a cell"):
+        bilayer(tmp_path / "a.vtu", label="layer", cortex_label=1)
+
+
 def test_a_solid_body_has_no_hollow_to_hold(tmp_path):
     with pytest.raises(ValueError, match=r"has no hollow to hold \(geometry.held = 'inner'\)"):
         bilayer(tmp_path / "a.vtu", *ball(2), held="inner")
@@ -343,11 +351,13 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
     meshio.Mesh(points, [("triangle", tets[:, :3])]).write(tmp_path / "tri.vtu")
     (tmp_path / "cut.vtu").write_bytes(write(tmp_path / "a.vtu", points, tets).read_bytes()[:5000])
     (tmp_path / "a.stuff").write_text("mine")
+    write(tmp_path / "far.vtu", np.where(points == points.max(), 1e200, points), tets)
     for name, message in (
         ("hex.vtu", r"needs linear tetrahedra \(tetra\) and holds 1 hexahedron"),
         ("tri.vtu", r"holds 1,680 triangle"),
         ("cut.vtu", r"truncated, damaged, or not a mesh that meshio reads"),
-        ("a.stuff", r"not a mesh that meshio reads"),
+        ("a.stuff", r"meshio reads no files that end in '\.stuff'; convert it"),
+        ("far.vtu", r"has points 1e\+200 mm from the origin, at most 1e\+06"),
     ):
         with pytest.raises(ValueError, match=message):
             bilayer(tmp_path / name)

@@ -68,7 +68,8 @@ def decoding(path: Path, what: str, advice: str = "Make it anew from its source.
             warnings.simplefilter("ignore")  # remarks on optional parts of the format
             yield
     except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
+        reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
         raise ValueError(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 

@@ -22,6 +22,7 @@ Bools = NDArray[np.bool_]
 
 BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")   # cells that may stand beside the tetrahedra
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))            # opposite to each corner; seen from outside
+FARTHEST = 1e6          # from the origin [mm]
 FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
 
 
@@ -84,6 +85,8 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         with contextlib.suppress(FileNotFoundError):
             path = sample_path(name)
     path = existing_file(path, "tetrahedral mesh")
+    if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
+        raise ValueError(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
         mesh = meshio.read(path)
@@ -102,6 +105,9 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         bad = int((~np.isfinite(points)).any(axis=-1).sum())
         raise ValueError(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
+    far = float(np.abs(points).max())
+    if far > FARTHEST:
+        raise ValueError(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g} can be; see its scale.")
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
         raise ValueError(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
@@ -115,8 +121,10 @@ def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
         there = ", ".join(mesh.cell_data) or "none"
         raise ValueError(f"{name}: has no cell data {label!r} (geometry.label); there are: {there}.")
     values = np.concatenate([v for v, block in zip(mesh.cell_data[label], mesh.cells) if block.type == "tetra"])
+    if values.ndim != 1:
+        raise ValueError(f"{name}: cell data {label!r} have the shape {values.shape}; give one number a cell.")
     cortex = values == geometry.cortex_label
-    if values.ndim != 1 or cortex.all() or not cortex.any():
+    if cortex.all() or not cortex.any():
         kinds, n = np.unique(values, return_counts=True)
         told = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
         raise ValueError(
