@@ -107,7 +107,7 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         raise ValueError(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
     far = float(np.abs(points).max())
     if far > FARTHEST:
-        raise ValueError(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g} can be; see its scale.")
+        raise ValueError(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g}; check the scale.")
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
         raise ValueError(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
