@@ -5,14 +5,18 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
+from morphofold.sim.scene_words import Problem, Source, as_toml, blamed, explain, root_problems
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
+Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
 #: accuracy level: surface edge over cortex thickness
 LEVELS = {"draft": 0.80, "standard": 0.50, "fine": 0.40}
@@ -33,20 +37,22 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
+Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Direction = tuple[float, float, float]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class _Layers(_Table):
     """What every body has: a cortex on a core [mm]."""
 
-    cortex_thickness: Positive = 2.0
+    cortex_thickness: Length = 2.0
 
 
 class Spot(_Table):
     """A region around a pial point ``centre`` [mm]: full ``factor`` there, 1 beyond ``radius`` [mm]."""
 
-    centre: Annotated[Direction, Field(strict=False)]
-    radius: Positive
+    centre: Annotated[Point, Field(strict=False)]
+    radius: Length
     factor: Annotated[float, Field(gt=0, le=4)]
 
 
@@ -57,8 +63,8 @@ class Sphere(_Layers):
     """
 
     shape: Literal["sphere"] = "sphere"
-    radius: Positive = 50.0
-    hole_radius: Positive = 25.0
+    radius: Length = 50.0
+    hole_radius: Length = 25.0
     portion: Literal["full", "half", "quarter", "octant"] = "half"
     thickness_spots: Annotated[tuple[Spot, ...], Field(strict=False)] = ()
 
@@ -76,7 +82,7 @@ class Ellipsoid(_Layers):
     """Bilayer ellipsoid; ``semi_axes`` of the pial surface [mm], the hole a copy of it, ``hole_share`` as large."""
 
     shape: Literal["ellipsoid"]
-    semi_axes: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = (60.0, 45.0, 40.0)
+    semi_axes: Annotated[tuple[Length, Length, Length], Field(strict=False)] = (60.0, 45.0, 40.0)
     hole_share: Annotated[float, Field(gt=0, lt=1)] = 0.5
     portion: Literal["full", "half", "quarter", "octant"] = "half"
     thickness_spots: Annotated[tuple[Spot, ...], Field(strict=False)] = ()
@@ -91,8 +97,8 @@ class Patch(_Layers):
     """A flat block of ``size`` along x and y and of ``depth`` [mm], symmetry planes on its sides, held at its base."""
 
     shape: Literal["patch"]
-    size: Annotated[tuple[Positive, Positive], Field(strict=False)] = (40.0, 40.0)
-    depth: Positive = 25.0
+    size: Annotated[tuple[Length, Length], Field(strict=False)] = (40.0, 40.0)
+    depth: Length = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Patch:
@@ -104,8 +110,8 @@ class Strip(_Layers):
     """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
 
     shape: Literal["strip"]
-    length: Positive = 80.0
-    depth: Positive = 25.0
+    length: Length = 80.0
+    depth: Length = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Strip:
@@ -117,8 +123,8 @@ class Radial(_Layers):
     """The sphere in one dimension: it stays a sphere, whether stable or not. Names as in the sphere [mm]."""
 
     shape: Literal["radial"]
-    radius: Positive = 50.0
-    hole_radius: Positive = 25.0
+    radius: Length = 50.0
+    hole_radius: Length = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Radial:
@@ -136,7 +142,7 @@ class MeshFile(_Layers):
 
     shape: Literal["mesh"]
     file: Annotated[str, Field(min_length=1)]
-    scale: Positive = 1.0
+    scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
     label: str | None = None
     cortex_label: int = 1
     held: Literal["inner", "nothing"] = "nothing"
@@ -152,19 +158,21 @@ def _check_layers(radius: float, thickness: float, hole: float) -> None:
         )
 
 
-SHAPES = {"sphere": Sphere, "ellipsoid": Ellipsoid, "patch": Patch, "strip": Strip, "radial": Radial, "mesh": MeshFile}
+SHAPES: dict[str, type[_Layers]] = {
+    "sphere": Sphere, "ellipsoid": Ellipsoid, "patch": Patch, "strip": Strip, "radial": Radial, "mesh": MeshFile,
+}  # fmt: skip
 
 
 def _shape(table: Any) -> str:
     """Which geometry a table means; a sphere unless it says otherwise."""
     named = table.get("shape", "sphere") if isinstance(table, dict) else getattr(table, "shape", "sphere")
-    return named if isinstance(named, str) else "sphere"
+    return str(named)
 
 
 Geometry = Annotated[
     Annotated[Sphere, Tag("sphere")] | Annotated[Ellipsoid, Tag("ellipsoid")] | Annotated[Patch, Tag("patch")]
     | Annotated[Strip, Tag("strip")] | Annotated[Radial, Tag("radial")] | Annotated[MeshFile, Tag("mesh")],
-    Discriminator(_shape, custom_error_type="shape", custom_error_message=f"shape must be one of {', '.join(SHAPES)}"),
+    Discriminator(_shape, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"),
 ]  # fmt: skip
 
 
@@ -172,7 +180,7 @@ class Material(_Table):
     """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: bulk over shear modulus, in
     both layers."""
 
-    mu_ratio: Positive = 1.0
+    mu_ratio: Annotated[float, Field(ge=1e-4, le=1e4)] = 1.0
     kappa_ratio: Annotated[float, Field(ge=5, le=2000)] = 50.0
 
 
@@ -196,8 +204,8 @@ class Perturbation(_Table):
     """
 
     amplitude: Annotated[float, Field(gt=0, le=0.3)] = 0.02
-    seed: Annotated[int, Field(ge=0)] = 0
-    wavelength: Positive | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    wavelength: Length | None = None
 
 
 class CoreGrowth(_Table):
@@ -221,7 +229,7 @@ class Ramp(_Table):
 class Enclosure(_Table):
     """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it."""
 
-    gap: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 2.0
+    gap: Annotated[float, Field(ge=0, le=LARGEST)] = 2.0
 
 
 class Inertia(_Table):
@@ -316,8 +324,9 @@ class Scene(_Table):
     def _fits_in_memory(self) -> Scene:
         bricks = self.bricks
         if bricks > MOST_BRICKS:
+            many = f"about {bricks:.1e}" if bricks < 1e99 else "more than 1e+99"
             raise ValueError(
-                f"this takes about {bricks:.1e} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
+                f"this takes {many} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
                 "take a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
             )
         return self
@@ -339,8 +348,11 @@ class Scene(_Table):
         """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
         if not isinstance(self.geometry, Sphere | Ellipsoid):
             raise ValueError(f"{self.name}: cells are counted on a sphere or an ellipsoid only.")
-        quarter = 0.5 * math.pi * max(self.geometry.semi_axes)
-        return max(4, 2 * math.ceil(0.5 * quarter / self.edge - 1e-9))
+        return max(4, 2 * math.ceil(0.5 * self._edges_along_a_quarter(self.geometry) - 1e-9))
+
+    def _edges_along_a_quarter(self, body: Sphere | Ellipsoid) -> float:
+        """Of the longest great circle, as the edge asks for; infinite if the edge is next to nothing."""
+        return 0.5 * math.pi * max(body.semi_axes) / self.edge
 
     @property
     def bricks(self) -> float:
@@ -348,9 +360,10 @@ class Scene(_Table):
         geometry, layers = self.geometry, self.accuracy.elements_through_cortex + 8
         if isinstance(geometry, Sphere | Ellipsoid):
             share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[geometry.portion]
-            return 6 * self.cells**2 * share * layers
+            along = max(4.0, self._edges_along_a_quarter(geometry))
+            return 6 * along * along * share * layers
         if isinstance(geometry, Patch):
-            return geometry.size[0] * geometry.size[1] / self.edge**2 * layers
+            return (geometry.size[0] / self.edge) * (geometry.size[1] / self.edge) * layers
         if isinstance(geometry, Strip):
             return geometry.length / self.edge * layers
         return 0.0
@@ -384,37 +397,53 @@ def scene_names() -> list[str]:
 def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scene:
     """A scene from a built-in name, a TOML file, or a ``Scene``, with ``table.key=value`` settings put over it.
 
+    A file may begin with ``like``: a built-in scene, or a file by its path from the folder of this one, over which it
+    is put. Where a file or a setting changes ``growth.final`` and leaves ``output.stages``, stages beyond are dropped.
+
     Raises
     ------
     FileNotFoundError
         If there is neither a built-in scene nor a file of that name.
     ValueError
         If the file is not TOML, or says something unknown, impossible or contradictory; one line per problem,
-        with the line it stands on.
+        with the line or the setting that says it.
     """
-    if isinstance(source, Scene):
-        text, where = source.to_toml(), source.name
-    else:
-        text, where = _read(source)
+    own = Source(source.name, source.to_toml()) if isinstance(source, Scene) else _read(source)
+    keyed = [(_key_of(setting), setting) for setting in settings]
     try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{where}: not a TOML file: {error}.") from None
-    tables = _with_base(tables, where)
-    settings = list(settings)
-    changed = {_put(tables, setting): setting for setting in settings}
-    if "growth.final" in changed and "output.stages" not in changed:
-        _drop_late_stages(tables)
-    try:
-        return Scene.model_validate(tables)
-    except ValidationError as error:
-        raise ValueError("\n".join(_explain(p, text, where, changed) for p in error.errors())) from None
+        base = _base(own, None if isinstance(source, Scene) else Path(source).parent)
+        tables = _tables(own, base, keyed)
+        try:
+            return Scene.model_validate(tables)
+        except ValidationError as error:
+            problems = root_problems(error.errors())
+    except RecursionError:
+        raise ValueError(f"{own.where}: not a scene: lists or tables are nested too deeply.") from None
+    sources = [own] if base is None else [own, base]
+
+    def still(fewer: Sequence[tuple[str, str]]) -> list[Problem]:
+        try:
+            Scene.model_validate(_tables(own, base, fewer))
+        except ValidationError as error:
+            return root_problems(error.errors())
+        return []
+
+    raise ValueError("\n".join(explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems))
 
 
-def _read(source: str | Path) -> tuple[str, str]:
+def _read(source: str | Path) -> Source:
     path = Path(source)
     if path.suffix != ".toml" and str(source) in scene_names():
-        return (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8"), str(source)
+        text = (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8")
+        return Source(str(source), text)
+    if not str(source):
+        raise ValueError(f"no scene is named. Built-in scenes: {', '.join(scene_names())}.")
+    if path.is_dir():
+        inside = path / "scene.toml"
+        more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
+        raise ValueError(f"{path}: is a folder, not a scene; {more}.")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
     if not path.is_file():
         close = difflib.get_close_matches(str(source), scene_names(), n=1)
         hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
@@ -422,23 +451,54 @@ def _read(source: str | Path) -> tuple[str, str]:
     if path.stat().st_size > 1_000_000:
         raise ValueError(f"{path}: {path.stat().st_size:,} bytes is no scene file.")
     try:
-        return path.read_text("utf-8"), str(path)
+        return Source(str(path), path.read_text("utf-8"))
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
-def _with_base(tables: dict[str, Any], where: str) -> dict[str, Any]:
-    """The tables put over those of the scene that ``like`` names, if it names one."""
+def _parsed(source: Source) -> dict[str, Any]:
+    try:
+        return tomllib.loads(source.text)
+    except RecursionError:
+        raise ValueError(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
+    except ValueError as error:                                         # a number of too many digits is no decode error
+        raise ValueError(f"{source.where}: not a TOML file: {error}.") from None
+
+
+def _base(own: Source, folder: Path | None) -> Source | None:
+    """The scene that ``like`` names, by its path from ``folder`` or built in."""
+    tables = _parsed(own)
     if "like" not in tables:
-        return tables
-    like = tables.pop("like")
-    if not isinstance(like, str):
-        raise ValueError(f"{where}: like must name a scene, got {like!r}.")
-    text, _ = _read(like)
-    below = tomllib.loads(text)
-    if "like" in below:
-        raise ValueError(f"{where}: like = {like!r} is itself like another scene; name that one.")
-    return _over(below, tables)
+        return None
+    like = tables["like"]
+    if not isinstance(like, str) or not like:
+        raise ValueError(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
+    try:
+        base = _read(like if folder is None or like in scene_names() else folder / like)
+        if "like" in _parsed(base):
+            raise ValueError("is itself like another scene; name that one.")
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{own.where}: like = {as_toml(like)}: {error}") from None
+    return base
+
+
+def _tables(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """What a scene says: its own tables over those of its base, the settings over both."""
+    tables = _parsed(own)
+    tables.pop("like", None)
+    if base is not None:
+        above = tables
+        tables = _over(_parsed(base), above)
+        if "final" in _table(above, "growth") and "stages" not in _table(above, "output"):
+            _drop_late_stages(tables)
+    for key, setting in settings:
+        _put(tables, key, setting)
+    changed = {key for key, _ in settings}
+    if changed & {"growth", "growth.final"} and not changed & {"output", "output.stages"}:
+        _drop_late_stages(tables)
+    return tables
 
 
 def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
@@ -449,94 +509,46 @@ def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _put(tables: dict[str, Any], setting: str) -> str:
-    """Put ``table.key=value`` into the tables; returns ``table.key``."""
-    key, equals, value = setting.partition("=")
-    if not equals or not key.strip():
-        raise ValueError(f"setting {setting!r} must read table.key=value, for example growth.final=1.8.")
+def _key_of(setting: str) -> str:
+    """``table.key`` of ``table.key=value``."""
+    key, equals, _ = setting.partition("=")
+    parts = [part.strip() for part in key.split(".")]
+    if not equals or not all(parts):
+        raise ValueError(f"setting {as_toml(setting)} must read table.key=value, for example growth.final=1.8.")
+    if parts == ["like"]:
+        raise ValueError(f"setting {as_toml(setting)}: like stands in a file only; name that scene instead.")
+    return ".".join(parts)
+
+
+def _put(tables: dict[str, Any], key: str, setting: str) -> None:
+    """Put the value of ``table.key=value`` into the tables."""
+    value = setting.partition("=")[2].strip()
     try:
-        parsed = tomllib.loads(f"v = {value}")["v"]
-    except tomllib.TOMLDecodeError:
-        parsed = value.strip()                                          # a bare word is a string
-    *path, last = key.strip().split(".")
+        parsed = tomllib.loads(f"v = {value}")
+    except RecursionError:
+        raise ValueError(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
+    except ValueError:
+        parsed = {}
+    *path, last = key.split(".")
     table = tables
     for part in path:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise ValueError(f"setting {setting!r}: {part!r} is a value, not a table.")
-    table[last] = parsed
-    return key.strip()
+            raise ValueError(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
+    table[last] = parsed["v"] if list(parsed) == ["v"] else value       # a bare word is a string
+
+
+def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of the tables, empty if there is none."""
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
 
 
 def _drop_late_stages(tables: dict[str, Any]) -> None:
     """Stages that a smaller final growth no longer reaches."""
-    final, output = tables["growth"]["final"], tables.get("output", {})
-    if isinstance(final, int | float) and isinstance(output, dict) and isinstance(output.get("stages"), list):
+    final, output = _table(tables, "growth").get("final"), _table(tables, "output")
+    if isinstance(final, int | float) and isinstance(output.get("stages"), list):
         output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
-
-
-def _explain(problem: Mapping[str, Any], text: str, where: str, changed: Mapping[str, str]) -> str:
-    """One problem as: where, which key, what is wrong, what to do."""
-    loc = [str(part) for part in problem["loc"]]
-    shape = loc.pop(1) if loc[:1] == ["geometry"] and len(loc) > 1 else None        # pydantic's tag of the union
-    key = ".".join(loc) or "scene"
-    words = [word.strip(".,:;()").split(".") for word in problem["msg"].split()]
-    line = next((n for word in words if (n := _line_of(text, loc + word, exact=True))), None) or _line_of(text, loc)
-    at = f"{where}, line {line}" if line else where
-    blamed = [s for k, s in changed.items() if k == key or k.startswith(f"{key}.") or k in problem["msg"]
-              or (not loc and k.split(".")[-1] in problem["msg"])]  # fmt: skip
-    at = f"setting {blamed[0]}" if blamed else at
-    if problem["type"] == "extra_forbidden":
-        model: Any = Scene
-        for part in (part for part in loc[:-1] if not part.isdigit()):
-            inner = _inner(model.model_fields[part].annotation, model)
-            model = SHAPES[shape] if part == "geometry" and shape else inner
-        close = difflib.get_close_matches(loc[-1], model.model_fields, n=1)
-        names = ", ".join(model.model_fields)
-        known = f"Did you mean {close[0]}?" if close else f"Known here: {names}." if names else "It has no options."
-        return f"{at}: unknown key {key}. {known}"
-    message = _WORDS.get(problem["type"]) or problem["msg"].removeprefix("Value error, ")
-    got = "" if isinstance(problem["input"], dict | BaseModel) else f" (got {problem['input']!r})"
-    return f"{at}: {key}: {message}{got}."
-
-
-#: pydantic's words for what a TOML file can get wrong, in words of TOML
-_WORDS = {
-    "model_type": "must be a table of keys",
-    "tuple_type": "must be a list, for example [1.5, 1.8]",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "string_type": "must be text in quotes",
-    "bool_type": "must be true or false",
-    "finite_number": "must be a finite number",
-}
-
-
-def _inner(annotation: Any, otherwise: Any) -> Any:
-    """The table inside an annotation, such as ``Spot`` of ``tuple[Spot, ...]``."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    found = [_inner(option, None) for option in getattr(annotation, "__args__", ())]
-    return next((table for table in found if table is not None), otherwise)
-
-
-def _line_of(text: str, loc: list[str], exact: bool = False) -> int | None:
-    """Line on which the key at ``loc`` stands, or (unless ``exact``) its table, or None."""
-    table: list[str] = []
-    best = None
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = raw.split("#")[0].strip()
-        if line.startswith("["):
-            table = line.strip("[] ").split(".")
-            if table == loc:
-                return number
-            if table == loc[:-1] and not exact:
-                best = number
-        elif "=" in line:
-            key = table + line.split("=")[0].strip().strip('"').split(".")
-            if key == (loc if exact else loc[: len(key)]):
-                return number
-    return best
 
 
 def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:

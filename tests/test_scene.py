@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from morphofold.sim.scene import LEVELS, Scene, load_scene, scene_names
@@ -75,7 +77,7 @@ def test_finer_levels_have_more_cells():
         (('name = "mine"', 'name = "mine'), r"mine.toml: not a TOML file"),
         (("[growth]", "[accuracy]\nedge = 0\n[growth]"), r"line 7: accuracy.edge: .*greater than 0"),
         (("[growth]", "[accuracy]\nedge = 0.01\n[growth]"), r"more than 5e\+06"),
-        (("[geometry]", '[geometry]\nshape = "cube"'), r"line 4: geometry.*shape must be one of sphere, ellipsoid"),
+        (("[geometry]", '[geometry]\nshape = "cube"'), r"line 4: geometry.shape: must be one of .* \(got .cube.\)"),
         (("[geometry]", '[geometry]\nshape = "patch"'), r"line 6: unknown key geometry.hole_radius"),
         (("hole_radius = 25.0", 'shape = "radial"'), r"line 8: .*effects.contact makes no sense with .*'radial'"),
     ],
@@ -113,3 +115,111 @@ def test_a_binary_file_is_no_scene(tmp_path):
     path.write_bytes(bytes(range(128, 256)))
     with pytest.raises(ValueError, match="not UTF-8 text"):
         load_scene(path)
+
+
+PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple should", "Extra inputs", "datetime.")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["accuracy.edge=1e-300"], r"setting accuracy.edge=1e-300: .* more than 5e\+06"),
+        (["geometry.radius=9000", "growth.final=1.5"], r"setting geometry.radius=9000: .* more than 5e\+06"),
+        (["geometry.radius=1e300"], r"geometry.radius: must be less than or equal to 10000 \(got 1e\+300\)"),
+        (["geometry.cortex_thickness=1e-9"], r"must be greater than or equal to 0.001"),
+        (["material.mu_ratio=1e300"], r"material.mu_ratio: must be less than or equal to 10000"),
+        (["effects.enclosure.gap=1e300"], r"effects.enclosure.gap: must be less than or equal to 10000"),
+        (["growth.final=1.2", "growth=3"], r"setting growth=3: growth: must be a table of keys \(got 3\)"),
+        (["x=" + "[" * 5000], r"setting 'x=\[.* \.\.\.: lists or tables are nested too deeply"),
+        (["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"], r"^setting geometry.hole_radius=70: "),
+        (["geometry.hole_radius=20", "geometry.radius=1"], r"^setting geometry.radius=1: .* leaves no core"),
+        (["growth.final=9", "growth.final=8"], r"^setting growth.final=8: "),
+        (["growth.final=1.5", "output.stages=[1.2, 1.7]"], r"^setting output.stages=\[1.2, 1.7\]: .* 1.7 lies beyond"),
+        (["geometry.shape=radial"], r"^setting geometry.shape=radial: unknown key geometry.portion"),
+        (["geometry.shape=5"], r"^setting geometry.shape=5: geometry.shape: must be one of sphere, .* \(got 5\)"),
+        (["effects.ramp={}"], r"effects.ramp.shape: is missing; add it, for example shape = "),
+        (["geometry.radius=2020-01-01"], r"geometry.radius: must be a number \(got 2020-01-01\)"),
+        (["name=../mine"], r"name: must begin with a letter or a digit, .* \(got '../mine'\)"),
+        (["growth.final=1.5\nfoo=3"], r"growth.final: must be a number"),
+        (["effects.perturbation.seed=" + "9" * 400], r"seed: must be less than .* more than 60 digits"),
+        ([".=3"], r"setting '.=3' must read table\.key=value"),
+        (["growth..final=3"], r"must read table\.key=value"),
+        (["like=fig5"], r"like stands in a file only"),
+        (
+            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
+            r"^setting geometry.thickness_spots=.*: geometry.thickness_spots, item 1, factor: must be less than .* 4 ",
+        ),
+        (["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"], r"spots, item 1, factor: is missing; add it"),
+        (["effects.regional_growth.spots=[]"], r"spots: must hold 1 item at least"),
+        (["geometry.thickness_spots=3"], r"thickness_spots: must be a list"),
+    ],
+)
+def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, message):
+    with pytest.raises(ValueError, match=message) as told:
+        load_scene("fig5", settings)
+    assert len(str(told.value).splitlines()) == 1
+    assert not any(words in str(told.value) for words in PYDANTICS_OWN)
+
+
+def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
+    path = write(tmp_path, GOOD.replace("hole_radius = 25.0", "hole_radius = 60.0"))
+    with pytest.raises(ValueError, match=r"mine.toml, line 5: geometry: hole_radius 60"):
+        load_scene(path, ["geometry.portion=octant", "growth.final=1.6"])
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 5000, 'name = "x"\ny = ' + "9" * 5000])
+def test_a_file_that_no_parser_likes_is_one_line(tmp_path, text):
+    with pytest.raises(ValueError, match=r"mine.toml: not a") as told:
+        load_scene(write(tmp_path, text))
+    assert len(str(told.value).splitlines()) == 1
+
+
+def test_a_scene_is_like_a_built_in_one_or_a_file_beside_it(tmp_path):
+    fig5 = load_scene("fig5")
+    here = load_scene(write(tmp_path, 'name = "mine"\nlike = "fig5"\n[material]\nmu_ratio = 3.0'))
+    assert here == fig5.model_copy(update={"name": "mine", "material": here.material})
+    assert here.material.mu_ratio == 3
+    (tmp_path / "base.toml").write_text(GOOD)
+    scene = load_scene(write(tmp_path, 'name = "over"\nlike = "base.toml"'))   # the working directory is another
+    assert (scene.name, scene.stages) == ("over", (1.5, 1.8))
+
+
+def test_a_lower_final_growth_drops_the_stages_that_it_does_not_reach(tmp_path):
+    reached = tuple(g for g in load_scene("fig5").output.stages if g <= 1.3)
+    assert reached
+    assert load_scene("fig5", ["growth.final=1.3"]).output.stages == reached
+    assert load_scene("fig5", ["growth={final=1.3}"]).output.stages == reached
+    like = 'name = "mine"\nlike = "fig5"\n[growth]\nfinal = 1.3\n'
+    assert load_scene(write(tmp_path, like)).output.stages == reached
+    with pytest.raises(ValueError, match=r"line 6: .*1.5 lies beyond"):
+        load_scene(write(tmp_path, f"{like}[output]\nstages = [1.5]"))
+
+
+@pytest.mark.parametrize(
+    ("base", "message"),
+    [
+        (None, r"mine.toml: like = 'base.toml': no scene file"),
+        ("x = [", r"mine.toml: like = 'base.toml': .*base.toml: not a TOML file"),
+        ('like = "fig5"', r"mine.toml: like = 'base.toml': is itself like another scene"),
+        ("[growth]\nfinal = 9", r"base.toml, line 2: growth.final: must be"),
+    ],
+)
+def test_a_base_that_is_no_scene_is_named(tmp_path, base, message):
+    if base is not None:
+        (tmp_path / "base.toml").write_text(base)
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        load_scene(write(tmp_path, 'name = "mine"\nlike = "base.toml"'))
+
+
+def test_what_is_there_but_no_file_is_named_for_what_it_is(tmp_path):
+    with pytest.raises(ValueError, match="is a folder, not a scene; name a TOML file"):
+        load_scene(tmp_path)
+    (tmp_path / "scene.toml").write_text(GOOD)
+    with pytest.raises(ValueError, match=r"is a folder, not a scene; name .*scene.toml"):
+        load_scene(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", "/dev/null"):
+        with pytest.raises(ValueError, match="is a device or a pipe"):
+            load_scene(path)
+    with pytest.raises(ValueError, match="no scene is named"):
+        load_scene("")

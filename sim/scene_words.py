@@ -1,0 +1,240 @@
+"""What is wrong with a scene: where it was said, which key, what it must be, in words of TOML."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+Problem = Mapping[str, Any]
+Loc = tuple[str | int, ...]
+
+LONGEST = 60            # characters of a wrong value that are shown
+
+
+@dataclass(frozen=True)
+class Source:
+    """A text that was read, and the name to call it by."""
+
+    where: str
+    text: str
+
+
+def root_problems(problems: Iterable[Problem]) -> list[Problem]:
+    """The problems without those that follow from another: a list is too short where its items are wrong."""
+    problems = list(problems)
+    locs = [p["loc"] for p in problems]
+    return [
+        p for p in problems
+        if p["type"] != "too_short" or not any(len(o) > len(p["loc"]) and o[: len(p["loc"])] == p["loc"] for o in locs)
+    ]  # fmt: skip
+
+
+def blamed(
+    problem: Problem, settings: Sequence[tuple[str, str]], still: Callable[[Sequence[tuple[str, str]]], list[Problem]]
+) -> str | None:
+    """Which of the settings, (key, setting), brought a problem about; None if the scene itself did.
+
+    That which set the key; or those without which the problem is gone (or another), the first that its words name,
+    else the last. ``still`` tells the problems that fewer settings have.
+    """
+    loc = _plain(problem["loc"])
+    own = [said for key, said in settings if _parts(key) == loc[: len(_parts(key))]]
+    if own:
+        return own[-1]
+    cures, changes = {}, {}
+    for key, said in settings:
+        left = [p for p in still([s for s in settings if s[0] != key]) if _same(p, problem)]
+        if not left:
+            cures[key] = said
+        elif all(p["msg"] != problem["msg"] for p in left):
+            changes[key] = said
+    for found in (cures, changes):
+        if found:
+            words = [word.strip(".,:;()") for word in problem["msg"].split()]
+            named = [key for word in words for key in found if word in (key, key.split(".")[-1])]
+            return found[named[0] if named else list(found)[-1]]
+    if settings and not any(_same(p, problem) for p in still([])):
+        return settings[-1][1]
+    return None
+
+
+def explain(
+    problem: Problem, sources: Sequence[Source], setting: str | None, model: type[BaseModel],
+    shapes: Mapping[str, type[BaseModel]],
+) -> str:  # fmt: skip
+    """One problem as: where, which key, what is wrong, what to do.
+
+    Parameters
+    ----------
+    problem : mapping
+        One of pydantic's errors.
+    sources : sequence of Source
+        The file, then that which it is like.
+    setting : str or None
+        The setting that is to blame, rather than a line of a file.
+    model, shapes
+        The scene, and its geometries by shape.
+    """
+    loc, shape = _plain(problem["loc"]), None
+    if len(problem["loc"]) > 1 and problem["loc"][0] == "geometry":
+        shape = str(problem["loc"][1])
+    if problem["type"] == "shape":
+        loc = (*loc, "shape")
+    if setting is not None:
+        at = f"setting {_short(setting)}"
+    else:
+        at = _place(sources, [str(part) for part in loc if isinstance(part, str)], problem["msg"])
+    key = _key(loc)
+    if problem["type"] == "extra_forbidden":
+        return f"{at}: unknown key {key}. {_known(loc, shape, model, shapes)}"
+    got = problem["input"].get("shape") if problem["type"] == "shape" else problem["input"]
+    shown = "" if problem["type"] == "missing" or isinstance(got, dict | BaseModel) else f" (got {as_toml(got)})"
+    return f"{at}: {key}: {_wanted(problem, loc)}{shown}."
+
+
+def as_toml(value: Any) -> str:
+    """A value as a scene file would say it, cut short if it is long."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return _short(repr(value))
+    if isinstance(value, list | tuple):
+        return _short("[" + ", ".join(map(as_toml, value[:20])) + (", ..." if len(value) > 20 else "") + "]")
+    if isinstance(value, int) and abs(value) >= 10**LONGEST:            # Python refuses to spell the longest ones out
+        return f"a whole number of more than {LONGEST} digits"
+    return _short(str(value))
+
+
+def _wanted(problem: Problem, loc: Loc) -> str:
+    """What a key must be."""
+    context, last = problem.get("ctx", {}), loc[-1] if loc else ""
+    kind = problem["type"]
+    if kind == "missing":
+        if isinstance(last, int):
+            return "a number is missing"
+        return f"is missing; add it, for example {_EXAMPLES[str(last)]}" if last in _EXAMPLES else "is missing; add it"
+    if kind == "string_pattern_mismatch":
+        return _PATTERNS.get(str(last), "has characters that it may not have")
+    if kind in _BOUNDS:
+        return f"must be {_BOUNDS[kind]} {next(iter(context.values())):g}"
+    if kind in ("string_too_short", "string_too_long"):
+        least, most = context.get("min_length"), context.get("max_length")
+        return f"must have {f'{least} character' if least else f'{most} characters'} at {'least' if least else 'most'}"
+    if kind == "too_short":
+        return f"must hold {context['min_length']} item at least"
+    if kind == "too_long":
+        return f"must hold {context['max_length']} items, not {context['actual_length']}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}"
+    return _WORDS.get(kind) or problem["msg"].removeprefix("Value error, ")
+
+
+_BOUNDS = {
+    "greater_than": "greater than",
+    "greater_than_equal": "greater than or equal to",
+    "less_than": "less than",
+    "less_than_equal": "less than or equal to",
+}
+#: pydantic's words for what a TOML file can get wrong, in words of TOML
+_WORDS = {
+    "model_type": "must be a table of keys",
+    "tuple_type": "must be a list in [ ]",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "bool_type": "must be true or false",
+    "finite_number": "must be a finite number",
+}
+_PATTERNS = {
+    "name": "must begin with a letter or a digit, and hold letters, digits, spaces and . _ + - only",
+    "title": "must be one line of text, without control characters",
+}
+_EXAMPLES = {
+    "name": 'name = "mine"',
+    "file": 'file = "body.vtu"',
+    "shape": 'shape = "smooth"',
+    "centre": "centre = [0.0, 0.0, 50.0]",
+    "radius": "radius = 20.0",
+    "factor": "factor = 0.5",
+    "spots": "spots = [{centre = [0.0, 0.0, 50.0], radius = 20.0, factor = 0.5}]",
+}
+
+
+def _known(loc: Loc, shape: str | None, model: Any, shapes: Mapping[str, type[BaseModel]]) -> str:
+    """What could stand in the place of an unknown key."""
+    for part in (part for part in loc[:-1] if isinstance(part, str)):
+        inner = _inner(model.model_fields[part].annotation, model)
+        model = shapes[shape] if part == "geometry" and shape else inner
+    names = list(model.model_fields)
+    close = difflib.get_close_matches(str(loc[-1]), names, n=1)
+    if close:
+        return f"Did you mean {close[0]}?"
+    return f"Known here: {', '.join(names)}." if names else "It has no options."
+
+
+def _inner(annotation: Any, otherwise: Any) -> Any:
+    """The table inside an annotation, such as ``Spot`` of ``tuple[Spot, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = [_inner(option, None) for option in getattr(annotation, "__args__", ())]
+    return next((table for table in found if table is not None), otherwise)
+
+
+def _plain(loc: Loc) -> Loc:
+    """The place without pydantic's tag of the union of geometries."""
+    return (loc[0], *loc[2:]) if loc[:1] == ("geometry",) else tuple(loc)
+
+
+def _parts(key: str) -> Loc:
+    return tuple(part.strip() for part in key.split("."))
+
+
+def _same(one: Problem, other: Problem) -> bool:
+    return (one["type"], one["loc"]) == (other["type"], other["loc"])
+
+
+def _key(loc: Loc) -> str:
+    """``table.key``, and which item of a list, counted from 1."""
+    words = ""
+    for part in loc:
+        words += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in words else '.'}{part}"
+    return words.lstrip(".,") or ("scene" if not loc else '""')
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split())                                       # one line
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
+
+
+def _place(sources: Sequence[Source], loc: list[str], message: str) -> str:
+    """File and line of a key, of one that the message names, or else of its table."""
+    words = [word.strip(".,:;()").split(".") for word in message.split()]
+    for keys, exact in (([loc + word for word in words], True), ([loc], True), ([loc], False)):
+        for source in sources:
+            for key in keys:
+                if line := _line_of(source.text, key, exact):
+                    return f"{source.where}, line {line}"
+    return sources[0].where
+
+
+def _line_of(text: str, loc: list[str], exact: bool = False) -> int | None:
+    """Line on which the key at ``loc`` stands, or (unless ``exact``) its table, or None."""
+    table: list[str] = []
+    best = None
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.split("#")[0].strip()
+        if line.startswith("["):
+            table = line.strip("[] ").split(".")
+            if table == loc:
+                return number
+            if table == loc[:-1] and not exact:
+                best = number
+        elif "=" in line:
+            key = table + line.split("=")[0].strip().strip('"').split(".")
+            if key == (loc if exact else loc[: len(key)]):
+                return number
+    return best
