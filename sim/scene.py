@@ -19,7 +19,7 @@ SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
 #: accuracy level: surface edge over cortex thickness
-LEVELS = {"draft": 0.80, "standard": 0.50, "fine": 0.40}
+LEVELS = {"draft": 0.80, "standard": 0.45, "fine": 0.40}
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
