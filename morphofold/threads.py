@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 
 def set_threads(threads: int | None) -> None:
     """Let numba kernels use ``threads`` threads; None: all cores. Results are bitwise the same for any number.
@@ -13,7 +15,23 @@ def set_threads(threads: int | None) -> None:
     """
     import numba
 
+    check_threads(threads)
+    numba.set_num_threads(_most() if threads is None else threads)
+
+
+def check_threads(threads: int | None) -> None:
+    """Raise the ``ValueError`` of :func:`set_threads`; sets nothing."""
+    if threads is None:
+        return
+    most = _most()
+    if not 1 <= threads <= most:
+        variable = "NUMBA_NUM_THREADS"
+        why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
+        raise ValueError(f"threads must be 1 to {most} {why}, got {threads}.")
+
+
+def _most() -> int:
+    import numba
+
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= most:
-        raise ValueError(f"threads must be 1 to {most} on this machine, got {threads}.")
-    numba.set_num_threads(most if threads is None else threads)
+    return most

@@ -10,6 +10,7 @@ import pytest
 from morphofold.cli import COMMANDS, main
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
+from morphofold.sim.scene import load_scene
 from morphofold.surface import Surface
 
 
@@ -178,6 +179,28 @@ def test_scenes_lists_every_scene_with_its_effects(capsys):
     assert main(["scenes", "--json"]) == 0
     scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}
     assert scenes["fig5"]["effects"] == ["contact", "perturbation"]
+
+
+def test_scenes_prints_a_scene_that_reads_back_as_itself(here, capsys):
+    assert main(["scenes", "regional"]) == 0
+    (here / "mine.toml").write_text(capsys.readouterr().out)
+    assert load_scene("mine.toml") == load_scene("regional")
+    assert main(["scenes", "mine.toml", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["name"] == "regional"
+    refused(capsys, ["scenes", "regionel"], "Did you mean regional?")
+
+
+def test_simulate_wants_the_name_of_a_folder(here, capsys):
+    refused(capsys, ["simulate", "demo", "-o", ""], "-o: no folder is named")
+    assert list(here.iterdir()) == []
+
+
+def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(here, capsys, monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    refused(capsys, ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"], "variable NUMBA_NUM_THREADS")
+    monkeypatch.delenv("NUMBA_NUM_THREADS")
+    refused(capsys, ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"], "on this machine")
+    assert list(here.iterdir()) == []
 
 
 def test_bench_speed_prints_positive_speeds(capsys, monkeypatch):

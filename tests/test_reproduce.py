@@ -174,6 +174,41 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
     assert "summary.json: is no index of figures" in refused(capsys, "reproduce", "fig3", "-o", "out")
 
 
+@pytest.mark.parametrize(
+    ("index", "why"),
+    [
+        ("[]", "no table of figures"),
+        ('{"figures": []}', "no table of figures"),
+        ('{"figures": {"fig4": {}}}', "fig4 has no list of files"),
+        ('{"figures": {"fig4": 3}}', "fig4 has no list of files"),
+        ('{"figures": {"fig4": {"files": [3]}}}', "fig4 has no list of files"),
+        ('{"figures": {"fig4": {"files": ["../thesis.txt"]}}}', "can't have a file '../thesis.txt'"),
+        ('{"figures": {"fig4": {"files": ["fig4/../../thesis.txt"]}}}', "can't have a file"),
+        ('{"figures": {"fig4": {"files": ["summary.json"]}}}', "can't have a file 'summary.json'"),
+        ("[" * 100_000, "recursion"),
+    ],
+)
+def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, why):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    (here / "thesis.txt").write_text("mine")
+    (here / "out" / "summary.json").write_text(index)
+    before = names(here / "out")
+    capsys.readouterr()
+    said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    assert "summary.json: is no index of figures" in said
+    assert why in said
+    assert grown == []
+    assert names(here / "out") == before
+    assert (here / "out" / "summary.json").read_text() == index
+
+
+def test_threads_that_cannot_be_had_are_refused_before_anything_is_written(here, grown, capsys):
+    for argv in (("reproduce", "fig5"), ("reproduce", "fig4"), ("bench", "folds")):
+        assert "threads must be 1 to" in refused(capsys, *argv, "--threads", "0", "-o", "out")
+    assert grown == []
+    assert list(here.iterdir()) == []
+
+
 def test_reproduce_refuses_a_folder_without_a_name(here, capsys):
     assert "-o: no folder is named" in refused(capsys, "reproduce", "fig4", "-o", "")
     assert list(here.iterdir()) == []

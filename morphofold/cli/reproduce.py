@@ -77,12 +77,31 @@ def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:
         index = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except ValueError as error:
-        raise ValueError(f"{out / 'summary.json'}: is no index of figures ({error}). Delete it.") from None
+    except (ValueError, RecursionError) as error:
+        raise _no_index(out, str(error)) from None
+    entries = index.get("figures", {}) if isinstance(index, dict) else None
+    if not isinstance(entries, dict):
+        raise _no_index(out, "it holds no table of figures")
     kept = {}
-    for name, entry in index.get("figures", {}).items():
-        if name in FIGURES and name not in figures and all((out / file).is_file() for file in entry["files"]):
-            for file in entry["files"]:
+    for name in [name for name in entries if name in FIGURES and name not in figures]:
+        files = _files_of(out, name, entries[name])
+        if all((out / file).is_file() for file in files):
+            for file in files:
                 shutil.copy2(out / file, folder / file)
-            kept[name] = entry
+            kept[name] = entries[name]
     return kept
+
+
+def _files_of(out: Path, name: str, entry: Any) -> list[str]:
+    """The files that an index says a figure has: plain names of files in the folder itself."""
+    files = entry.get("files") if isinstance(entry, dict) else None
+    if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
+        raise _no_index(out, f"{name} has no list of files")
+    for file in files:
+        if not file.startswith(name) or any(c in file for c in "/\\:\0"):
+            raise _no_index(out, f"{name} can't have a file {file!r}")
+    return files
+
+
+def _no_index(out: Path, why: str) -> ValueError:
+    return ValueError(f"{out / 'summary.json'}: is no index of figures ({why}). Delete it.")

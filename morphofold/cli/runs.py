@@ -20,10 +20,13 @@ class Runs:
     """Grows the scenes that are asked for in ``out``/simulations/NAME, each once, going on from checkpoints.
 
     They lie in ``out`` itself and not in the folder that replaces it, so that an interrupt loses none. Drafts have
-    names of their own.
+    names of their own. Threads that can't be had are refused at once, before anything is written.
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
+        from morphofold.threads import check_threads
+
+        check_threads(threads)
         self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:

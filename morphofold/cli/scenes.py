@@ -1,4 +1,4 @@
-"""List the built-in scenes and the effects that each calls for."""
+"""List the built-in scenes and the effects that each calls for, or print one as TOML, every value spelled out."""
 
 from __future__ import annotations
 
@@ -14,12 +14,17 @@ HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print as JSON, with titles")
+    parser.add_argument("scene", metavar="SCENE", nargs="?", help="print this one: a built-in scene or a TOML file")
+    parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.sim.scene import load_scene, scene_names
 
+    if args.scene is not None:
+        scene = load_scene(args.scene)
+        print(json.dumps(scene.model_dump(exclude_none=True), indent=1) if args.json else scene.to_toml().rstrip())
+        return 0
     scenes = [load_scene(name) for name in scene_names()]
     if args.json:
         print(json.dumps([{"name": s.name, "title": s.title, "effects": s.effects.named} for s in scenes], indent=1))

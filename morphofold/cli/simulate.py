@@ -18,12 +18,16 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[],
         help="change one value of the scene, e.g. growth.final=1.8; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in DIR")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from the checkpoint in DIR; a finished run is left as it is",
+    )  # fmt: skip
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument("--json", action="store_true", help="print health.json")
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.out == "":
+        raise ValueError("-o: no folder is named; give one to write, such as -o mine.")
     from morphofold.cli.progress import progress
     from morphofold.sim.scene import load_scene
     from morphofold.simulation import simulate
