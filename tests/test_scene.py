@@ -1,8 +1,11 @@
 import os
+import re
+from pathlib import Path
 
 import pytest
 
-from morphofold.sim.scene import LEVELS, Scene, load_scene, scene_names
+from morphofold.report import scene_page
+from morphofold.sim.scene import EFFECTS_OF, LEVELS, SHAPES, Effects, Scene, load_scene, scene_names
 
 GOOD = """
 name = "mine"
@@ -223,3 +226,52 @@ def test_what_is_there_but_no_file_is_named_for_what_it_is(tmp_path):
             load_scene(path)
     with pytest.raises(ValueError, match="no scene is named"):
         load_scene("")
+
+
+PAGE = Path(__file__).parent.parent / "docs" / "scenes.md"
+in_a_checkout = pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
+
+
+@in_a_checkout
+def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
+    sections = dict(part.split("\n", 1) for part in PAGE.read_text("utf-8").split("\n### ")[1:])
+    effects = {f"[effects.{name}]" for name in Effects.model_fields}
+    tables = {f"[{name}]" for name in Scene.model_fields} - {"[name]", "[title]", "[geometry]", "[effects]"}
+    shapes = {f'[geometry] with shape = "{shape}"' for shape in SHAPES}
+    assert {*effects, *tables, *shapes} <= set(sections)
+    for heading, model in scene_page.TABLES.items():
+        found = re.findall(r"^\| `(\w+)` \| .* \| (\S.*) \| (\S.*) \|$", sections[heading], re.M)
+        rows = {row[0]: row for row in found}
+        keys = {"name", "title"} if model is Scene else set(model.model_fields)
+        assert set(rows) == keys
+        for key in keys:
+            field, said = model.model_fields[key], rows[key][1].split(" | ")[-1]
+            if field.is_required():
+                assert said == "needed"
+            elif field.default is None:
+                assert said == "-"
+            else:
+                said = said.strip("`").replace('"', "").replace("true", "True")
+                assert said.strip("[]") == str(field.default).strip("()")
+
+
+@in_a_checkout
+def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_date(tmp_path):
+    for shape, takes in EFFECTS_OF.items():
+        row = re.search(rf"^\| {shape} \| (.*) \|$", PAGE.read_text("utf-8"), re.M)[1].split(" | ")
+        assert {name for name, said in zip(Effects.model_fields, row) if said == "yes"} == set(takes)
+    copy = tmp_path / "scenes.md"
+    copy.write_text(PAGE.read_text("utf-8"), "utf-8")
+    scene_page.write(copy)
+    assert copy.read_text("utf-8") == PAGE.read_text("utf-8")
+    copy.write_text("# Scenes")
+    with pytest.raises(ValueError, match="lacks <!-- tables from here"):
+        scene_page.write(copy)
+
+
+@in_a_checkout
+def test_the_scenes_of_the_page_are_scenes(tmp_path):
+    texts = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.S)
+    assert len(texts) == 3
+    for text in texts:
+        load_scene(write(tmp_path, text if "name =" in text else f'name = "x"\n{text}'))

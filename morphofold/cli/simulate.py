@@ -1,4 +1,5 @@
-"""Grow a scene into folds and write its stages as FreeSurfer-shaped subjects."""
+"""Grow a scene into folds and write its stages as FreeSurfer-shaped subjects. A run that is not healthy says so, in
+health.json too, and ends with exit code 0: what it wrote is there to be looked at."""
 
 from __future__ import annotations
 
