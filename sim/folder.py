@@ -16,6 +16,20 @@ from numpy.typing import NDArray
 
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.io.files import decoding
+from morphofold.sim.folder_check import (
+    ANEW,
+    check_finished,
+    check_inputs,
+    check_stages,
+    inputs_of,
+    is_temporary,
+    read_stage,
+    sizes,
+    stage_folder,
+    sweep,
+)
+from morphofold.sim.folder_lock import LOCK
 from morphofold.sim.scene import Scene, load_scene
 from morphofold.surface import Cortex, Surface
 
@@ -44,24 +58,34 @@ class Simulation:
         return read_cortex(stage_folder(self.path, self.stages[-1] if g is None else g))
 
 
-def stage_folder(out: Path, g: float) -> Path:
-    return out / "stages" / f"g{g:.2f}"
-
-
 def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
-    """Whether ``folder`` holds this very simulation, finished; refuses a folder that can't be used. Writes nothing."""
+    """Whether ``folder`` holds this very simulation, finished and whole. Writes nothing.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds something else, or a run and ``resume`` is not asked for.
+    ValueError
+        If the scene's mesh file has changed since the run began, or a finished run is damaged.
+    """
     written = folder / "scene.toml"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
-        if folder.exists() and any(folder.iterdir()):
+        if folder.exists() and any(p.name != LOCK and not is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         return False
     if not resume:
         raise FileExistsError(f"{folder}: holds a simulation; ask to resume it, or choose another folder.")
-    if load_scene(written) != scene:
+    with decoding(written, "a scene as a run writes it", f"Delete {folder} {ANEW}, or choose another folder."):
+        began = load_scene(written)
+    if began != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
-    return (folder / "health.json").exists()
+    check_inputs(folder, scene)
+    if not (folder / "health.json").exists():
+        return False
+    check_finished(folder, scene)
+    return True
 
 
 class FolderWriter:
@@ -73,15 +97,36 @@ class FolderWriter:
     scene : Scene
     describe : callable
         Per-vertex maps of a stage's ``Cortex``, by name.
+    resume : bool
+        Whether what is there of this scene may be gone on from.
+
+    Notes
+    -----
+    To be made before the body is built: the digest of the scene's mesh file is then never newer than the body.
     """
 
-    def __init__(self, out: Path, scene: Scene, describe: Describe):
-        self.out, self.scene, self._describe = out, scene, describe
+    def __init__(self, out: Path, scene: Scene, describe: Describe, resume: bool = False):
+        self.out, self.scene, self._describe, self.resume = out, scene, describe, resume
+        self._inputs = inputs_of(scene)
 
     def begin(self) -> None:
-        """The folder and its ``scene.toml``, unless they are there."""
+        """The folder and its ``scene.toml``, unless they are there; without what a killed run left half-written.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder holds something else, or a run that is not to be gone on from, or a finished one.
+        ValueError
+            If what is to be gone on from is damaged.
+        """
+        if is_finished(self.out, self.scene, self.resume):
+            raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)
+        sweep(self.out)
+        check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
+            if self._inputs:
+                _write_json(self.out / "inputs.json", self._inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
                 temporary.write_text(self.scene.to_toml())
 
@@ -111,9 +156,8 @@ class FolderWriter:
             temporary.write_bytes(buffer.getvalue())
 
     def health_of(self, g: float) -> dict[str, Any] | None:
-        """Numbers of a stage that was written before a stop."""
-        path = stage_folder(self.out, g) / "stage.json"
-        return json.loads(path.read_text())["health"] if path.exists() else None
+        """Numbers of a stage that was written before a stop, None where it wasn't."""
+        return read_stage(self.out, g)["health"] if stage_folder(self.out, g).exists() else None
 
     def stage(
         self, g: float, white: Surface, pial: Surface, *, portion: float, reference_radius: float,
@@ -147,6 +191,7 @@ class FolderWriter:
                 write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
             beside(temporary)
             _write_json(temporary / "stage.json", info)
+            _write_json(temporary / "files.json", sizes(temporary))
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
         """``health.json``, with which a run is finished."""

@@ -53,8 +53,11 @@ class RadialRun:
                 state = self.equilibrium(growth)
                 numbers = {"growth": growth, "step": 0, **self.numbers(state, growth)}
                 solving += time.perf_counter() - before
-                if self._writer.health_of(growth) is None:              # else written before a stop
+                kept = self._writer.health_of(growth)                   # of a stage written before a stop
+                if kept is None:
                     self._write_stage(growth, state, numbers)
+                else:
+                    numbers = kept
                 stages.append(numbers)
                 log.append({**numbers, "elapsed": round(time.perf_counter() - started, 3),
                             "effects": {effect.name: {} for effect in self._effects}})  # fmt: skip

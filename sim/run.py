@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -11,7 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.io.files import decoding
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
+from morphofold.sim.folder_check import ANEW, check_reached, read_arrays, read_log
+from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Radial, Scene, load_scene
 from morphofold.threads import set_threads
@@ -62,21 +64,26 @@ def simulate(
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene cannot be had; nothing is written then.
+        If the scene cannot be had, nothing is written then; or if what is to be resumed is damaged, or the scene's
+        mesh file has changed since it began.
     FileExistsError
-        If ``out`` holds something else, or a run and ``resume`` is not asked for.
+        If ``out`` holds something else, or a run and ``resume`` is not asked for, or another run is writing there.
     UnstableError
         If the run leaves its bounds; the last checkpoint and the stages so far stay.
     KeyboardInterrupt
-        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once.
+        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once. One that comes when nothing is
+        left to stop goes unheard.
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
     with deferred_interrupt() as interrupted:
         set_threads(threads)
         if not is_finished(folder, scene, resume):
-            writer = FolderWriter(folder, scene, describe)
-            _run_of(scene)(scene, writer, progress, interrupted).go()          # builds the body before it writes
+            with alone(folder):
+                if not is_finished(folder, scene, resume):              # another run may have come first
+                    writer = FolderWriter(folder, scene, describe, resume)
+                    _run_of(scene)(scene, writer, progress, interrupted).go()      # builds the body before it writes
+        interrupted.forget()
     return Simulation(folder, scene)
 
 
@@ -197,19 +204,23 @@ class _Run:
 
     def _checkpoint(self) -> None:
         self.writer.log(self.log)
-        self.writer.arrays("checkpoint.npz", self.dynamics.save())
+        self.writer.arrays("checkpoint.npz", {**self.dynamics.save(), "lines": np.array(len(self.log))})
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
     def _take_up(self) -> None:
-        """Go on from a checkpoint, if there is one."""
-        path = self.writer.out / "checkpoint.npz"
-        if not path.exists():
+        """Go on from a checkpoint, if that is asked for and there is one."""
+        out = self.writer.out
+        path = out / "checkpoint.npz"
+        if not self.writer.resume or not path.exists():
             return
-        with np.load(path, allow_pickle=False) as arrays:
-            self.dynamics.load(dict(arrays))
-        step = self.dynamics.state.step
-        lines = (self.writer.out / "log.jsonl").read_text().splitlines()
-        self.log = [line for line in map(json.loads, lines) if line["step"] <= step]
+        arrays = read_arrays(path, {**self.dynamics.save(), "lines": np.array(0)})
+        growth, final = arrays["growth"].item(), self.scene.growth.final
+        with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
+            if not 1 <= growth <= final:
+                raise ValueError(f"g = {growth:g} is not within 1 and {final:g}")
+            self.dynamics.load(arrays)                                  # a state out of its bounds was never saved
+        check_reached(out, self.scene, growth)
+        self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item())
         if self.log:
             self.started -= self.log[-1]["elapsed"]
             self.dynamics.seconds.update(self.log[-1]["seconds"])

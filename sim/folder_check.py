@@ -1,0 +1,246 @@
+"""What a simulation folder holds, read back: whole and of this run, or refused with the file's name and the cure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.io import read_cortex, sample_path
+from morphofold.io.files import decoding, existing_file
+from morphofold.sim.scene import MeshFile, Scene
+
+ANEW = "to grow anew from the start"
+_KEPT = ("scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz")
+_TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
+
+
+def stage_folder(out: Path, g: float) -> Path:
+    return out / "stages" / f"g{g:.2f}"
+
+
+# what a killed run leaves ------------------------------------------------------------------------------------
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a name is one under which a run writes what is not whole yet."""
+    return _TEMPORARY.fullmatch(path.name) is not None
+
+
+def sweep(folder: Path) -> None:
+    """Remove what a killed run had not finished writing; only names of our own making."""
+    for place in (folder, folder / "stages"):
+        for path in place.iterdir() if place.is_dir() else ():
+            if not is_temporary(path):
+                continue
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+
+
+# files that a scene names ------------------------------------------------------------------------------------
+
+
+def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
+    """``{"geometry.file": {"file", "sha256", "bytes"}}`` of a scene with a mesh file; empty for any other.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it can't be a mesh.
+    """
+    if not isinstance(scene.geometry, MeshFile):
+        return {}
+    name = scene.geometry.file
+    path = Path(name)
+    if not path.exists():                                               # then the name of a sample, if anything
+        try:
+            path = sample_path(name)
+        except FileNotFoundError:
+            path = Path(name)
+    path = existing_file(path, "tetrahedral mesh")
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {"geometry.file": {"file": name, "sha256": digest, "bytes": path.stat().st_size}}
+
+
+def check_inputs(folder: Path, scene: Scene) -> None:
+    """Refuse a scene whose mesh file is not the one that the run in ``folder`` began with, byte for byte."""
+    now = inputs_of(scene)
+    if not now:
+        return
+    path = folder / "inputs.json"
+    with decoding(path, "a record of the files of a scene", f"Delete {folder} {ANEW}, or choose another folder."):
+        began = _json(path)["geometry.file"]["sha256"]
+        if not isinstance(began, str):
+            raise ValueError(f"sha256 is {began!r}")
+    if began != now["geometry.file"]["sha256"]:
+        raise ValueError(
+            f"{now['geometry.file']['file']}: has changed since the run in {folder} began (sha256 "
+            f"{began[:12]}... then, {now['geometry.file']['sha256'][:12]}... now). Put the old file back, or "
+            "choose another folder."
+        )
+
+
+# stages ------------------------------------------------------------------------------------------------------
+
+
+def sizes(folder: Path) -> dict[str, int]:
+    """Bytes of each file in a folder and below, by its path from there."""
+    return {p.relative_to(folder).as_posix(): p.stat().st_size for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def read_stage(out: Path, g: float) -> dict[str, Any]:
+    """``stage.json`` of the stage at growth ``g``, once its surfaces, maps and other files are found whole.
+
+    Raises
+    ------
+    ValueError
+        If something is missing, cut or of another stage.
+    """
+    stage = stage_folder(out, g)
+    beside = [name for name in ("checkpoint.npz", "health.json") if (out / name).exists()]
+    cure = f"Delete {stage}{''.join(f' and {out / name}' for name in beside)}; --resume then grows it anew."
+    record = stage / "stage.json"
+    with decoding(record, "the record of a stage", cure):
+        info = _json(record)
+        health = info.get("health")
+        if info.get("g") != g or not isinstance(health, dict) or health.get("growth") != g:
+            raise ValueError(f"it is of g = {info.get('g')!r} or without health, not of {g:g}")
+    listed = stage / "files.json"
+    if listed.exists():
+        with decoding(listed, "a list of files", cure):
+            for name, size in _json(listed).items():
+                file = stage / name
+                there = file.stat().st_size if file.is_file() else None
+                if there != size:
+                    raise ValueError(f"{name} has {'none' if there is None else there} of its {size} bytes")
+    with decoding(stage, "a stage", cure):
+        read_cortex(stage)
+    return info
+
+
+def check_stages(out: Path, scene: Scene) -> dict[float, dict[str, Any]]:
+    """The ``stage.json`` of each stage there is, by growth; refuses one that is damaged or none of the scene's."""
+    found = {}
+    known = {stage_folder(out, g): g for g in scene.stages}
+    for path in sorted((out / "stages").glob("g*")):
+        if path not in known:
+            raise ValueError(f"{path}: is no stage of this scene. Move it away.")
+        found[known[path]] = read_stage(out, known[path])
+    return found
+
+
+def check_reached(out: Path, scene: Scene, growth: float) -> None:
+    """Refuse to go on from ``growth`` where a stage below it is missing: it could not be written any more."""
+    for g in scene.stages:
+        if g < growth and not stage_folder(out, g).exists():
+            raise ValueError(
+                f"{stage_folder(out, g)}: is missing, and {out / 'checkpoint.npz'} lies beyond it, at "
+                f"g = {growth:.3f}. Delete the checkpoint {ANEW}."
+            )
+
+
+def check_finished(out: Path, scene: Scene) -> None:
+    """Refuse a finished folder whose ``health.json`` isn't as a run writes it, or whose stages aren't those it names.
+
+    Surfaces and maps are read, other files are held to their sizes.
+    """
+    path = out / "health.json"
+    with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
+        health = _json(path)
+        for name, kind in (("morphofold", str), ("healthy", bool), ("warnings", list), ("stages", list),
+                           ("effects", list), ("seconds", float), ("steps", int)):  # fmt: skip
+            if not isinstance(health.get(name), kind):
+                raise ValueError(f"{name} is {health.get(name)!r}")
+        grown = [stage.get("growth") for stage in health["stages"]]
+        if grown != list(scene.stages):
+            raise ValueError(f"its stages are {grown}, those of the scene {list(scene.stages)}")
+    found = check_stages(out, scene)
+    for stage in health["stages"]:
+        g = stage["growth"]
+        if g not in found:
+            raise ValueError(f"{stage_folder(out, g)}: is missing, and {path} names it. Delete {path} {ANEW}.")
+        if found[g]["health"] != stage:
+            raise ValueError(f"{path}: says of g = {g:g} other than {stage_folder(out, g)}. Delete {path} {ANEW}.")
+
+
+# the state of a run ------------------------------------------------------------------------------------------
+
+
+def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Arrays by name from an .npz file, of the names, shapes and kinds of ``like``, finite.
+
+    Raises
+    ------
+    ValueError
+        If the file is anything else; by its checksums a single changed byte is found.
+    """
+    with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
+        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
+            found = {name: np.asarray(file[name]) for name in file.files}
+        if found.keys() != like.keys():
+            told = ", ".join(sorted(found.keys() ^ like.keys()))
+            raise ValueError(f"it lacks, or has too much: {told}")
+        for name, array in found.items():
+            shape, kind = like[name].shape, like[name].dtype.kind
+            if array.shape != shape or array.dtype.kind != kind:
+                raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}, needs {shape} of '{kind}'")
+            if kind == "f" and not np.isfinite(array).all():
+                raise ValueError(f"{name} has {np.count_nonzero(~np.isfinite(array))} values that are not finite")
+    return found
+
+
+def read_log(out: Path, step: int, lines: int) -> list[dict[str, Any]]:
+    """The lines of ``log.jsonl`` up to ``step``, of which there must be ``lines``.
+
+    Raises
+    ------
+    ValueError
+        If they can't be had: the log isn't as the run left it beside its checkpoint.
+    """
+    path = out / "log.jsonl"
+    with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {ANEW}."):
+        kept = []
+        for number, text in enumerate(path.read_text("utf-8").splitlines(), start=1):
+            line = _object(text, f"line {number}")
+            if not isinstance(line.get("step"), int):
+                raise ValueError(f"line {number} has no step")
+            if line["step"] <= step:
+                _check_line(line, number)
+                kept.append(line)
+        if len(kept) != lines:
+            raise ValueError(f"it has {len(kept)} lines up to step {step}, had {lines}")
+    return kept
+
+
+def _check_line(line: Mapping[str, Any], number: int) -> None:
+    seconds = line.get("seconds")
+    values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
+    if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
+        raise ValueError(f"line {number} lacks growth, elapsed or seconds")
+
+
+def _json(path: Path) -> dict[str, Any]:
+    return _object(path.read_text("utf-8"), "it")
+
+
+def _object(text: str, what: str) -> dict[str, Any]:
+    """A JSON object, without NaN or infinity."""
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{what} holds {constant}")
+
+    content = json.loads(text, parse_constant=refuse)
+    if not isinstance(content, dict):
+        raise ValueError(f"{what} is no JSON object")
+    return content

@@ -1,0 +1,400 @@
+"""Folders that were stopped, damaged, mixed up or run into twice, and what --resume says of them."""
+
+import json
+import os
+import shutil
+import signal
+from contextlib import nullcontext
+
+import meshio
+import numpy as np
+import pytest
+from test_meshfile import ball, write
+
+from morphofold.cli import main
+from morphofold.sim.folder_check import is_temporary, read_arrays, sweep
+from morphofold.sim.folder_lock import LOCK, alone
+from morphofold.simulation import simulate
+
+TINY = [
+    "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]",
+    "output.checkpoint_minutes=1e-6",
+]  # fmt: skip
+
+
+class Stop(Exception):
+    pass
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    return simulate("demo", tmp_path_factory.mktemp("folder") / "run", settings=TINY).path
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """A run that was stopped beyond its first stage."""
+    out = tmp_path_factory.mktemp("folder") / "run"
+
+    def stop(share, text):
+        if share > 0.7 and (out / "checkpoint.npz").exists():
+            raise Stop
+
+    with pytest.raises(Stop):
+        simulate("demo", out, settings=TINY, progress=stop)
+    assert (out / "stages" / "g1.10").exists()
+    assert not (out / "stages" / "g1.20").exists()
+    return out
+
+
+@pytest.fixture
+def at(tmp_path, monkeypatch):
+    """A function that copies a folder here, as ``run``."""
+    monkeypatch.chdir(tmp_path)
+
+    def copy(folder):
+        shutil.copytree(folder, tmp_path / "run")
+        return tmp_path / "run"
+
+    return copy
+
+
+def resumed(capsys, *words, scene="demo", settings=TINY):
+    """What ``simulate --resume`` says where it is refused: one line, exit code 2, nothing written."""
+    argv = ["simulate", scene, "-o", "run", "-q", *(word for s in settings for word in ("--set", s)), *words]
+    assert main(argv) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert len(told.err.splitlines()) == 1, told.err
+    assert "defect" not in told.err
+    return told.err
+
+
+def contents(folder):
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def checkpoint(**changes):
+    """A function that writes a checkpoint anew with arrays changed, or left out where they are None."""
+
+    def damage(path):
+        with np.load(path) as file:
+            arrays = {**dict(file), **changes}
+        np.savez(path, **{k: v for k, v in arrays.items() if v is not None})
+
+    return damage
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def text(path):
+    path.write_text("not what you think\n")
+
+
+def flipped(path):
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 2] ^= 0x10
+    path.write_bytes(raw)
+
+
+def other_json(path):
+    path.write_text('{"a": 1}\n')
+
+
+def a_list(path):
+    path.write_text("[1, 2]\n")
+
+
+def without_a_line(path):
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:2] + lines[3:]))
+
+
+def removed(path):
+    path.unlink()
+
+
+DAMAGE = {
+    "checkpoint.npz": [
+        cut, emptied, text, flipped, checkpoint(v=None), checkpoint(lines=None), checkpoint(x=np.zeros((3, 3))),
+        checkpoint(growth=np.array(np.nan)), checkpoint(growth=np.array(9.0)), checkpoint(other=np.zeros(2)),
+        checkpoint(step=np.array("one")), checkpoint(x=np.array([None], dtype=object)),
+    ],
+    "log.jsonl": [cut, emptied, text, other_json, a_list, without_a_line, removed],
+    "stages/g1.10/stage.json": [cut, emptied, text, other_json, a_list, removed],
+    "stages/g1.10/surf/lh.pial": [cut, emptied, text, removed],
+    "stages/g1.10/surf/lh.thickness": [cut, removed],
+    "stages/g1.10/volume.vtu": [cut, removed],
+    "stages/g1.10/files.json": [text],
+    "scene.toml": [text, emptied],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "damage"), [(name, damage) for name, list_ in DAMAGE.items() for damage in list_])
+def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(stopped, at, name, damage, capsys):
+    out = at(stopped)
+    damage(out / name)
+    before = contents(out)
+    told = resumed(capsys, "--resume")
+    assert f"run/{name.partition('/surf')[0].removesuffix('/volume.vtu')}" in told
+    assert "Delete run" in told or "Delete it" in told or "another scene" in told
+    assert contents(out) == before
+
+
+def test_no_flipped_byte_of_a_checkpoint_changes_what_is_read(stopped, tmp_path, rng):
+    """Either it is refused, or it was a byte that says nothing about the arrays."""
+    raw = (stopped / "checkpoint.npz").read_bytes()
+    with np.load(stopped / "checkpoint.npz") as file:
+        like = dict(file)
+    refused = []
+    places = [*rng.integers(0, len(raw), 150), *range(120), *range(len(raw) - 120, len(raw))]
+    for place in places:
+        wrong = bytearray(raw)
+        wrong[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / "c.npz").write_bytes(wrong)
+        try:
+            found = read_arrays(tmp_path / "c.npz", like)
+        except ValueError as error:
+            refused.append(str(error))
+        else:
+            assert all(np.array_equal(found[k], like[k]) for k in like)
+    assert len(refused) > 150
+    for told in refused:
+        assert told.startswith(f"{tmp_path / 'c.npz'}: is truncated, damaged, or not a checkpoint of this run (")
+
+
+def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
+    out = at(stopped)
+    flipped(out / "checkpoint.npz")
+    assert "Delete it to grow anew from the start." in resumed(capsys, "--resume")
+    (out / "checkpoint.npz").unlink()
+    simulate("demo", out, settings=TINY, resume=True)
+    for g in ("g1.10", "g1.20"):
+        for name in ("lh.white", "lh.pial"):
+            ends = [(o / "stages" / g / "surf" / name).read_bytes() for o in (finished, out)]
+            assert ends[0][ends[0].index(b"\n\n") :] == ends[1][ends[1].index(b"\n\n") :]
+
+
+def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped, at, capsys):
+    out = at(stopped)
+    shutil.rmtree(out / "stages" / "g1.10")
+    told = resumed(capsys, "--resume")
+    assert "run/stages/g1.10: is missing, and run/checkpoint.npz lies beyond it, at g = 1." in told
+    (out / "checkpoint.npz").unlink()
+    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
+
+
+@pytest.mark.parametrize("damage", [cut, emptied, text, other_json, a_list])
+def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage, capsys):
+    damage(at(finished) / "health.json")
+    told = resumed(capsys, "--resume")
+    assert "run/health.json: is truncated, damaged, or not the health of a finished run (" in told
+    assert told.endswith("Delete it to grow anew from the start.\n")
+
+
+@pytest.mark.parametrize("g", ["1.10", "1.20"])
+@pytest.mark.parametrize(
+    ("name", "damage"), [("stage.json", other_json), ("surf/lh.white", cut), ("surf/lh.sulc", removed),
+                         ("surf/lh.pial", removed), ("volume.vtu", emptied)],
+)  # fmt: skip
+def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_whole(
+    finished, at, g, name, damage, capsys
+):
+    out = at(finished)
+    stage = out / "stages" / f"g{g}"
+    damage(stage / name)
+    told = resumed(capsys, "--resume")
+    assert f"Delete run/stages/g{g} and run/health.json; --resume then grows it anew." in told
+    if (g, name) != ("1.10", "volume.vtu"):                             # one is enough
+        return
+    shutil.rmtree(stage)
+    assert f"run/stages/g{g}: is missing, and run/health.json names it" in resumed(capsys, "--resume")
+    (out / "health.json").unlink()
+    simulate("demo", out, settings=TINY, resume=True)
+    assert (stage / name).stat().st_size == (finished / "stages" / f"g{g}" / name).stat().st_size
+
+
+def test_a_finished_run_is_that_of_its_stages(finished, at, capsys):
+    out = at(finished)
+    health = json.loads((out / "health.json").read_text())
+    health["stages"][0]["min_J"] += 0.1
+    (out / "health.json").write_text(json.dumps(health))
+    assert "says of g = 1.1 other than run/stages/g1.10" in resumed(capsys, "--resume")
+    del health["stages"][0]
+    (out / "health.json").write_text(json.dumps(health))
+    assert "its stages are [1.2], those of the scene [1.1, 1.2]" in resumed(capsys, "--resume")
+    shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
+    (out / "health.json").unlink()
+    assert "run/stages/g1.15: is no stage of this scene. Move it away." in resumed(capsys, "--resume")
+
+
+# one run to a folder -----------------------------------------------------------------------------------------
+
+
+def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    out, told = tmp_path / "run", []
+
+    def second(share, text):
+        if told:
+            return
+        (out / "scene.toml").rename(tmp_path / "scene.toml")            # as if the first had not come so far yet
+        told.extend([resumed(capsys), resumed(capsys, "--resume")])
+        (tmp_path / "scene.toml").rename(out / "scene.toml")
+        told.append(resumed(capsys, "--resume"))
+        assert "run: holds a simulation; ask to resume it" in resumed(capsys)
+
+    assert simulate("demo", "run", settings=TINY, progress=second).stages == (1.1, 1.2)
+    assert len(told) == 3
+    assert all(f"run: another run is writing here (process {os.getpid()}). Wait for its end" in line for line in told)
+    assert not (out / LOCK).exists()
+
+
+def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypatch):
+    out = at(stopped)
+    assert "run: holds a simulation; ask to resume it" in resumed(capsys)
+    (out / "scene.toml").unlink()                                       # then it is nothing that we know
+    for words in ((), ("--resume",)):
+        assert "run: is not empty and holds no simulation" in resumed(capsys, *words)
+
+
+def test_a_run_that_came_in_between_is_not_written_over(tmp_path, monkeypatch):
+    """Another run begins and ends after the folder was looked at, before it was held."""
+    import morphofold.sim.run as run
+
+    out, calls = tmp_path / "run", []
+
+    def other_first(folder):
+        if not calls:
+            calls.append(folder)
+            simulate("fig3", out, settings=["output.stages=[]"])
+        return alone(folder)
+
+    monkeypatch.setattr(run, "alone", other_first)
+    with pytest.raises(FileExistsError, match="holds a simulation; ask to resume it"):
+        simulate("fig3", out, settings=["output.stages=[1.5]"])
+    calls.clear()
+    shutil.rmtree(out)
+    with pytest.raises(FileExistsError, match="holds a simulation of another scene"):
+        simulate("fig3", out, settings=["output.stages=[1.5]"], resume=True)
+
+
+# the mesh file -----------------------------------------------------------------------------------------------
+
+
+MESH = ["geometry.cortex_thickness=20", "growth.final=1.02", "growth.rate=4", "output.checkpoint_minutes=1e-6"]
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monkeypatch, capsys, ended):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "body.vtu", *ball(2))
+    (tmp_path / "mesh.toml").write_text('name = "body"\n[geometry]\nshape = "mesh"\nfile = "body.vtu"\n')
+    out = tmp_path / "run"
+
+    def stop(share, text):
+        if not ended and (out / "checkpoint.npz").exists():
+            raise Stop
+
+    with nullcontext() if ended else pytest.raises(Stop):
+        simulate("mesh.toml", out, settings=MESH, progress=stop)
+    raw = (tmp_path / "body.vtu").read_bytes()
+    mesh = meshio.read("body.vtu")
+    mesh.points[-1] *= 1 + 1e-9
+    mesh.write("body.vtu")
+    told = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
+    assert "body.vtu: has changed since the run in run began (sha256 " in told
+    assert told.endswith("Put the old file back, or choose another folder.\n")
+    (tmp_path / "body.vtu").write_bytes(raw)
+    kept = (out / "inputs.json").read_bytes()
+    for damage in (other_json, removed):
+        damage(out / "inputs.json")
+        assert "run/inputs.json: is truncated, damaged" in resumed(
+            capsys, "--resume", scene="mesh.toml", settings=MESH
+        )
+    (out / "inputs.json").write_bytes(kept)
+    assert simulate("mesh.toml", out, settings=MESH, resume=True).stages == (1.02,)
+    (tmp_path / "body.vtu").unlink()
+    told = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
+    assert "body.vtu: no such tetrahedral mesh." in told
+
+
+# what a killed run leaves ------------------------------------------------------------------------------------
+
+
+def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped, at, tmp_path):
+    out = at(stopped)
+    before = contents(out)
+    ours = [".0a1b2c3d.checkpoint.npz", ".0a1b2c3d.log.jsonl", ".ffffffff.scene.toml", "stages/.g1.20.01234567",
+            "stages/.g1.10.01234567.old"]  # fmt: skip
+    others = [".0a1b2c3d.mine.npz", ".hidden", ".0a1b2c.log.jsonl", "stages/.g1.20.mine", "0a1b2c3d.log.jsonl"]
+    for name in (*ours, *others):
+        path = out / name
+        if "stages" in name:
+            path.mkdir()
+            path /= "x"
+        path.write_text("x")
+    sweep(out)
+    assert {name for name in ours if (out / name).exists()} == set()
+    assert {name for name in others if (out / name).exists()} == set(others)
+    assert before.items() <= contents(out).items()
+    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
+
+
+def test_a_run_sweeps_its_folder_when_it_goes_on_and_when_one_was_killed_at_its_beginning(stopped, at, tmp_path):
+    out = at(stopped)
+    (out / ".0a1b2c3d.checkpoint.npz").write_text("x")
+    simulate("demo", out, settings=TINY, resume=True)
+    assert not [p for p in out.iterdir() if is_temporary(p)]
+    new = tmp_path / "new"
+    new.mkdir()
+    (new / ".0a1b2c3d.scene.toml").write_text("x")
+    (new / LOCK).write_text("1")
+    simulate("fig3", new, settings=["output.stages=[]"])
+    assert {p.name for p in new.iterdir()} == {"scene.toml", "log.jsonl", "health.json", "stages"}
+
+
+def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monkeypatch):
+    """Whatever is there beside whole files while a run writes is a temporary or the lock."""
+    seen, out, replace = set(), tmp_path / "run", os.replace
+
+    def look(a, b):
+        seen.update(p.name for p in (*out.iterdir(), *out.glob("stages/*")) if p.name.startswith("."))
+        assert all(is_temporary(p) for p in (*out.iterdir(), *out.glob("stages/.*")) if p.name.startswith("."))
+        replace(a, b)
+
+    monkeypatch.setattr(os, "replace", look)
+    simulate("demo", out, settings=TINY)
+    assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
+        "scene.toml", "log.jsonl", "checkpoint.npz", "health.json"
+    }  # fmt: skip
+    assert len([name for name in seen if name.startswith(".g1.")]) == 2
+
+
+# too late to stop --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_comes_when_the_run_is_finished_is_no_interrupt(tmp_path, monkeypatch, number, capsys):
+    from morphofold.sim.folder import FolderWriter
+
+    monkeypatch.chdir(tmp_path)
+    health = FolderWriter.health
+
+    def late(self, *words, **numbers):
+        health(self, *words, **numbers)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(FolderWriter, "health", late)
+    before = signal.getsignal(number)
+    assert main(["simulate", "demo", "-o", "run", "-q", *(word for s in TINY for word in ("--set", s))]) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert told.out.startswith("run: 2 stages to g = 1.20")
+    assert signal.getsignal(number) is before
