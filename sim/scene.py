@@ -189,7 +189,7 @@ class Growth(_Table):
 
     law: Literal["isotropic", "tangential"] = "isotropic"
     final: Annotated[float, Field(ge=1, le=4)] = 2.0
-    rate: Annotated[float, Field(gt=0, le=4)] = 1.0
+    rate: Annotated[float, Field(ge=1e-3, le=4)] = 1.0
 
 
 class Contact(_Table):
@@ -236,8 +236,8 @@ class Inertia(_Table):
     """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per
     time; time in that of a shear wave across 1 mm of core at density 1. Growth waits for collapsing elements still."""
 
-    density: Positive = 1.0
-    duration: Positive = 500.0
+    density: Annotated[float, Field(ge=1e-4, le=1e4)] = 1.0
+    duration: Annotated[float, Field(ge=1, le=1e6)] = 500.0
     damping: Annotated[float, Field(ge=0, le=10)] = 0.05
 
 

@@ -120,7 +120,7 @@ def _wanted(problem: Problem, loc: Loc) -> str:
     if kind == "string_pattern_mismatch":
         return _PATTERNS.get(str(last), "has characters that it may not have")
     if kind in _BOUNDS:
-        return f"must be {_BOUNDS[kind]} {next(iter(context.values())):g}"
+        return f"must be {_BOUNDS[kind]} {_number(next(iter(context.values())))}"
     if kind in ("string_too_short", "string_too_long"):
         least, most = context.get("min_length"), context.get("max_length")
         return f"must have {f'{least} character' if least else f'{most} characters'} at {'least' if least else 'most'}"
@@ -203,6 +203,10 @@ def _key(loc: Loc) -> str:
     for part in loc:
         words += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in words else '.'}{part}"
     return words.lstrip(".,") or ("scene" if not loc else '""')
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value == int(value) and abs(value) < 1e9 else f"{value:g}"
 
 
 def _short(text: str) -> str:

@@ -132,6 +132,8 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
         (["geometry.cortex_thickness=1e-9"], r"must be greater than or equal to 0.001"),
         (["material.mu_ratio=1e300"], r"material.mu_ratio: must be less than or equal to 10000"),
         (["effects.enclosure.gap=1e300"], r"effects.enclosure.gap: must be less than or equal to 10000"),
+        (["effects.inertia.duration=1e300"], r"effects.inertia.duration: must be less than or equal to 1000000"),
+        (["growth.rate=1e-300"], r"growth.rate: must be greater than or equal to 0.001"),
         (["growth.final=1.2", "growth=3"], r"setting growth=3: growth: must be a table of keys \(got 3\)"),
         (["x=" + "[" * 5000], r"setting 'x=\[.* \.\.\.: lists or tables are nested too deeply"),
         (["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"], r"^setting geometry.hole_radius=70: "),
