@@ -22,10 +22,10 @@ from morphofold.sim.folder_check import (
     check_finished,
     check_inputs,
     check_stages,
+    digests,
     inputs_of,
     is_temporary,
     read_stage,
-    sizes,
     stage_folder,
     sweep,
 )
@@ -191,7 +191,7 @@ class FolderWriter:
                 write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
             beside(temporary)
             _write_json(temporary / "stage.json", info)
-            _write_json(temporary / "files.json", sizes(temporary))
+            _write_json(temporary / "files.json", digests(temporary))
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
         """``health.json``, with which a run is finished."""

@@ -68,9 +68,7 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
         except FileNotFoundError:
             path = Path(name)
     path = existing_file(path, "tetrahedral mesh")
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return {"geometry.file": {"file": name, "sha256": digest, "bytes": path.stat().st_size}}
+    return {"geometry.file": {"file": name, "sha256": _sha256(path), "bytes": path.stat().st_size}}
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
@@ -94,13 +92,15 @@ def check_inputs(folder: Path, scene: Scene) -> None:
 # stages ------------------------------------------------------------------------------------------------------
 
 
-def sizes(folder: Path) -> dict[str, int]:
-    """Bytes of each file in a folder and below, by its path from there."""
-    return {p.relative_to(folder).as_posix(): p.stat().st_size for p in sorted(folder.rglob("*")) if p.is_file()}
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file in a folder and below, by its path from there."""
+    return {p.relative_to(folder).as_posix(): _sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def read_stage(out: Path, g: float) -> dict[str, Any]:
-    """``stage.json`` of the stage at growth ``g``, once its surfaces, maps and other files are found whole.
+    """``stage.json`` of the stage at growth ``g``, once its files are found as they were written.
+
+    A stage without ``files.json`` (their digests) need only have surfaces and maps that can be read.
 
     Raises
     ------
@@ -119,11 +119,11 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
     listed = stage / "files.json"
     if listed.exists():
         with decoding(listed, "a list of files", cure):
-            for name, size in _json(listed).items():
-                file = stage / name
-                there = file.stat().st_size if file.is_file() else None
-                if there != size:
-                    raise ValueError(f"{name} has {'none' if there is None else there} of its {size} bytes")
+            for name, digest in _json(listed).items():
+                if not (stage / name).is_file():
+                    raise ValueError(f"{name} is missing")
+                if _sha256(stage / name) != digest:
+                    raise ValueError(f"{name} is not as it was written")
     with decoding(stage, "a stage", cure):
         read_cortex(stage)
     return info
@@ -151,10 +151,7 @@ def check_reached(out: Path, scene: Scene, growth: float) -> None:
 
 
 def check_finished(out: Path, scene: Scene) -> None:
-    """Refuse a finished folder whose ``health.json`` isn't as a run writes it, or whose stages aren't those it names.
-
-    Surfaces and maps are read, other files are held to their sizes.
-    """
+    """Refuse a finished folder whose ``health.json`` isn't as a run writes it, or whose stages aren't as it says."""
     path = out / "health.json"
     with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
         health = _json(path)
@@ -228,6 +225,11 @@ def _check_line(line: Mapping[str, Any], number: int) -> None:
     values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
     if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
         raise ValueError(f"line {number} lacks growth, elapsed or seconds")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _json(path: Path) -> dict[str, Any]:

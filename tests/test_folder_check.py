@@ -128,9 +128,9 @@ DAMAGE = {
     ],
     "log.jsonl": [cut, emptied, text, other_json, a_list, without_a_line, removed],
     "stages/g1.10/stage.json": [cut, emptied, text, other_json, a_list, removed],
-    "stages/g1.10/surf/lh.pial": [cut, emptied, text, removed],
-    "stages/g1.10/surf/lh.thickness": [cut, removed],
-    "stages/g1.10/volume.vtu": [cut, removed],
+    "stages/g1.10/surf/lh.pial": [cut, emptied, text, flipped, removed],
+    "stages/g1.10/surf/lh.thickness": [cut, flipped, removed],
+    "stages/g1.10/volume.vtu": [cut, flipped, removed],
     "stages/g1.10/files.json": [text],
     "scene.toml": [text, emptied],
 }  # fmt: skip
@@ -201,7 +201,7 @@ def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage,
 @pytest.mark.parametrize("g", ["1.10", "1.20"])
 @pytest.mark.parametrize(
     ("name", "damage"), [("stage.json", other_json), ("surf/lh.white", cut), ("surf/lh.sulc", removed),
-                         ("surf/lh.pial", removed), ("volume.vtu", emptied)],
+                         ("surf/lh.pial", flipped), ("volume.vtu", emptied)],
 )  # fmt: skip
 def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_whole(
     finished, at, g, name, damage, capsys
@@ -232,6 +232,15 @@ def test_a_finished_run_is_that_of_its_stages(finished, at, capsys):
     shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
     (out / "health.json").unlink()
     assert "run/stages/g1.15: is no stage of this scene. Move it away." in resumed(capsys, "--resume")
+
+
+def test_a_stage_of_before_digests_were_kept_is_read_instead(finished, at, capsys):
+    out = at(finished)
+    for g in ("g1.10", "g1.20"):
+        (out / "stages" / g / "files.json").unlink()
+    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
+    cut(out / "stages" / "g1.10" / "surf" / "lh.white")
+    assert "Delete run/stages/g1.10 and run/health.json" in resumed(capsys, "--resume")
 
 
 # one run to a folder -----------------------------------------------------------------------------------------
