@@ -60,6 +60,8 @@ class Body:
         Share of the growth g - 1 that each element of the cortex takes; 1 unless an effect sets it.
     core_share : float
         Share of the growth that the core takes, isotropically; 0 unless an effect sets it.
+    viscosity : float
+        Damping ratio of the fastest waves that the mass leaves room for; 0 unless an effect sets it.
     mass : (N,) float64
         Least nodal mass, times ``SAFETY``, for which a step of length 1 is stable.
     crossing : float
@@ -95,6 +97,7 @@ class Body:
         self.pattern: float | Array = 1.0
         self.core_share = 0.0
         self.growth = 1.0
+        self.viscosity = 0.0
         self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)                                # round-off only; see kernels.advance
         self.filter = SurfaceFilter(self, FILTER[bilayer.faces.shape[1]] * mu_cortex)
@@ -135,9 +138,11 @@ class Body:
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and from them the nodal mass."""
         self.mass = self.elements.measure(x)
-        self.mass *= 0.25 * SAFETY                                     # a step of one is stable if K <= 4 M
+        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity         # of the step, left by a lagging dashpot
+        factor = 0.25 * max(SAFETY, 1.25 / share**2)                    # a step of one is stable if K <= 4 M
+        self.mass *= factor
         self.filter.update(x)
-        self.mass[: self.n_surface] += 0.25 * SAFETY * self.filter.stiffness
+        self.mass[: self.n_surface] += factor * self.filter.stiffness
 
 
 class SurfaceFilter:

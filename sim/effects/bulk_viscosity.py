@@ -92,6 +92,7 @@ class BulkViscosity(Effect):
         if not isinstance(body.elements, Bricks):
             raise ValueError("effects.bulk_viscosity acts on bricks, and this body is of tetrahedra; drop it.")
         self._volume = body.nodal_volumes()
+        body.viscosity = self._linear
         self._before = np.empty_like(body.X)
 
     def refresh(self, run) -> None:
