@@ -237,7 +237,8 @@ class _Run:
         white, pial = whole_surfaces(body, state.x)
         closed = body.bilayer.closed
         grown = float(np.sum(body.grown_volumes())) / body.bilayer.portion
-        found = enclosed_volume(pial) - enclosed_volume(white) if closed else self._cortex_volume()
+        between = closed and body.bilayer.faces.shape[1] == 4           # a white surface through tetrahedra cuts them
+        found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
         numbers = {
             "growth": g,
             **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},

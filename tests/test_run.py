@@ -312,3 +312,10 @@ def test_a_full_disk_is_said_and_leaves_what_was_written(tmp_path, monkeypatch):
     with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
         assert np.isfinite(checkpoint["x"]).all()
     assert not list(out.glob(".*checkpoint*"))                              # no half-written file is left
+
+
+def test_a_body_of_tetrahedra_that_has_not_grown_has_not_drifted(tmp_path):
+    """Its white surface cuts through tetrahedra and encloses another volume than theirs."""
+    simulation = simulate("mesh", tmp_path / "mesh", settings=["growth.final=1.0", "output.stages=[]"])
+    assert simulation.health["stages"][-1]["volume_drift"] < 1e-12
+    assert simulation.health["healthy"]
