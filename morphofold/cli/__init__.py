@@ -20,7 +20,7 @@ COMMANDS = {
     "theory": "radius, stress, creases and wrinkles of the growing sphere, without simulating it",
     "reproduce": "draw figures of the paper anew",
     "scenes": "list the built-in scenes",
-    "bench": "measure speed on this machine",
+    "bench": "measure speed on this machine, and how far folds agree",
 }
 
 
