@@ -63,7 +63,7 @@ class Body:
     viscosity : float
         Damping ratio of the fastest waves that the mass leaves room for; 0 unless an effect sets it.
     mass : (N,) float64
-        Least nodal mass, times ``SAFETY``, for which a step of length 1 is stable.
+        Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what bounds on the stiffness ask for.
     crossing : float
         Steps in which a shear wave crosses the cortex, with such a mass, before growth. It is the clock by which the
         pace of growth and damping are the same on every mesh.

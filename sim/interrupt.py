@@ -4,45 +4,31 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
-class Interrupted:
-    """Called, it says whether a signal came."""
-
-    def __init__(self) -> None:
-        self.came, self.forgotten = False, False
-
-    def __call__(self) -> bool:
-        return self.came
-
-    def forget(self) -> None:
-        """The work is whole: a signal that came too late to stop it, or comes before the end, is none."""
-        self.forgotten = True
-
-
 @contextmanager
-def deferred_interrupt() -> Iterator[Interrupted]:
+def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     """Hold back SIGINT and SIGTERM; yields a function that says whether one came. A second one acts at once.
 
     Only the main thread can hold signals; elsewhere nothing is held and the function says no.
     """
-    interrupted = Interrupted()
     if threading.current_thread() is not threading.main_thread():
-        yield interrupted
+        yield lambda: False
         return
+    came: list[int] = []
 
     def hold(number: int, frame: object) -> None:
-        if interrupted.came:
+        if came:
             raise KeyboardInterrupt
-        interrupted.came = True
+        came.append(number)
 
     before = {number: signal.signal(number, hold) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield interrupted
+        yield lambda: bool(came)
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-    if interrupted.came and not interrupted.forgotten:      # too late to stop the work, in time for what comes after
+    if came:                                        # too late to stop the work, in time to stop what comes after
         raise KeyboardInterrupt

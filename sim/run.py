@@ -71,8 +71,8 @@ def simulate(
     UnstableError
         If the run leaves its bounds; the last checkpoint and the stages so far stay.
     KeyboardInterrupt
-        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once. One that comes when nothing is
-        left to stop goes unheard.
+        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once. One that comes when the
+        run is whole still stops what would follow.
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
@@ -83,7 +83,6 @@ def simulate(
                 if not is_finished(folder, scene, resume):              # another run may have come first
                     writer = FolderWriter(folder, scene, describe, resume)
                     _run_of(scene)(scene, writer, progress, interrupted).go()      # builds the body before it writes
-        interrupted.forget()
     return Simulation(folder, scene)
 
 

@@ -244,7 +244,7 @@ class Inertia(_Table):
 class BulkViscosity(_Table):
     """Viscous pressure against volume rate, as in the program that the paper used."""
 
-    linear: Annotated[float, Field(ge=0, le=0.5)] = 0.06                # more outruns the step
+    linear: Annotated[float, Field(ge=0, le=0.5)] = 0.06                # the mass leaves room for as much
     quadratic: Annotated[float, Field(ge=0, le=2)] = 1.2
 
 

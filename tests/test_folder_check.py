@@ -390,7 +390,7 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_that_comes_when_the_run_is_finished_is_no_interrupt(tmp_path, monkeypatch, number, capsys):
+def test_a_signal_when_the_run_is_finished_stops_what_follows(tmp_path, monkeypatch, number, capsys):
     from morphofold.sim.folder import FolderWriter
 
     monkeypatch.chdir(tmp_path)
@@ -402,8 +402,9 @@ def test_a_signal_that_comes_when_the_run_is_finished_is_no_interrupt(tmp_path, 
 
     monkeypatch.setattr(FolderWriter, "health", late)
     before = signal.getsignal(number)
-    assert main(["simulate", "demo", "-o", "run", "-q", *(word for s in TINY for word in ("--set", s))]) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert told.out.startswith("run: 2 stages to g = 1.20")
+    command = ["simulate", "demo", "-o", "run", "-q", *(word for s in TINY for word in ("--set", s))]
+    assert main(command) == 130
+    assert capsys.readouterr().err == "morphofold simulate: interrupted. Run it again with --resume to go on.\n"
     assert signal.getsignal(number) is before
+    assert main([*command, "--resume"]) == 0
+    assert capsys.readouterr().out.startswith("run: 2 stages to g = 1.20")

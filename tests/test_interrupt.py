@@ -39,14 +39,3 @@ def test_without_a_signal_nothing_happens_and_other_threads_hold_none():
     thread.start()
     thread.join()
     assert said == [False, False]
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_is_forgotten_when_the_work_is_whole_whether_it_came_before_or_after_that(number):
-    for first in (True, False):
-        with deferred_interrupt() as interrupted:
-            if first:
-                os.kill(os.getpid(), number)
-            interrupted.forget()
-            if not first:
-                os.kill(os.getpid(), number)

@@ -112,7 +112,7 @@ def test_an_interrupt_keeps_simulations_and_figures_that_were_there(here, grown,
     monkeypatch.setattr("morphofold.simulation.simulate", interrupted)
     for out, there in (("out", {"fig4.png", "fig4.tsv", "summary.json"}), ("new", set())):
         assert main(["reproduce", "fig5", "-o", out, "-q"]) == 130
-        assert "Run it again to go on from the checkpoint" in capsys.readouterr().err
+        assert "Run it again to go on." in capsys.readouterr().err
         assert names(here / out) == {*there, ".morphofold", "simulations"}
         assert (here / out / "simulations" / "fig5" / "part").is_dir()
     assert names(here) == {"out", "new"}

@@ -86,7 +86,7 @@ def _folds(args: argparse.Namespace) -> int:
     planned(study)                                                      # refuses before anything is written
     out = Path(args.out)
     runs = Runs(out, threads=args.threads, quiet=args.quiet)
-    args.on_interrupt = " Run it again to go on from the checkpoint."
+    args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
         runs.keep(folder)

@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
 
     out, started = Path(args.out), time.monotonic()
     scene = load_scene(args.scene)
-    args.on_interrupt = " Run it again to go on from the checkpoint."
+    args.on_interrupt = " Run it again to go on."
     with progress("grow   ", args.quiet) as tell:
         simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=tell)
     cortices = {

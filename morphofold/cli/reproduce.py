@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
 
     out = Path(args.out)
     runs = Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
-    args.on_interrupt = " Run it again to go on from the checkpoint."
+    args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         kept = _keep(out, folder, figures)
         drawn = {name: {"morphofold": __version__, **REPRODUCTIONS[name](folder, runs)} for name in figures}

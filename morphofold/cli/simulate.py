@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.simulation import simulate
 
     scene = load_scene(args.scene, args.settings)
-    args.on_interrupt = " Go on from the checkpoint with --resume."
+    args.on_interrupt = " Run it again with --resume to go on."
     with progress(scene.name, args.quiet) as tell:
         simulation = simulate(scene, args.out, resume=args.resume, threads=args.threads, progress=tell)
     health = simulation.health
