@@ -30,7 +30,8 @@ from morphofold.sim.folder_check import (
     sweep,
 )
 from morphofold.sim.folder_lock import LOCK
-from morphofold.sim.scene import Scene, load_scene
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene_file import load_scene, to_toml
 from morphofold.surface import Cortex, Surface
 
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
@@ -128,7 +129,7 @@ class FolderWriter:
             if self._inputs:
                 _write_json(self.out / "inputs.json", self._inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
-                temporary.write_text(self.scene.to_toml())
+                temporary.write_text(to_toml(self.scene))
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:

@@ -15,7 +15,8 @@ from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finishe
 from morphofold.sim.folder_check import ANEW, check_reached, read_arrays, read_log
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
-from morphofold.sim.scene import Radial, Scene, load_scene
+from morphofold.sim.scene import Radial, Scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.threads import set_threads
 
 __all__ = ["Progress", "Simulation", "simulate"]

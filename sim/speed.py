@@ -18,7 +18,8 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import Bilayer, bilayer_sphere
-from morphofold.sim.scene import Scene, load_scene
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene_file import load_scene
 
 #: settings that call for each effect
 EFFECTS = {

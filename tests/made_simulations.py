@@ -10,7 +10,7 @@ import reference
 from morphofold.shapes import icosphere
 from morphofold.sim.folder import FolderWriter, Simulation
 from morphofold.sim.radial_run import RadialRun
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Surface
 
 LEVEL = 4           # 2,562 vertices

@@ -10,7 +10,7 @@ import pytest
 from morphofold.cli import COMMANDS, main
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Surface
 
 

@@ -25,7 +25,7 @@ from morphofold.sim.effects.regional_growth import RegionalGrowth
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.surfaces import whole_surfaces
 

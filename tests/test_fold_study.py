@@ -17,7 +17,7 @@ from morphofold.report.fold_study import Study, planned, run_study
 from morphofold.report.markdown import read_rows
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Surface
 
 BODIES = ("fig6-thin", "fig5", "fig6-thick")

@@ -5,7 +5,7 @@ import pytest
 
 from morphofold.sim import onset, statics, theory
 from morphofold.sim.onset import _late, _least
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 
 COARSE = ("geometry.length=22.0", "accuracy.edge=1.25", "accuracy.elements_through_cortex=2")
 FINE = ("geometry.length=22.0", "accuracy.edge=0.8", "accuracy.elements_through_cortex=3")

@@ -12,7 +12,7 @@ from morphofold.cli.reproduce import FIGURES
 from morphofold.report import line_plots, paper, paper_folds, paper_theory, theory_plots
 from morphofold.report.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.sim import theory
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 
 KINDS = sorted(line_plots.FORMATS)
 

@@ -8,7 +8,7 @@ from made_simulations import harmonic, made_simulation, settle
 from morphofold.cli import main
 from morphofold.report import paper_folds, paper_theory
 from morphofold.sim.folder import Simulation
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 import morphofold as mf
 from morphofold.sim.geometry import build_body
 from morphofold.sim.run import peak_memory, simulate
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 
 SMALL = [
     "geometry.portion=octant", "accuracy.edge=6.55", "growth.final=1.6", "growth.rate=4",

@@ -11,7 +11,8 @@ from morphofold.sim import speed
 from morphofold.sim.effects import build_effects
 from morphofold.sim.folder import FolderWriter
 from morphofold.sim.meshes.bilayer import bilayer_sphere
-from morphofold.sim.scene import Effects, load_scene
+from morphofold.sim.scene import Effects
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.speed import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
 
 PAGE = """# How fast

@@ -13,7 +13,7 @@ from morphofold.sim import statics, theory
 from morphofold.sim.body import Body
 from morphofold.sim.meshes import bilayer as shapes
 from morphofold.sim.meshes.bilayer import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.tangent import Tangent, cauchy_stress
 

@@ -11,7 +11,7 @@ from morphofold.report import theory_tables
 from morphofold.sim import statics, theory
 from morphofold.sim.geometry import build_bilayer
 from morphofold.sim.growth import LAWS
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth import stability
 from morphofold.sim.smooth.radial import Sphere
 

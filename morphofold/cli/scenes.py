@@ -19,11 +19,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.sim.scene import load_scene, scene_names
+    from morphofold.sim.scene_file import load_scene, scene_names, to_toml
 
     if args.scene is not None:
         scene = load_scene(args.scene)
-        print(json.dumps(scene.model_dump(exclude_none=True), indent=1) if args.json else scene.to_toml().rstrip())
+        print(json.dumps(scene.model_dump(exclude_none=True), indent=1) if args.json else to_toml(scene).rstrip())
         return 0
     scenes = [load_scene(name) for name in scene_names()]
     if args.json:

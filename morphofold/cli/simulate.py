@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out == "":
         raise ValueError("-o: no folder is named; give one to write, such as -o mine.")
     from morphofold.cli.progress import progress
-    from morphofold.sim.scene import load_scene
+    from morphofold.sim.scene_file import load_scene
     from morphofold.simulation import simulate
 
     scene = load_scene(args.scene, args.settings)

@@ -306,7 +306,7 @@ def _sphere_or_body(args: argparse.Namespace) -> None:
 def _body(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.report import theory_tables
-    from morphofold.sim.scene import load_scene
+    from morphofold.sim.scene_file import load_scene
 
     scene = load_scene(args.body, args.settings or ())
     if scene.geometry.shape == "radial":

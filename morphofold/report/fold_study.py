@@ -29,7 +29,8 @@ from morphofold.report.paper_runs import Runs, told
 from morphofold.results import strict_json, write_table
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
-from morphofold.sim.scene import LEVELS, load_scene
+from morphofold.sim.scene import LEVELS
+from morphofold.sim.scene_file import load_scene
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0

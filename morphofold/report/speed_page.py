@@ -19,7 +19,7 @@ from pathlib import Path
 from morphofold.io import atomic_file
 from morphofold.report.markdown import Row, between_marks, number, table
 from morphofold.sim.folder import Simulation
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.speed import PEERS, PEERS_SOURCE
 
 #: columns of words and of positive numbers that a row must have, as the command writes them

@@ -10,7 +10,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.meshes import bilayer as shapes
 from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
 from morphofold.sim.onset import onset
-from morphofold.sim.scene import load_scene
+from morphofold.sim.scene_file import load_scene
 
 LAWS = ("isotropic", "tangential")
 
