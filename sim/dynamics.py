@@ -8,7 +8,6 @@ to strain energy says how near.
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.clock import working_seconds
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import kernels
@@ -233,9 +233,9 @@ class _Clock:
         self._seconds, self._last = seconds, 0.0
 
     def start(self) -> None:
-        self._last = time.perf_counter()
+        self._last = working_seconds()
 
     def lap(self, name: str) -> None:
-        now = time.perf_counter()
+        now = working_seconds()
         self._seconds[name] += now - self._last
         self._last = now

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.clock import working_seconds
 from morphofold.io.files import decoding
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.folder_check import ANEW, check_reached, read_arrays, read_log
@@ -124,7 +125,7 @@ class _Run:
         from morphofold.sim.geometry import build_body
 
         self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
-        self.started = time.perf_counter()
+        self.started = working_seconds()
         effects = build_effects(scene)
         self.body = build_body(scene, effects)
         steps_per_unit = scene.steps_per_unit(self.body.crossing)
@@ -199,8 +200,8 @@ class _Run:
         self.log.append({**self.dynamics.state.record, "elapsed": round(self._elapsed(), 3), "seconds": seconds})
 
     def _elapsed(self) -> float:
-        """Wall seconds of this run, those before a stop included."""
-        return time.perf_counter() - self.started
+        """Wall seconds of this run, those before a stop included, those of compiling left out."""
+        return working_seconds() - self.started
 
     def _checkpoint(self) -> None:
         self.writer.log(self.log)

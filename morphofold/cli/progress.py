@@ -1,12 +1,17 @@
-"""Progress of long work: a bar with the time left on a terminal, a line per tenth elsewhere."""
+"""Progress of long work: a bar with the time left on a terminal, a line per tenth elsewhere.
+
+Compiling, which numba does when a kernel is called for the first time on a machine, is said and is no part of the time
+left.
+"""
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
+
+COMPILING = "compiling, once on this machine"
 
 
 class Tell(Protocol):
@@ -24,17 +29,17 @@ def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
             pass
 
         yield silent
-    elif sys.stderr.isatty():
-        with _bar(label) as tell:
-            yield tell
     else:
-        yield _lines(label)
+        with _bar(label) if sys.stderr.isatty() else _lines(label) as tell:
+            yield tell
 
 
 @contextmanager
 def _bar(label: str) -> Iterator[Tell]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from morphofold.clock import telling_of_compiling
 
     columns = (
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(),
@@ -46,18 +51,28 @@ def _bar(label: str) -> Iterator[Tell]:
         def tell(share: float, text: str = "") -> None:
             bars.update(task, completed=share, text=text)
 
-        yield tell
+        with telling_of_compiling(lambda: bars.update(task, text=COMPILING)):
+            yield tell
 
 
-def _lines(label: str) -> Tell:
-    started, told = time.monotonic(), [0]
+@contextmanager
+def _lines(label: str) -> Iterator[Tell]:
+    from morphofold.clock import telling_of_compiling, working_seconds
+
+    started, told, compiling = working_seconds(), [0], [False]
 
     def tell(share: float, text: str = "") -> None:
         tenth = int(10 * share)
         if tenth > told[0]:
             told[0] = tenth
-            seconds = time.monotonic() - started
+            seconds = working_seconds() - started
             left = f", {seconds * (1 - share) / share:.0f} s left" if 0 < share < 1 else ""
             print(f"{label}: {share:4.0%} after {seconds:.0f} s{left}  {text}", file=sys.stderr, flush=True)
 
-    return tell
+    def tell_of_compiling() -> None:
+        if not compiling[0]:
+            compiling[0] = True
+            print(f"{label}: {COMPILING}", file=sys.stderr, flush=True)
+
+    with telling_of_compiling(tell_of_compiling):
+        yield tell

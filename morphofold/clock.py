@@ -1,0 +1,51 @@
+"""A clock that stands still while numba compiles, which it does once on a machine for each kernel that is called."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import event
+
+COMPILING = "numba:compile"
+
+
+class _Compiler(event.Listener):
+    """Hears numba begin and end; kernels that are compiled for the sake of others come within them."""
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._since = 0.0, 0, 0.0
+        self.listeners: list[Callable[[], None]] = []
+
+    def on_start(self, _: Any) -> None:
+        if self._depth == 0:
+            self._since = time.perf_counter()
+            for tell in self.listeners:
+                tell()
+        self._depth += 1
+
+    def on_end(self, _: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.perf_counter() - self._since
+
+
+_compiler = _Compiler()
+event.register(COMPILING, _compiler)
+
+
+def working_seconds() -> float:
+    """Seconds since some moment [s], those in which numba compiled left out."""
+    return time.perf_counter() - _compiler.seconds
+
+
+@contextmanager
+def telling_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` whenever numba begins to compile; kernels from its cache are not compiled."""
+    _compiler.listeners.append(tell)
+    try:
+        yield
+    finally:
+        _compiler.listeners.remove(tell)
