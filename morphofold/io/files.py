@@ -174,6 +174,6 @@ def _ours(out: Path) -> bool:
         return True
     try:
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(summary, dict) and "morphofold" in summary
