@@ -116,12 +116,12 @@ def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
     return matrix
 
 
-def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: float | None = None) -> sparse.csr_array:
+def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float] | None = None) -> sparse.csr_array:
     """Stiffness matrix L (N, N) of linear elements: symmetric, rows sum to zero, ``x @ L @ x >= 0``.
 
     ``(L x)_i = sum_j w_ij (x_i - x_j)`` with ``w_ij = (cot a + cot b) / 2`` over the two angles that face the edge.
-    With ``clip`` the cotangents are first bounded to [0, clip], which makes every weight non-negative (a maximum
-    principle on needle triangles) at the price of consistency there; 20 is a mild bound.
+    With ``clip`` the cotangents are first bounded to it; a lower bound of 0 makes every weight non-negative (a maximum
+    principle on needle triangles) at the price of consistency there.
     """
     corner = verts[faces]
     ahead = np.roll(corner, -1, axis=1) - corner
@@ -130,7 +130,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: float | None = None
     dots = np.sum(ahead * back, axis=2)
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
     if clip is not None:
-        cot = np.clip(cot, 0, clip)
+        cot = np.clip(cot, *clip)
     i, j = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()   # the edge facing each corner
     half, n = cot.ravel() / 2, len(verts)
     off = sparse.coo_array((-np.r_[half, half], (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()

@@ -13,7 +13,7 @@ from morphofold.analysis import _mesh
 from morphofold.surface import Faces, PerVertex, Verts
 
 DETOUR = 2 * 3**0.5 / np.pi     # length of edge paths over the straight way, mean over directions in a triangle grid
-COT_CLIP = 3.0      # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
+COT_CLIP = (0.0, 3.0)      # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
 MOST_STEPS = 3000
 
 

@@ -144,7 +144,7 @@ def test_the_laplacian_is_symmetric_kills_constants_and_gives_twice_the_mean_cur
 
 def test_clipped_laplacian_has_no_negative_weight():
     shape = shapes.bumpy_sphere(3, amplitude=0.8, rng=1)            # a Delaunay sphere has no negative weight itself
-    free, clipped = (cotangent_laplacian(shape.verts, shape.faces, clip=c) for c in (None, 20))
+    free, clipped = (cotangent_laplacian(shape.verts, shape.faces, clip=c) for c in (None, (0.0, 20.0)))
     off = lambda L: L.toarray()[~np.eye(L.shape[0], dtype=bool)]
     assert off(free).max() > 0.01
     assert off(clipped).max() <= 0

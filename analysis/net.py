@@ -1,0 +1,266 @@
+"""A net of curves on a surface: the borders between basins, and how near junctions merge and short spurs go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from morphofold.surface import Faces, Verts
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Node:
+    """A point of the net: ``at`` (3,) [mm]; ``merged`` of so many; the finest ``basins`` that meet there; ``cut``
+    where the net was cut off, at a border or a mask."""
+
+    def __init__(self, at: Array, basins: frozenset[int] = frozenset(), cut: bool = False):
+        self.at, self.basins, self.cut, self.merged = at, basins, cut, 1
+
+
+class Arc:
+    """A curve ``points`` (P, 3) [mm] from node ``a`` to node ``b``; ``blind``: it was traced to the tip of a gyrus."""
+
+    def __init__(self, a: int, b: int, points: Array, blind: bool = False):
+        self.a, self.b, self.blind = a, b, blind
+        self.points = points
+
+    @property
+    def points(self) -> Array:
+        return self._points
+
+    @points.setter
+    def points(self, points: Array) -> None:
+        self._points = points
+        self.length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+    def turned(self) -> Arc:
+        return Arc(self.b, self.a, self.points[::-1], self.blind)
+
+
+class Net:
+    """Nodes and arcs by number; an arc may be a loop, and two nodes may have several arcs."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[int, Node] = {}
+        self.arcs: dict[int, Arc] = {}
+        self._next = 0
+
+    def add_node(self, node: Node) -> int:
+        self.nodes[self._next] = node
+        self._next += 1
+        return self._next - 1
+
+    def add_arc(self, arc: Arc) -> int:
+        self.arcs[self._next] = arc
+        self._next += 1
+        return self._next - 1
+
+    def ends(self) -> dict[int, list[int]]:
+        """Arcs of each node, a loop twice."""
+        ends: dict[int, list[int]] = {node: [] for node in self.nodes}
+        for name, arc in self.arcs.items():
+            ends[arc.a].append(name)
+            ends[arc.b].append(name)
+        return ends
+
+    def degrees(self) -> dict[int, int]:
+        return {node: len(arcs) for node, arcs in self.ends().items()}
+
+    def drop(self, *names: int) -> None:
+        """Take arcs away, and what that leaves needless of their ends."""
+        gone = [self.arcs.pop(name) for name in names]
+        for node in sorted({end for arc in gone for end in (arc.a, arc.b)}):
+            self._tidy(node)
+
+    def _tidy(self, node: int) -> None:
+        """A node without arcs goes; one between two arcs vanishes in a longer one."""
+        arcs = [name for name, arc in self.arcs.items() for end in (arc.a, arc.b) if end == node]
+        if not arcs:
+            del self.nodes[node]
+        elif len(arcs) == 2 and arcs[0] != arcs[1]:
+            one, two = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
+            one = one if one.b == node else one.turned()
+            two = two if two.a == node else two.turned()
+            del self.nodes[node]
+            self.add_arc(Arc(one.a, two.b, np.concatenate([one.points, two.points[1:]]), one.blind and two.blind))
+
+    def split(self, arc: int, k: int) -> int:
+        """Put a node at point k of an arc; its number."""
+        whole = self.arcs.pop(arc)
+        node = self.add_node(Node(whole.points[k]))
+        self.add_arc(Arc(whole.a, node, whole.points[: k + 1], whole.blind))
+        self.add_arc(Arc(node, whole.b, whole.points[k:], whole.blind))
+        return node
+
+    def merge(self, distance: float, loop: float) -> None:
+        """Contract arcs shorter than ``distance`` between two junctions, the shortest first; drop loops shorter than
+        ``loop`` [mm]. A merged junction lies in the mean of all that became one."""
+        while True:
+            degree = self.degrees()
+            loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
+            if loops:
+                self.drop(loops[0])
+                continue
+            short = [
+                (arc.length, n) for n, arc in self.arcs.items()
+                if arc.a != arc.b and arc.length < distance and degree[arc.a] > 2 and degree[arc.b] > 2
+            ]  # fmt: skip
+            if not short:
+                return
+            self._contract(min(short)[1])
+
+    def _contract(self, name: int) -> None:
+        arc = self.arcs.pop(name)
+        one, two = self.nodes[arc.a], self.nodes.pop(arc.b)
+        total = one.merged + two.merged
+        one.at = (one.merged * one.at + two.merged * two.at) / total
+        one.merged, one.basins = total, one.basins | two.basins
+        for other in self.arcs.values():
+            other.a, other.b = (arc.a if end == arc.b else end for end in (other.a, other.b))
+            if arc.a in (other.a, other.b):
+                other.points = moved(other.points, self.nodes[other.a].at, self.nodes[other.b].at)
+
+    def prune(self, length: float) -> None:
+        """Drop arcs shorter than ``length`` [mm] with a free end, the shortest first; those of a cut stay."""
+        while True:
+            degree = self.degrees()
+            free = [
+                (arc.length, n) for n, arc in self.arcs.items()
+                if arc.length < length
+                and any(degree[end] == 1 and not self.nodes[end].cut for end in (arc.a, arc.b))
+            ]  # fmt: skip
+            if not free:
+                return
+            self.drop(min(free)[1])
+
+    def tidy_up(self, merge: float, prune: float, loop: float) -> None:
+        """Merge and prune in turn until nothing changes."""
+        before = -1
+        while len(self.arcs) != before:
+            before = len(self.arcs)
+            self.merge(merge, loop)
+            self.prune(prune)
+
+    def keep(self, good: Callable[[Array], NDArray[np.bool_]]) -> None:
+        """Cut off what lies where ``good`` of the points (P, 3) is False; the new ends are marked as cut."""
+        for name in list(self.arcs):
+            arc = self.arcs[name]
+            stays = good(arc.points)
+            if stays.all():
+                continue
+            del self.arcs[name]
+            for start, stop in _runs(stays):
+                if stop - start < 2:
+                    continue
+                a = arc.a if start == 0 else self.add_node(Node(arc.points[start], cut=True))
+                b = arc.b if stop == len(stays) else self.add_node(Node(arc.points[stop - 1], cut=True))
+                self.add_arc(Arc(a, b, arc.points[start:stop], arc.blind))
+        for node in list(self.nodes):
+            if node in self.nodes:
+                self._tidy(node)
+
+
+def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Start and stop of each stretch of True."""
+    steps = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(np.int8)))
+    return zip(steps[0::2].tolist(), steps[1::2].tolist(), strict=True)
+
+
+def moved(points: Array, start: Array, stop: Array) -> Array:
+    """A curve with its ends moved, and what lies between by a share of that, linear along it."""
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    share = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
+    return points + (1 - share) * (start - points[0]) + share * (stop - points[-1])
+
+
+def resampled(points: Array, step: float) -> Array:
+    """A curve at equal distances, ``step`` [mm] at most, its ends where they were."""
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    places = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / step)), 2) + 1)
+    return np.stack([np.interp(places, along, points[:, k]) for k in range(3)], axis=1)
+
+
+def smoothed(points: Array, deviation: float) -> Array:
+    """A curve resampled and smoothed along itself by a Gaussian [mm]; the ends stay."""
+    points = resampled(points, 0.5 * deviation)
+    reach = min(6, len(points) - 1)                                     # three deviations, each of two steps
+    before, after = 2 * points[0] - points[reach:0:-1], 2 * points[-1] - points[-2 : -reach - 2 : -1]
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / deviation) ** 2)
+    padded = np.concatenate([before, points, after])
+    return np.stack([np.convolve(padded[:, k], weights / weights.sum(), "valid") for k in range(3)], axis=1)
+
+
+def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) -> Net:
+    """The net of the borders between basins: connected by construction, its junctions where three of them meet.
+
+    Parameters
+    ----------
+    verts, faces, pairs : (N, 3), (M, 3), (E, 2)
+        Surface and its edges in ascending order.
+    basin, finest : (N,) int64
+        Basin of each vertex, and the finer one that junctions remember.
+
+    Returns
+    -------
+    Net
+        A curve runs through the midpoints of edges whose ends differ; a junction lies in a triangle with three
+        basins. A border without a junction is a loop from one of its points. Where the surface ends, so does a curve.
+    """
+    ends = basin[pairs]
+    crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    number = np.full(len(pairs), -1)
+    number[crossed] = np.arange(len(crossed))
+    key = pairs[:, 0] * len(verts) + pairs[:, 1]
+    after = np.roll(faces, -1, axis=1)
+    side = number[np.searchsorted(key, np.minimum(faces, after) * len(verts) + np.maximum(faces, after))]   # (M, 3)
+    count = (side >= 0).sum(axis=1)
+    two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
+    junction = len(crossed) + np.arange(len(three))
+    points = np.concatenate([verts[pairs[crossed]].mean(axis=1), verts[faces[three]].mean(axis=1)])
+    links = np.concatenate([side[two][side[two] >= 0].reshape(-1, 2),
+                            np.column_stack([np.repeat(junction, 3), side[three].ravel()])])  # fmt: skip
+    i, j = np.r_[links[:, 0], links[:, 1]], np.r_[links[:, 1], links[:, 0]]
+    graph = sparse.csr_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(points), len(points)))
+    net, name = Net(), {}
+    for path in _paths(graph, junction):
+        for end in (path[0], path[-1]):
+            if end not in name:
+                inside = end >= len(crossed)
+                three_basins = frozenset(finest[faces[three[end - len(crossed)]]].tolist()) if inside else frozenset()
+                name[end] = net.add_node(Node(points[end], three_basins, cut=not inside and path[0] != path[-1]))
+        net.add_arc(Arc(name[path[0]], name[path[-1]], points[path]))
+    return net
+
+
+def _paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
+    """Chains between junctions, from borders of the surface, and rings; each once."""
+    first, near = graph.indptr.tolist(), graph.indices.tolist()
+    ends, seen = set(junction.tolist()), set()
+    free = np.flatnonzero(np.diff(graph.indptr) == 1).tolist()
+    ends.update(free)
+
+    def walk(start: int, following: int) -> list[int]:
+        path = [start, following]
+        while path[-1] not in ends and path[-1] != start:
+            here = path[-1]
+            path.append(next(k for k in near[first[here] : first[here + 1]] if k != path[-2]))
+        return path
+
+    for start in [*junction.tolist(), *free]:
+        for k in near[first[start] : first[start + 1]]:
+            if k in seen or (k in ends and k < start):
+                continue
+            path = walk(start, k)
+            seen.update(path[1:-1])
+            yield path
+    for start in range(len(first) - 1):
+        if start not in ends and start not in seen and first[start] < first[start + 1]:
+            path = walk(start, near[first[start]])
+            seen.update(path)
+            yield path

@@ -1,0 +1,160 @@
+"""Spheres with ridges along a known net: gyri whose hinges, crests and widths are exact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import SphericalVoronoi
+
+from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.surface import Surface, Verts
+
+Array = NDArray[np.float64]
+GOLDEN = (1 + 5**0.5) / 2
+
+#: corners of the regular solids, on any sphere
+SOLIDS = {
+    "tetrahedron": [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
+    "cube": list(product((-1, 1), repeat=3)),
+    "octahedron": [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]],
+    "icosahedron": [
+        np.roll([0, a, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)
+    ],
+    "dodecahedron": [
+        *product((-1, 1), repeat=3),
+        *(np.roll([0, a / GOLDEN, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)),
+    ],
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SphericalNet:
+    """Unit directions of the nodes (K, 3), and pairs of nodes (A, 2) that arcs of great circles join."""
+
+    nodes: Array
+    arcs: NDArray[np.int64]
+
+    @property
+    def degree(self) -> NDArray[np.int64]:
+        """Arcs at each node (K,)."""
+        return np.bincount(self.arcs.ravel(), minlength=len(self.nodes))
+
+    @property
+    def lengths(self) -> Array:
+        """Angles of the arcs (A,) [rad]."""
+        return np.arccos(np.clip(np.sum(self.nodes[self.arcs[:, 0]] * self.nodes[self.arcs[:, 1]], axis=1), -1, 1))
+
+    def arm_angles(self, node: int) -> Array:
+        """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
+        here = self.nodes[node]
+        others = [self.nodes[b if a == node else a] for a, b in self.arcs.tolist() if node in (a, b)]
+        side = np.eye(3)[np.argmin(np.abs(here))]
+        u = np.cross(here, side)
+        v = np.cross(here, u)
+        azimuth = np.sort(np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u))
+                                      for other in others]))  # fmt: skip
+        return np.sort(np.diff(np.r_[azimuth, azimuth[0] + 360]))
+
+    def rotated(self, rotation: Array) -> SphericalNet:
+        """The net turned by a matrix (3, 3)."""
+        return SphericalNet(self.nodes @ rotation.T, self.arcs)
+
+
+def regular_net(solid: str) -> SphericalNet:
+    """Corners and edges of a regular solid: ``tetrahedron``, ``cube``, ``octahedron``, ``icosahedron``,
+    ``dodecahedron``; degrees 3, 3, 4, 5, 3."""
+    nodes = np.array(SOLIDS[solid], dtype=np.float64)
+    nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
+    apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
+    pairs = np.argwhere(apart < 1.01 * apart.min())
+    return SphericalNet(nodes, pairs[pairs[:, 0] < pairs[:, 1]])
+
+
+def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: int = 3) -> SphericalNet:
+    """Borders of the Voronoi cells of random points, 2 ``cells`` - 4 nodes of degree 3.
+
+    The points move to the middle of their cells ``rounds`` times; drawn anew, from the next seed, until no arc is less
+    than ``shortest`` [rad].
+
+    Raises
+    ------
+    ValueError
+        If 200 seeds have a shorter arc each.
+    """
+    for trial in range(200):
+        points = np.random.default_rng(seed + trial).standard_normal((cells, 3))
+        for _ in range(rounds + 1):
+            points /= np.linalg.norm(points, axis=1, keepdims=True)
+            found = SphericalVoronoi(points)
+            found.sort_vertices_of_regions()
+            points = np.array([found.vertices[region].mean(axis=0) for region in found.regions])
+        sides = {tuple(sorted(pair)) for region in found.regions for pair in zip(region, np.roll(region, 1).tolist())}
+        net = SphericalNet(found.vertices, np.array(sorted(sides)))
+        if net.lengths.min() >= shortest:
+            return net
+    raise ValueError(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; ask for less.")
+
+
+def ridged_net(
+    net: SphericalNet,
+    level: int,
+    width: float = 6.0,
+    *,
+    height: float = 4.0,
+    radius: float = 50.0,
+    dip: float = 0.0,
+    blind: Array | None = None,
+    noise: float = 0.0,
+    rng: np.random.Generator | int | None = None,
+) -> Surface:
+    """Sphere with a ridge along every arc of a net; crests lie at ``radius + height`` where they do not dip.
+
+    Its radius is ``radius + height 2^-(2 s / width)^2``, s the arc length on the sphere of ``radius`` to the next arc.
+
+    Parameters
+    ----------
+    net : SphericalNet
+    level : int
+        Of the icosphere: 10 4^level + 2 vertices.
+    width, height, radius : float
+        Full width at half height of a ridge, its height, radius of the floor [mm].
+    dip : float
+        Share of its height by which a ridge is lower half way between its nodes; by sin^2 between.
+    blind : (B, 2, 3) float64, optional
+        Directions between which further ridges run, from the net to their tips, on no arc of it.
+    noise : float
+        Standard deviation of the displacement of every vertex along each axis [mean edges].
+    rng : generator or int, optional
+        An irregular mesh, with its seed, which that of the noise follows; None: the icosphere, and noise of seed 0.
+    """
+    random = np.random.default_rng(0 if rng is None else rng)
+    verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=random)
+    grown = np.zeros(len(verts))
+    arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
+    arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
+    for a, b, lower in arcs:
+        away, share = _from_arc(verts, a, b)
+        ridge = height * (1 - lower * np.sin(np.pi * share) ** 2) * np.exp2(-((2 * radius * away / width) ** 2))
+        grown = np.maximum(grown, ridge)
+    verts = verts * (radius + grown)[:, None]
+    if noise:
+        pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edge = np.linalg.norm(verts[pairs[:, 0]] - verts[pairs[:, 1]], axis=1).mean()
+        verts = verts + noise * edge * random.standard_normal(verts.shape)
+    return Surface(verts, faces, name="ridged net")
+
+
+def _from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
+    """Angle (N,) [rad] of unit directions from the great arc between two, and where on it, 0 to 1, the nearest is."""
+    pole = np.cross(a, b)
+    pole /= np.linalg.norm(pole)
+    ahead = np.cross(pole, a)
+    whole = np.arctan2(b @ ahead, b @ a)
+    along = np.arctan2(points @ ahead, points @ a)
+    to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
+    beside = (along >= 0) & (along <= whole)
+    away = np.where(beside, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
+    return away, np.where(beside, along / whole, np.where(to_a < to_b, 0.0, 1.0))
