@@ -5,11 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from morphofold.analysis.gyri import GyralScales, gyral_graph
+from morphofold.analysis.gyri import gyral_graph
 from morphofold.analysis.hinge_table import hinges
-from morphofold.ridges import irregular_net, regular_net, ridged_net
-from morphofold.shapes import icosphere
-from morphofold.surface import Surface
+from morphofold.ridges import regular_net, ridged_net
 
 CREST = 54.0            # radius of the crests [mm]
 SOLIDS = ("tetrahedron", "cube", "octahedron", "icosahedron", "dodecahedron")
@@ -26,7 +24,8 @@ def matched(graph, net):
     assert len(set(index.tolist())) == len(found)
     assert [found[k].degree for k in index] == net.degree.tolist()
     number = {found[k].node: node for node, k in enumerate(index)}
-    assert sorted(tuple(sorted((number[a], number[b]))) for a, b in graph.edges()) == sorted(map(tuple, net.arcs.tolist()))
+    joined = sorted(tuple(sorted((number[a], number[b]))) for a, b in graph.edges())
+    assert joined == sorted(map(tuple, net.arcs.tolist()))
     return [found[k] for k in index], away, number
 
 
