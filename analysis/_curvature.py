@@ -26,8 +26,9 @@ class Curvature:
     """Pointwise curvature of a surface at a stated scale; convex positive, [1/length] of the mesh.
 
     ``k1 >= k2`` (N,), unit directions ``d1``, ``d2`` (N, 3) (sign arbitrary, right-handed with the outward normal
-    ``normals`` (N, 3) of the fitted surface), and ``scale``, the radius of the neighbourhoods, in the mesh's length
-    unit. NaN where no face uses the vertex or no surface could be fitted.
+    ``normals`` (N, 3) of the fitted surface), the extremalities ``e1``, ``e2`` (N,) [1/length^2], derivatives of k1
+    along d1 and of k2 along d2, whose sign turns with the direction's, and ``scale``, the radius of the neighbourhoods,
+    in the mesh's length unit. NaN where no face uses the vertex or no surface could be fitted.
     """
 
     k1: PerVertex = field(repr=False)
@@ -35,6 +36,8 @@ class Curvature:
     d1: NDArray[np.float64] = field(repr=False)
     d2: NDArray[np.float64] = field(repr=False)
     normals: NDArray[np.float64] = field(repr=False)
+    e1: PerVertex = field(repr=False)
+    e2: PerVertex = field(repr=False)
     scale: float
 
     @property
@@ -143,8 +146,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction
     if lost.any():
         normals[lost] = unit(ring[lost] @ normals)
-    k1, k2, d1, d2, fitted = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
-    return Curvature(k1, k2, d1, d2, fitted, float(scale))
+    k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
+    return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 
 @dataclass(frozen=True)
@@ -190,10 +193,11 @@ def folding_indices(curv: Curvature, areas: PerVertex) -> FoldingIndices:
 
 @njit(cache=True, parallel=True)
 def _fit(verts, normals, indptr, indices, scale):
-    """k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3)."""
+    """k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
     n = len(verts)
     k1, k2 = np.full(n, np.nan), np.full(n, np.nan)
     d1, d2, out = np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    e1, e2 = np.full(n, np.nan), np.full(n, np.nan)
     for block in prange(BLOCKS):
         seen = np.full(n, -1, np.int32)
         stamp = 0
@@ -223,9 +227,13 @@ def _fit(verts, normals, indptr, indices, scale):
             for k in range(3):                  # once more, in the frame that was found
                 frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
             _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
-            if _solve(A, b, order) >= 6:
+            order = _solve(A, b, order)
+            if order >= 6:
                 _principal(i, b, radius, frame, k1, k2, d1, d2, out)
-    return k1, k2, d1, d2, out
+            if order == 10:
+                e1[i] = _extremality(b, radius, frame, d1[i])
+                e2[i] = _extremality(b, radius, frame, d2[i])
+    return k1, k2, d1, d2, out, e1, e2
 
 
 @njit(cache=True)
@@ -367,3 +375,19 @@ def _principal(i, a, radius, frame, k1, k2, d1, d2, out):
         e, f = du / root, (E * dv - F * du) / (root * D)
         d1[i, k], d2[i, k] = c * e + s * f, c * f - s * e
         out[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
+
+
+@njit(cache=True)
+def _extremality(a, radius, frame, along):
+    """Derivative, along a direction, of the curvature of the normal section of h(u, v) in it."""
+    u = along[0] * frame[0, 0] + along[1] * frame[0, 1] + along[2] * frame[0, 2]
+    v = along[0] * frame[1, 0] + along[1] * frame[1, 1] + along[2] * frame[1, 2]
+    flat = math.sqrt(u * u + v * v)
+    if flat == 0.0:
+        return 0.0
+    u, v = u / flat, v / flat
+    first = a[1] * u + a[2] * v
+    second = 2.0 * (a[3] * u * u + a[4] * u * v + a[5] * v * v)
+    third = 6.0 * (a[6] * u * u * u + a[7] * u * u * v + a[8] * u * v * v + a[9] * v * v * v)
+    root = math.sqrt(1.0 + first * first)
+    return -(third / root**4 - 3.0 * first * second * second / root**6) / radius**2

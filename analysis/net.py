@@ -228,7 +228,7 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     i, j = np.r_[links[:, 0], links[:, 1]], np.r_[links[:, 1], links[:, 0]]
     graph = sparse.csr_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(points), len(points)))
     net, name = Net(), {}
-    for path in _paths(graph, junction):
+    for path in paths(graph, junction):
         for end in (path[0], path[-1]):
             if end not in name:
                 inside = end >= len(crossed)
@@ -238,7 +238,7 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     return net
 
 
-def _paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
+def paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
     """Chains between junctions, from borders of the surface, and rings; each once."""
     first, near = graph.indptr.tolist(), graph.indices.tolist()
     ends, seen = set(junction.tolist()), set()

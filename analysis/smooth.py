@@ -79,12 +79,23 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
     """
     if not (scale > 0 and np.isfinite(scale)):
         raise ValueError(f"scale must be a positive length, got {scale!r}.")
+    return _diffused(verts, faces, verts, scale, rounds, rtol)
+
+
+def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as :func:`implicit_smoothing` does."""
+    return _diffused(verts, faces, values, scale, 1, 1e-3)
+
+
+def _diffused(
+    verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float, rounds: int, rtol: float
+) -> NDArray[np.float64]:
     mass = _mesh.vertex_areas(verts, faces)
     stiffness = scale**2 * _mesh.cotangent_laplacian(verts, faces, clip=COT_CLIP)
     matrix = (sparse.dia_array((mass[None, :], [0]), shape=stiffness.shape) + stiffness).tocsr()
     diagonal = matrix.diagonal()
     jacobi = np.divide(1, diagonal, out=np.ones_like(diagonal), where=diagonal > 0)
-    x = np.array(verts)
+    x = np.array(values)
     for _ in range(rounds):
         right = mass[:, None] * x
         if not _solve(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_STEPS):
