@@ -10,6 +10,7 @@ from morphofold.sim.effects.contact import (
     DEEPEST,
     GAP,
     SEARCH,
+    STIFFER,
     STIFFNESS,
     Contact,
     _nearest_weights,
@@ -132,12 +133,12 @@ def test_a_symmetry_plane_acts_as_the_mirror_image():
     body.update_state(body.X)
     x, extra = body.X.copy(), np.zeros((body.n_surface, 3))
     node = int(np.argmin(np.abs(body.X[: body.n_surface] - 50 / 3**0.5).sum(axis=1)))
-    x[node, 0] = -0.5
+    x[node, 0] = 0.1 * GAP * body.filter.h
     planes.add_forces(body, x, np.zeros_like(x), extra)
     assert extra[node, 0] > 0
     assert np.count_nonzero(extra) == 1
     assert planes.record()["pressed"] == 1
-    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * (0.5 + 0.5 * GAP * body.filter.h))
+    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP * body.filter.h)
 
 
 # two flat walls, face to face
@@ -187,10 +188,10 @@ def pushes(body, x, v=None):
     return extra, contact
 
 
-@pytest.mark.parametrize("speed", [0.0, 0.02, -0.02, -1.0])
-def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, speed):
+@pytest.mark.parametrize(("gaps", "speed"), [(0.6, 0.0), (0.6, 0.02), (0.6, -0.02), (0.6, -1.0), (-0.4, 0.02)])
+def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, gaps, speed):
     """Of the two walls one is the image of the other; ``speed`` is that towards the plane."""
-    body, x = walls(0.6 * GAP, mass=3.0)
+    body, x = walls(gaps * GAP, mass=3.0)
     n = body.n_surface // 2
     v = 0.001 * rng.standard_normal((n, 3)) - [speed, 0, 0]
     both, contact = pushes(body, x, np.concatenate([v, v * [-1, 1, 1]]))
@@ -215,6 +216,20 @@ def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
     np.testing.assert_allclose(push[1], 2 * STIFFNESS * depth)          # of its own springs, and those of the other
     np.testing.assert_allclose(push[2] - push[1], 2 * DASHPOT * 0.01)
     np.testing.assert_allclose(push[0] - push[1], -2 * DASHPOT * 0.01)
+
+
+def test_a_wall_that_is_through_another_is_pushed_back_more_stiffly_by_the_gradient_of_its_energy():
+    def pushed(gaps):
+        body, x = walls(gaps * GAP)
+        push, contact = pushes(body, x)
+        return push[: len(x) // 2, 0], contact.energy()
+
+    slope = [np.diff([pushed(gaps)[0][0] for gaps in pair]) / GAP for pair in ((0.7, 0.6), (-0.3, -0.4))]
+    np.testing.assert_allclose(slope, np.array([[2 * STIFFNESS], [2 * (STIFFNESS + STIFFER)]]) * 0.1)
+    for gaps in (0.5, -0.5):
+        push, _ = pushed(gaps)
+        energy = pushed(gaps - 1e-4)[1] - pushed(gaps + 1e-4)[1]
+        assert energy == pytest.approx(2e-4 * GAP * push.sum(), rel=1e-6)
 
 
 @pytest.mark.parametrize("heavy", ["upper", "lower"])

@@ -13,7 +13,8 @@ from morphofold.sim.effects import Effect, contact
 
 Array = NDArray[np.float64]
 
-STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT     # a node and its image press, at twice the depth
+#: those of contact, four times: a node and its image press, at twice the depth
+STIFFNESS, STIFFER, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.STIFFER, 4 * contact.DASHPOT
 
 
 @njit(cache=True)
@@ -23,11 +24,12 @@ def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
         if depth > 0.0 and not held[i]:
-            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
+            through = max(depth - gap, 0.0)
+            force = mass[i] * (STIFFNESS * depth + STIFFER * through - DASHPOT * side * v[i, axis])
             if force > 0.0:
                 extra[i, axis] += side * force
                 count += 1
-                energy += 0.5 * mass[i] * STIFFNESS * depth * depth
+                energy += 0.5 * mass[i] * (STIFFNESS * depth * depth + STIFFER * through * through)
     return count, energy
 
 
