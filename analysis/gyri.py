@@ -2,68 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import checks
 from morphofold.analysis._mesh import incident_faces
 from morphofold.analysis.altitude import Altimeter, persistence
-from morphofold.analysis.blind import add_blind_gyri
-from morphofold.analysis.net import Net, borders, smoothed
+from morphofold.analysis.gyral_net import Fields, Ground, GyralScales
+from morphofold.analysis.net import Net
 from morphofold.analysis.refine import refine, upright
 from morphofold.analysis.thickness import closest_in_triangle
-from morphofold.analysis.watershed import Watershed
-from morphofold.analysis.ways import way_graph
-from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.surface import Cortex, Surface
 
 if TYPE_CHECKING:
     import networkx as nx
-
-STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
-WEAK = 0.2              # and the share of it below which one is none
-
-
-@dataclass(frozen=True)
-class GyralScales:
-    """The lengths of a gyral graph [mm]; :meth:`of_width` has those that the gyral width gives.
-
-    Attributes
-    ----------
-    width : float
-        Of the gyri, from inflection to inflection.
-    reach : float
-        Of the altitude: what is several times as wide is the body's shape.
-    smoothing : float
-        Standard deviation, of the altitude and along the net.
-    persistence : float
-        Least rise of the pass between two basins above the shallower one.
-    merge : float
-        Crests shorter than this between two hinges are contracted to one hinge.
-    prune : float
-        Crests shorter than this with a free end are dropped.
-    tip : float
-        A crown that reaches farther from the net has a crest of its own.
-    """
-
-    width: float
-    reach: float
-    smoothing: float
-    persistence: float
-    merge: float
-    prune: float
-    tip: float
-
-    @classmethod
-    def of_width(cls, width: float) -> GyralScales:
-        """1.5, 0.2, 0.15, 0.5, 1 and 1.5 gyral widths."""
-        return cls(width, 1.5 * width, 0.2 * width, 0.15 * width, 0.5 * width, width, 1.5 * width)
 
 
 def gyral_graph(
@@ -111,90 +66,31 @@ def gyral_graph(
     """
     import networkx as nx
 
-    if isinstance(surface, Cortex):
-        inside = checks.cortex_mask(surface)
-        sheet = surface.white
-    else:
-        sheet, inside = surface, np.ones(len(surface.verts), dtype=bool)
-    meter = Altimeter(sheet.verts, sheet.faces)
-    scales = _scales(meter, inside, width, scales)
-    graph = nx.MultiGraph(scales=scales, surface=sheet.name, edge=meter.edge)
-    if scales is None:
-        return graph
-    D = meter.altitude(scales.reach, scales.smoothing)
-    band = D - meter.smooth(D, scales.width)
-    H = meter.mean_curvature(scales.smoothing)
-    tree = cKDTree(sheet.verts)
-    ways = way_graph(sheet.verts, sheet.faces)
-    flood = Watershed(meter.pairs, meter.lengths, D)
-    net = _topology(meter, flood, D, band, H, ways, tree, inside, scales)
-    refine(net, meter, D, scales.width)
-    _describe(graph, net, meter, flood, D, band, tree)
+    ground = Ground(surface)
+    meter = ground.meter
+    chosen = ground.scales(width, scales)
+    graph = nx.MultiGraph(scales=chosen, surface=ground.sheet.name, edge=meter.edge)
+    if chosen is not None:
+        fields = ground.fields(chosen)
+        net = ground.net(fields, chosen)
+        refine(net, meter, fields.D, chosen.width)
+        _describe(graph, net, ground, fields)
     return graph
 
 
-def _scales(
-    meter: Altimeter, inside: NDArray[np.bool_], width: float | None, scales: GyralScales | None
-) -> GyralScales | None:
-    if width is not None and scales is not None:
-        raise ValueError("pass width or scales, not both: scales.width is the width.")
-    if scales is None:
-        width = meter.gyral_width(inside) if width is None else float(width)
-        if math.isnan(width):
-            return None
-        scales = GyralScales.of_width(width)
-    for name, value in asdict(scales).items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be a positive length in mm, got {value!r}.")
-    return scales
-
-
-def _topology(
-    meter: Altimeter, flood: Watershed, D: PerVertex, band: PerVertex, H: PerVertex, ways: sparse.csr_array,
-    tree: cKDTree, inside: NDArray[np.bool_], scales: GyralScales,
-) -> Net:  # fmt: skip
-    """Steps 1 to 4."""
-    basin = flood.basins(persistence(D, scales.persistence))
-    net = borders(meter.verts, meter.faces, meter.pairs, basin, flood.finest)
-    if not inside.all():
-        net.keep(lambda points: inside[tree.query(points)[1]])
-    least = _drop_weak(net, band, tree)
-    for arc in net.arcs.values():
-        arc.points = smoothed(arc.points, scales.smoothing)
-    net.tidy_up(scales.merge, scales.prune, scales.width)
-    add_blind_gyri(net, meter, ways, D, (H > 0) & (band > least) & inside, scales.width, scales.tip)
-    net.tidy_up(scales.merge, scales.prune, scales.width)
-    refine(net, meter, D, scales.width, rounds=1)
-    net.tidy_up(scales.merge, scales.prune, scales.width)
-    return net
-
-
-def _drop_weak(net: Net, band: PerVertex, tree: cKDTree) -> float:
-    """Take weak crests out of the net; the strength that is the least."""
-    strength = {name: float(np.median(band[tree.query(arc.points)[1]])) for name, arc in net.arcs.items()}
-    if not strength:
-        return 0.0
-    order = sorted(strength, key=lambda name: strength[name])
-    length = np.cumsum([net.arcs[name].length for name in order])
-    least = WEAK * strength[order[int(np.searchsorted(length, STRONG * length[-1]))]]
-    net.drop(*(name for name in order if strength[name] < least))
-    return least
-
-
-def _describe(
-    graph: nx.MultiGraph, net: Net, meter: Altimeter, flood: Watershed, D: PerVertex, band: PerVertex, tree: cKDTree
-) -> None:
+def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) -> None:
     """Nodes and edges of the graph, in an order that depends on their places alone."""
-    feet, width = _Feet(meter, tree), graph.graph["scales"].width
+    D, band, scales = fields.D, fields.band, graph.graph["scales"]
+    feet = _Feet(ground.meter, ground.tree)
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
-    degrees, least = net.degrees(), persistence(D, graph.graph["scales"].persistence)
-    held = flood.apart([net.nodes[node].basins for node in number], 3, least)
+    degrees, least = net.degrees(), persistence(D, scales.persistence)
+    held = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
     for node, lasting in zip(number, held.tolist()):
         here = net.nodes[node]
         place, vertex = feet.of(here.at[None])
         graph.add_node(
             number[node], position=place[0], vertex=int(vertex[0]), degree=degrees[node], cut=here.cut,
-            normal=upright(meter, tree, here.at, width),
+            normal=upright(ground.meter, ground.tree, here.at, scales.width),
             persistence=lasting if degrees[node] > 2 else np.nan,
         )  # fmt: skip
     arcs = [arc if number[arc.a] <= number[arc.b] else arc.turned() for arc in net.arcs.values()]
