@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis._mesh import incident_faces
 from morphofold.analysis.altitude import Altimeter, persistence
 from morphofold.analysis.gyral_net import Fields, Ground, GyralScales
-from morphofold.analysis.net import Net
+from morphofold.analysis.net import Net, resampled
 from morphofold.analysis.refine import refine, upright
 from morphofold.analysis.thickness import closest_in_triangle
 from morphofold.surface import Cortex, Surface
@@ -44,7 +44,8 @@ def gyral_graph(
         nothing else is changed (NaN for one that owes it to a blind gyrus), ``cut`` where the mask or the border ends
         a crest. Edges have ``polyline`` (P, 3) [mm] from the smaller node to the larger, ``vertices`` (P,) nearest to
         it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least altitude along it [mm], ``strength``
-        [mm], ``blind``. ``graph.graph`` has ``scales`` (a ``GyralScales`` or None), ``surface`` and ``edge`` [mm].
+        [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve within the
+        surface in steps of half a gyral width over its length, ``blind``. ``graph.graph`` has ``scales`` (a ``GyralScales`` or None), ``surface`` and ``edge`` [mm].
         Empty if the surface has no folds.
 
     Raises
@@ -100,7 +101,17 @@ def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) ->
             number[arc.a], number[arc.b], polyline=line, vertices=vertices, blind=arc.blind,
             length=arc.length, altitude=float(np.median(D[vertices])),
             lowest=float(D[vertices].min()), strength=float(np.median(band[vertices])),
+            curvature=_turning(arc.points, ground, 0.5 * scales.width),
         )  # fmt: skip
+
+
+def _turning(points: NDArray[np.float64], ground: Ground, step: float) -> float:
+    coarse = resampled(points, step)
+    normal = ground.meter.normals[ground.tree.query(coarse[1:-1])[1]]
+    before, after = np.diff(coarse, axis=0)[:-1], np.diff(coarse, axis=0)[1:]
+    turn = np.arctan2(np.sum(np.cross(before, after) * normal, axis=1), np.sum(before * after, axis=1))
+    length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+    return float(np.abs(turn).sum()) / length if length > 0 else 0.0
 
 
 class _Feet:

@@ -35,7 +35,7 @@ class Arm:
     length : float
         Of the crest to that node [mm].
     curvature : float
-        Mean geodesic curvature of the crest, without sign [1/mm]: how far it turns over its length.
+        Mean geodesic curvature of the crest, without sign [1/mm].
     altitude, lowest : float
         Median and least altitude of the crest [mm].
     blind : bool
@@ -127,7 +127,7 @@ def _hinge(graph: nx.MultiGraph, node: int, width: float) -> Hinge:
         if a != b and np.linalg.norm(lines[0][0] - here) > np.linalg.norm(lines[0][-1] - here):
             lines = [lines[0][::-1]]
         for line in lines:
-            found.append((_direction(line, here, normal, width), b if a == node else a, crest, line))
+            found.append((_direction(line, here, normal, width), b if a == node else a, crest))
     u = found[0][0]
     v = np.cross(normal, u)
     azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in found]
@@ -137,8 +137,8 @@ def _hinge(graph: nx.MultiGraph, node: int, width: float) -> Hinge:
     order, turns = order[first:] + order[:first], turns[first:] + turns[:first]
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
-        direction, to, crest, line = found[k]
-        arms.append(Arm(node, number, to, turn, crest["length"], _turning(line), crest["altitude"],
+        direction, to, crest = found[k]
+        arms.append(Arm(node, number, to, turn, crest["length"], crest["curvature"], crest["altitude"],
                         crest["lowest"], crest["blind"], tuple(direction.tolist())))  # fmt: skip
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
@@ -155,15 +155,6 @@ def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
     return unit
-
-
-def _turning(line: Array) -> float:
-    """Angle through which a curve turns, over its length [1/mm]."""
-    step = np.diff(line, axis=0)
-    length = np.linalg.norm(step, axis=1)
-    step = step[length > 0] / length[length > 0, None]
-    bend = np.arccos(np.clip(np.sum(step[1:] * step[:-1], axis=1), -1, 1))
-    return float(bend.sum() / length.sum()) if length.sum() > 0 else 0.0
 
 
 def _shape(turns: list[float]) -> str:
