@@ -45,7 +45,8 @@ def gyral_graph(
         a crest. Edges have ``polyline`` (P, 3) [mm] from the smaller node to the larger, ``vertices`` (P,) nearest to
         it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least altitude along it [mm], ``strength``
         [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve within the
-        surface in steps of half a gyral width over its length, ``blind``. ``graph.graph`` has ``scales`` (a ``GyralScales`` or None), ``surface`` and ``edge`` [mm].
+        surface in steps of half a gyral width over its length, ``blind``. ``graph.graph`` has ``scales`` (a
+        ``GyralScales`` or None), ``surface`` and ``edge`` [mm].
         Empty if the surface has no folds.
 
     Raises
