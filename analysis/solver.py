@@ -40,6 +40,15 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
     return x
 
 
+@njit(cache=True)
+def _sum(parts):
+    """In order: within a parallel kernel numba would share the sum among its threads."""
+    total = 0.0
+    for part in parts:
+        total += part
+    return total
+
+
 @njit(cache=True, parallel=True)
 def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
     # Not scipy's cg: BLAS threads spin on its short sums, and add them in an order that depends on their number.
@@ -55,7 +64,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
             one[b] += total * total
             two[b] += total * p[i]
             three[b] += right[i] * right[i]
-    rr, rz, goal = one.sum(), two.sum(), rtol * rtol * three.sum()
+    rr, rz, goal = _sum(one), _sum(two), rtol * rtol * _sum(three)
     for _ in range(steps):
         if rr <= goal:
             return True
@@ -68,7 +77,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
                 q[i] = total
                 part += total * p[i]
             one[b] = part
-        alpha, old = rz / one.sum(), rz
+        alpha, old = rz / _sum(one), rz
         for b in prange(BLOCKS):
             part, weighed = 0.0, 0.0
             for i in range(b * n // BLOCKS, (b + 1) * n // BLOCKS):
@@ -77,7 +86,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
                 part += r[i] * r[i]
                 weighed += r[i] * r[i] * jacobi[i]
             one[b], two[b] = part, weighed
-        rr, rz = one.sum(), two.sum()
+        rr, rz = _sum(one), _sum(two)
         beta = rz / old
         for b in prange(BLOCKS):
             for i in range(b * n // BLOCKS, (b + 1) * n // BLOCKS):

@@ -1,0 +1,177 @@
+"""Nets of curves: borders of basins, merging, pruning, cutting."""
+
+import numpy as np
+import pytest
+
+from morphofold.analysis._mesh import edges
+from morphofold.analysis.net import Arc, Net, Node, borders, moved, resampled, smoothed
+from morphofold.ridges import irregular_net, regular_net
+from morphofold.shapes import cylinder, icosphere
+
+
+def made(*lines):
+    """A net of straight lines between named points."""
+    net, name = Net(), {}
+    for a, b in lines:
+        for end in (a, b):
+            if end not in name:
+                name[end] = net.add_node(Node(np.array([*end, 0.0])))
+        points = np.linspace(net.nodes[name[a]].at, net.nodes[name[b]].at, 11)
+        net.add_arc(Arc(name[a], name[b], points))
+    return net
+
+
+def counted(net):
+    """Nodes by degree, loops, components."""
+    parent = {node: node for node in net.nodes}
+
+    def root(node):
+        while parent[node] != node:
+            node = parent[node]
+        return node
+
+    for arc in net.arcs.values():
+        parent[root(arc.a)] = root(arc.b)
+    parts = len({root(node) for node in net.nodes})
+    degrees = list(net.degrees().values())
+    assert sum(degree - 2 for degree in degrees) == 2 * (len(net.arcs) - len(net.nodes))
+    return sorted(degrees), len(net.arcs) - len(net.nodes) + parts, parts
+
+
+def consistent(net):
+    """Every arc begins and ends where its nodes are."""
+    for arc in net.arcs.values():
+        np.testing.assert_allclose(arc.points[[0, -1]], [net.nodes[arc.a].at, net.nodes[arc.b].at], atol=1e-12)
+        assert arc.length == pytest.approx(np.linalg.norm(np.diff(arc.points, axis=0), axis=1).sum())
+    return net
+
+
+def test_two_near_junctions_merge_into_one_between_them():
+    net = made(((0, 0), (1, 0)), ((0, 0), (-3, 3)), ((0, 0), (-3, -3)), ((1, 0), (4, 3)), ((1, 0), (4, -3)))
+    net.merge(0.9, 5.0)
+    assert counted(net)[0] == [1, 1, 1, 1, 3, 3]
+    net.merge(1.1, 5.0)
+    assert counted(consistent(net))[0] == [1, 1, 1, 1, 4]
+    middle = next(node for node, degree in net.degrees().items() if degree == 4)
+    np.testing.assert_allclose(net.nodes[middle].at, [0.5, 0, 0])
+    assert net.nodes[middle].merged == 2
+
+
+def test_the_middle_of_three_that_merge_is_the_mean_of_all():
+    net = made(((0, 0), (1, 0)), ((1, 0), (2.2, 0)), ((0, 0), (-3, 3)), ((0, 0), (-3, -3)), ((1, 0), (1, 5)),
+               ((2.2, 0), (5, 3)), ((2.2, 0), (5, -3)))  # fmt: skip
+    net.merge(2.0, 1.0)
+    assert counted(consistent(net))[0] == [1] * 5 + [5]
+    middle = next(node for node, degree in net.degrees().items() if degree == 5)
+    np.testing.assert_allclose(net.nodes[middle].at[0], 3.2 / 3)
+
+
+def test_spurs_go_and_what_they_leave_is_one_curve():
+    net = made(((-5, 0), (0, 0)), ((0, 0), (5, 0)), ((0, 0), (0, 1)))
+    net.prune(0.9)
+    assert counted(net)[0] == [1, 1, 1, 3]
+    net.prune(1.1)
+    assert counted(consistent(net)) == ([1, 1], 0, 1)
+    assert next(iter(net.arcs.values())).length == pytest.approx(10)
+
+
+def test_a_short_piece_with_two_free_ends_goes_with_its_nodes():
+    net = made(((0, 0), (1, 0)), ((5, 0), (9, 0)))
+    net.prune(2.0)
+    assert counted(net) == ([1, 1], 0, 1)
+
+
+def test_an_end_that_was_cut_is_no_spur():
+    net = made(((-5, 0), (0, 0)), ((0, 0), (5, 0)), ((0, 0), (0, 1)))
+    net.keep(lambda points: points[:, 1] < 0.5)
+    net.prune(0.9)
+    assert counted(consistent(net))[0] == [1, 1, 1, 3]
+    assert sum(node.cut for node in net.nodes.values()) == 1
+
+
+def test_what_is_cut_in_the_middle_falls_in_two():
+    net = made(((-5, 0), (5, 0)))
+    net.keep(lambda points: np.abs(points[:, 0]) > 1.5)
+    assert counted(consistent(net)) == ([1, 1, 1, 1], 0, 2)
+    net.keep(lambda points: np.zeros(len(points), dtype=bool))
+    assert counted(net) == ([], 0, 0)
+
+
+def test_small_loops_go_large_ones_stay():
+    def with_loop(radius):
+        net = made(((-9, 0), (0, 0)), ((0, 0), (0, -9)))
+        node = next(node for node, degree in net.degrees().items() if degree == 2)
+        turn = np.linspace(0, 2 * np.pi, 40)
+        ring = radius * np.column_stack([1 - np.cos(turn), np.sin(turn), 0 * turn])
+        ring[-1] = ring[0]
+        net.add_arc(Arc(node, node, ring))
+        return net
+
+    net = with_loop(1.0)
+    assert counted(net)[:2] == ([1, 1, 4], 1)
+    net.merge(0.5, 6.0)
+    assert counted(net)[:2] == ([1, 1, 4], 1)
+    net.merge(0.5, 6.5)
+    assert counted(consistent(net))[:2] == ([1, 1], 0)
+
+
+@pytest.mark.parametrize("cells", [4, 12, 40])
+def test_borders_of_voronoi_cells_are_their_net(cells):
+    """Each vertex belongs to the nearest of some points: as many cells, all junctions of degree 3."""
+    truth = irregular_net(cells, seed=2)
+    seeds = np.random.default_rng(2).standard_normal((cells, 3))
+    for _ in range(4):
+        seeds /= np.linalg.norm(seeds, axis=1, keepdims=True)
+    verts, faces = icosphere(5)
+    basin = np.argmax(verts @ seeds.T, axis=1).astype(np.int64)
+    net = borders(verts, faces, edges(faces), basin, basin)
+    degrees, loops, parts = counted(consistent(net))
+    used = len(set(basin.tolist()))
+    assert used == cells
+    assert (parts, loops) == (1, cells - 1)
+    assert degrees == [3] * (2 * cells - 4) == [3] * len(truth.nodes)
+    for node in net.nodes.values():
+        assert len(node.basins) == 3
+        away = np.sort(seeds @ (node.at / np.linalg.norm(node.at)))[::-1]
+        assert away[0] - away[2] < 0.1                                  # as far from all three
+    assert not any(node.cut for node in net.nodes.values())
+
+
+def test_a_border_without_junctions_is_a_loop_and_on_an_open_surface_ends_at_its_rim():
+    verts, faces = icosphere(3)
+    half = (verts[:, 2] > 0.1).astype(np.int64)
+    assert counted(borders(verts, faces, edges(faces), half, half)) == ([2], 1, 1)
+    open_ = cylinder(n_around=24, n_along=9)
+    side = (open_.verts[:, 0] > 0.3).astype(np.int64)
+    net = borders(open_.verts, open_.faces, edges(open_.faces), side, side)
+    assert counted(net) == ([1, 1, 1, 1], 0, 2)
+    assert all(node.cut for node in net.nodes.values())
+
+
+def test_regular_borders_make_regular_nets():
+    dual = regular_net("octahedron")
+    verts, faces = icosphere(4)
+    basin = np.argmax(verts @ dual.nodes.T, axis=1).astype(np.int64)
+    degrees, loops, parts = counted(borders(verts, faces, edges(faces), basin, basin))
+    assert (degrees, loops, parts) == ([3] * 8, 5, 1)                   # the cube
+
+
+def test_curves_keep_their_ends():
+    turn = np.linspace(0, 3, 50)
+    line = np.column_stack([np.cos(turn), np.sin(turn), 0.1 * turn])
+    for other in (resampled(line, 0.1), smoothed(line, 0.2)):
+        np.testing.assert_allclose(other[[0, -1]], line[[0, -1]], atol=1e-12)
+    steps = np.linalg.norm(np.diff(resampled(line, 0.1), axis=0), axis=1)
+    assert steps.max() <= 0.1 + 1e-12
+    assert np.ptp(steps) < 1e-4
+    shifted = moved(line, line[0] + 1, line[-1] - 1)
+    np.testing.assert_allclose(shifted[[0, -1]], [line[0] + 1, line[-1] - 1])
+    np.testing.assert_allclose((shifted - line)[25], 0, atol=0.03)
+
+
+def test_smoothing_takes_out_zigzags_and_leaves_straight_lines(rng):
+    straight = np.linspace([0, 0, 0], [20, 0, 0], 101)
+    np.testing.assert_allclose(smoothed(straight, 1.0)[:, 1:], 0, atol=1e-12)
+    ragged = straight + np.outer(rng.standard_normal(101), [0, 0.1, 0])
+    ragged[[0, -1]] = straight[[0, -1]]
+    assert smoothed(ragged, 1.0)[:, 1].std() < 0.5 * ragged[:, 1].std()

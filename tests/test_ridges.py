@@ -1,0 +1,67 @@
+"""Spherical nets, and spheres with ridges along them."""
+
+import numpy as np
+import pytest
+
+from morphofold.ridges import SOLIDS, irregular_net, regular_net, ridged_net
+
+DEGREE = {"tetrahedron": 3, "cube": 3, "octahedron": 4, "icosahedron": 5, "dodecahedron": 3}
+
+
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_regular_nets_obey_euler_and_have_equal_arms(solid):
+    net = regular_net(solid)
+    nodes, arcs = len(net.nodes), len(net.arcs)
+    assert set(net.degree.tolist()) == {DEGREE[solid]}
+    faces = {"tetrahedron": 4, "cube": 6, "octahedron": 8, "icosahedron": 20, "dodecahedron": 12}[solid]
+    assert nodes - arcs + faces == 2
+    np.testing.assert_allclose(net.lengths, net.lengths[0])
+    for node in range(nodes):
+        np.testing.assert_allclose(net.arm_angles(node), 360 / DEGREE[solid])
+
+
+@pytest.mark.parametrize("cells", [6, 20, 60])
+def test_irregular_nets_are_of_degree_three_and_their_angles_add_up(cells):
+    net = irregular_net(cells, seed=3, shortest=0.03)
+    assert (len(net.nodes), len(net.arcs)) == (2 * cells - 4, 3 * cells - 6)
+    assert (net.degree == 3).all()
+    assert net.lengths.min() >= 0.03
+    assert all(net.arm_angles(node).sum() == pytest.approx(360) for node in range(len(net.nodes)))
+    np.testing.assert_array_equal(net.nodes, irregular_net(cells, seed=3, shortest=0.03).nodes)
+
+
+def test_an_irregular_net_without_short_arcs_can_be_too_much_to_ask():
+    with pytest.raises(ValueError, match="200 nets of 20 cells have arcs shorter than 1 rad"):
+        irregular_net(20, shortest=1.0)
+
+
+def test_ridges_have_their_height_width_and_dip():
+    net = regular_net("octahedron")
+    surface = ridged_net(net, 6, 6.0, dip=0.7)
+    radius = np.linalg.norm(surface.verts, axis=1)
+    way = surface.verts / radius[:, None]
+    assert radius.max() == pytest.approx(54, abs=1e-3)
+    assert radius.min() == pytest.approx(50, abs=1e-6)
+    middle = np.array([1, 1, 0]) / 2**0.5                               # of an arc
+    assert radius[np.argmax(way @ middle)] == pytest.approx(50 + 0.3 * 4, abs=0.02)
+    beside = np.sin(3 / 50) * np.array([0, 0, 1]) + np.cos(3 / 50) * middle
+    assert radius[np.argmax(way @ beside)] == pytest.approx(50 + 0.5 * 0.3 * 4, abs=0.1)
+
+
+def test_noise_is_a_share_of_the_mean_edge():
+    net = regular_net("cube")
+    clean, noisy = (ridged_net(net, 5, 6.0, noise=noise, rng=4) for noise in (0.0, 0.1))
+    pairs = np.concatenate([clean.faces[:, [0, 1]], clean.faces[:, [1, 2]], clean.faces[:, [2, 0]]])
+    edge = np.linalg.norm(clean.verts[pairs[:, 0]] - clean.verts[pairs[:, 1]], axis=1).mean()
+    assert (noisy.verts - clean.verts).std() == pytest.approx(0.1 * edge, rel=0.02)
+
+
+def test_a_blind_ridge_ends_where_it_is_told():
+    net = regular_net("octahedron")
+    a, b = np.array([1, 1, 0]) / 2**0.5, np.array([1, 1, 0.6]) / np.linalg.norm([1, 1, 0.6])
+    surface = ridged_net(net, 6, 6.0, blind=np.array([[a, b]]))
+    radius = np.linalg.norm(surface.verts, axis=1)
+    way = surface.verts / radius[:, None]
+    beyond = np.array([1, 1, 0.9]) / np.linalg.norm([1, 1, 0.9])
+    assert radius[np.argmax(way @ b)] == pytest.approx(54, abs=0.1)
+    assert radius[np.argmax(way @ beyond)] < 50.2

@@ -1,0 +1,50 @@
+"""Shortest ways on surfaces."""
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+
+from morphofold.analysis.ways import cheapest_path, shorten, way_graph
+from morphofold.shapes import icosphere
+
+
+def test_ways_on_a_sphere_are_a_few_percent_long():
+    verts, faces = icosphere(5, radius=10.0)
+    way = np.full(len(verts), np.inf)
+    shorten(way_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
+    true = 10 * np.arccos(np.clip(verts @ verts[0] / 100, -1, 1))
+    far = true > 2
+    assert (way[far] >= true[far] * (1 - 1e-3)).all()                   # chords: a little shorter than the sphere
+    assert np.mean(way[far] / true[far]) == pytest.approx(1.03, abs=0.015)
+
+
+def test_ways_are_dijkstras_and_stay_within(rng):
+    verts, faces = icosphere(3)
+    graph = way_graph(verts, faces)
+    np.testing.assert_allclose((graph - graph.T).toarray(), 0)
+    way = np.full(len(verts), np.inf)
+    shorten(graph, way, np.array([3, 77]), np.ones(len(verts), dtype=bool))
+    np.testing.assert_allclose(way, dijkstra(graph, indices=[3, 77]).min(axis=0))
+    before = way.copy()
+    shorten(graph, way, np.array([200]), np.ones(len(verts), dtype=bool))
+    np.testing.assert_allclose(way, np.minimum(before, dijkstra(graph, indices=200)))
+    upper = verts[:, 2] > 0
+    way = np.full(len(verts), np.inf)
+    shorten(graph, way, np.flatnonzero(upper)[:1], upper)
+    assert np.isfinite(way[upper]).all()
+    assert np.isinf(way[~upper]).all()
+
+
+def test_the_cheapest_path_keeps_to_the_cheap_side():
+    verts, faces = icosphere(4)
+    graph = way_graph(verts, faces)
+    start, end = int(np.argmax(verts[:, 0])), int(np.argmin(verts[:, 0]))
+    goals = np.zeros(len(verts), dtype=bool)
+    goals[end] = True
+    everywhere = np.ones(len(verts), dtype=bool)
+    for side in (1, -1):
+        path = cheapest_path(graph, np.where(side * verts[:, 2] > 0.1, 1.0, 9.0), start, goals, everywhere)
+        assert (path[0], path[-1]) == (start, end)
+        assert (side * verts[path[5:-5], 2] > 0).all()
+        assert (graph[path[:-1], path[1:]] > 0).all()
+    assert len(cheapest_path(graph, np.ones(len(verts)), start, goals, verts[:, 2] > 2)) == 0
