@@ -231,8 +231,14 @@ def add_pushes(tri, partner, push, weight, depth, extra):
 
 
 def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Quads (Q, 4) split along one diagonal, triangles as they are."""
-    return faces if faces.shape[1] == 3 else np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    """Quads (Q, 4) split along both diagonals, into four triangles that overlap in pairs; triangles as they are.
+
+    A bent quad bulges along one diagonal and not along the other: what stays clear of both is clear of either, however
+    the surface is cut into triangles in the end.
+    """
+    if faces.shape[1] == 3:
+        return faces
+    return np.concatenate([faces[:, k] for k in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])])
 
 
 def build(options, scene) -> Contact:
