@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import SphericalVoronoi
 
 from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.surface import Surface, Verts
+from morphofold.surface import Faces, Surface, Verts
 
 Array = NDArray[np.float64]
 GOLDEN = (1 + 5**0.5) / 2
@@ -100,7 +100,7 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
 
 def ridged_net(
     net: SphericalNet,
-    level: int,
+    level: int | tuple[Verts, Faces],
     width: float = 6.0,
     *,
     height: float = 4.0,
@@ -117,8 +117,8 @@ def ridged_net(
     Parameters
     ----------
     net : SphericalNet
-    level : int
-        Of the icosphere: 10 4^level + 2 vertices.
+    level : int, or (verts, faces)
+        Of the icosphere: 10 4^level + 2 vertices. Or any mesh of the unit sphere.
     width, height, radius : float
         Full width at half height of a ridge, its height, radius of the floor [mm].
     dip : float
@@ -128,10 +128,13 @@ def ridged_net(
     noise : float
         Standard deviation of the displacement of every vertex along each axis [mean edges].
     rng : generator or int, optional
-        An irregular mesh, with its seed, which that of the noise follows; None: the icosphere, and noise of seed 0.
+        An irregular mesh, its seed and that of the noise; None: the icosphere, and noise of seed 0.
     """
     random = np.random.default_rng(0 if rng is None else rng)
-    verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=random)
+    if isinstance(level, tuple):
+        verts, faces = level
+    else:
+        verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=random)
     grown = np.zeros(len(verts))
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]

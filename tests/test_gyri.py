@@ -5,9 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from morphofold.analysis.gyral_net import GyralScales
 from morphofold.analysis.gyri import gyral_graph
 from morphofold.analysis.hinge_table import hinges
-from morphofold.ridges import regular_net, ridged_net
+from morphofold.ridges import SphericalNet, irregular_net, regular_net, ridged_net
+from morphofold.shapes import icosphere, sphere
+from morphofold.surface import Surface
 
 CREST = 54.0            # radius of the crests [mm]
 SOLIDS = ("tetrahedron", "cube", "octahedron", "icosahedron", "dodecahedron")
@@ -48,6 +51,129 @@ def rms(values):
 def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid):
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
+    assert np.median(away) < 0.3
+    assert rms(angles) < 3
+    assert rms(lengths) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("solid", "width", "noise", "dip", "height"),
+    [
+        ("octahedron", 8.0, 0.05, 0.0, 4.0), ("octahedron", 8.0, 0.10, 0.0, 4.0), ("octahedron", 12.0, 0.10, 0.0, 4.0),
+        ("icosahedron", 6.0, 0.10, 0.0, 4.0), ("tetrahedron", 5.0, 0.10, 0.0, 4.0),
+        ("octahedron", 8.0, 0.0, 0.7, 4.0), ("octahedron", 8.0, 0.10, 0.7, 4.0), ("tetrahedron", 5.0, 0.05, 0.7, 4.0),
+        ("icosahedron", 5.0, 0.05, 0.7, 4.0), ("octahedron", 8.0, 0.0, 0.5, 2.0),
+    ],
+)  # fmt: skip
+def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
+    """The meshes of 10,000 vertices have edges of 2 mm, so that a tenth of one is 0.2 mm."""
+    net = regular_net(solid).rotated(Rotation.random(random_state=2).as_matrix())
+    surface = ridged_net(net, 5, width, noise=noise, dip=dip, height=height, rng=3)
+    matched(gyral_graph(surface), net)
+
+
+@pytest.mark.parametrize("cells", [12, 20])
+def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
+    net = irregular_net(cells, seed=5, shortest=0.12)                   # arms from 6.5 mm
+    away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
+    assert np.median(away) < 0.3
+    assert rms(angles) < 3
+    assert rms(lengths) < 0.02
+
+
+def test_a_mesh_of_uneven_density_changes_nothing():
+    """Vertices crowd at two poles, edges from 0.5 to 2.5 mm."""
+    verts, faces = icosphere(6)
+    verts = verts * [1.0, 1.0, 2.5]
+    verts /= np.linalg.norm(verts, axis=1, keepdims=True)
+    net = regular_net("dodecahedron").rotated(Rotation.random(random_state=4).as_matrix())
+    away, angles, lengths = errors(gyral_graph(ridged_net(net, (verts, faces), 6.0)), net)
+    assert np.median(away) < 0.3
+    assert rms(angles) < 3
+    assert rms(lengths) < 0.02
+
+
+def test_another_unit_of_length_changes_nothing_but_lengths():
+    net = regular_net("cube")
+    surface = ridged_net(net, 5, 8.0, rng=1)
+    one, other = gyral_graph(surface), gyral_graph(Surface(1e-3 * surface.verts, surface.faces))
+    assert list(one.edges()) == list(other.edges())
+    for a, b in zip(hinges(one), hinges(other)):
+        np.testing.assert_allclose(a.position, 1e3 * np.array(b.position), atol=1e-3)
+        np.testing.assert_allclose([arm.angle for arm in a.arms], [arm.angle for arm in b.arms], atol=0.01)
+
+
+def test_a_blind_gyrus_has_a_crest_to_its_tip_and_a_hinge_at_its_root():
+    """15 mm long, from the middle of an arc into a wide floor."""
+    net = regular_net("octahedron")
+    root = np.array([1.0, 1.0, 0.0]) / 2**0.5
+    tip = np.cos(15 / CREST) * root + np.sin(15 / CREST) * np.array([0, 0, 1.0])
+    graph = gyral_graph(ridged_net(net, 6, 7.0, blind=np.array([[root, tip]]), rng=3))
+    found = hinges(graph)
+    assert sorted(hinge.degree for hinge in found) == [3] + 6 * [4]
+    (own,) = [hinge for hinge in found if hinge.blind]
+    assert np.linalg.norm(np.array(own.position) - CREST * root) < 0.5
+    ends = [data["position"] for _, data in graph.nodes(data=True) if data["degree"] == 1]
+    assert len(ends) == 1
+    assert np.linalg.norm(ends[0] - CREST * tip) < 2.5                  # a crest stops half a width before the flank
+    (arm,) = [arm for arm in own.arms if arm.blind]
+    assert arm.length == pytest.approx(15, abs=2.5)
+    assert np.isnan(own.persistence)
+    assert all(hinge.persistence > 2 for hinge in found if not hinge.blind)
+
+
+def test_a_ridge_around_the_sphere_is_a_loop_without_a_hinge():
+    turn = np.radians([0, 90, 180, 270])
+    nodes = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    ring = SphericalNet(nodes, np.array([[0, 1], [1, 2], [2, 3], [3, 0]]))
+    graph = gyral_graph(ridged_net(ring, 5, 8.0, rng=2))
+    assert (graph.number_of_nodes(), graph.number_of_edges()) == (1, 1)
+    assert hinges(graph) == []
+    (crest,) = (data for *_, data in graph.edges(data=True))
+    assert crest["length"] == pytest.approx(2 * np.pi * CREST, rel=0.01)
+    np.testing.assert_allclose(crest["polyline"][:, 2], 0, atol=0.5)
+
+
+def test_a_smooth_sphere_has_no_net():
+    ball = sphere(4, rng=1)
+    graph = gyral_graph(Surface(ball.verts, ball.faces))
+    assert hinges(graph) == []
+    assert graph.number_of_edges() == 0
+
+
+def test_the_invariant_of_nets_holds_and_crests_lie_on_the_surface():
+    net = irregular_net(20, seed=5, shortest=0.12)
+    surface = ridged_net(net, 5, 6.0, noise=0.1, rng=3)
+    graph = gyral_graph(surface)
+    loops = graph.number_of_edges() - graph.number_of_nodes() + 1
+    assert sum(degree - 2 for _, degree in graph.degree()) == 2 * (loops - 1)
+    for a, b, crest in graph.edges(data=True):
+        line = crest["polyline"]
+        assert a <= b
+        np.testing.assert_allclose(line[0], graph.nodes[a]["position"], atol=1e-6)
+        np.testing.assert_allclose(line[-1], graph.nodes[b]["position"], atol=1e-6)
+        assert np.linalg.norm(surface.verts[crest["vertices"]] - line, axis=1).max() < 3
+
+
+def test_scales_are_checked():
+    surface = ridged_net(regular_net("cube"), 4, 12.0)
+    with pytest.raises(ValueError, match="width must be a positive length in mm"):
+        gyral_graph(surface, width=-1.0)
+    with pytest.raises(ValueError, match="not both"):
+        gyral_graph(surface, width=6.0, scales=GyralScales.of_width(6.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.10])
+@pytest.mark.parametrize("level", [5, 6, 7])
+@pytest.mark.parametrize("width", [5.0, 8.0])
+def test_large_irregular_nets_are_exact_at_every_resolution(width, level, noise):
+    net = irregular_net(40, seed=9, shortest=2.5 / 54)
+    graph = gyral_graph(ridged_net(net, level, width, height=5.0, noise=noise, rng=8))
+    if level == 5:
+        matched(graph, net)
+        return
+    away, angles, lengths = errors(graph, net)
     assert np.median(away) < 0.3
     assert rms(angles) < 3
     assert rms(lengths) < 0.02

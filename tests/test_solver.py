@@ -29,7 +29,7 @@ def test_the_solution_is_that_of_a_direct_solver(system, rng):
     assert 0 < np.linalg.norm(matrix @ rough - right) <= 1e-2 * np.linalg.norm(right)
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="needs two threads")
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 def test_one_and_two_threads_give_the_same_bytes(system):
     found = []
     for threads in (1, 2):
