@@ -17,26 +17,40 @@ if __name__ != "morphofold.analysis":
 if TYPE_CHECKING:
     from morphofold.analysis._curvature import Curvature, FoldingIndices, curvature, folding_indices
     from morphofold.analysis._mesh import euler_characteristic, vertex_areas, vertex_normals
+    from morphofold.analysis.crest import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.depth import sulcal_depth
+    from morphofold.analysis.gyral_net import GyralScales
+    from morphofold.analysis.gyri import gyral_graph
     from morphofold.analysis.gyrification import gyrification_index
+    from morphofold.analysis.hinge_table import Arm, Hinge, hinges
     from morphofold.analysis.measures import Measures, measure
     from morphofold.analysis.prominence import prominent_peaks
     from morphofold.analysis.regions import region_table
+    from morphofold.analysis.sensitivity import hinge_sensitivity
     from morphofold.analysis.spectrum import Spectrum, power_spectrum
     from morphofold.analysis.thickness import GyralThickness, cortical_thickness, gyral_thickness
 
 _PUBLIC = {
+    "Arm": "hinge_table",
+    "CrestLine": "crest",
+    "CrestLines": "crest",
     "Curvature": "_curvature",
     "FoldingIndices": "_curvature",
+    "GyralScales": "gyral_net",
     "GyralThickness": "thickness",
+    "Hinge": "hinge_table",
     "Measures": "measures",
     "Spectrum": "spectrum",
     "cortical_thickness": "thickness",
+    "crest_lines": "crest",
     "curvature": "_curvature",
     "euler_characteristic": "_mesh",
     "folding_indices": "_curvature",
+    "gyral_graph": "gyri",
     "gyral_thickness": "thickness",
     "gyrification_index": "gyrification",
+    "hinge_sensitivity": "sensitivity",
+    "hinges": "hinge_table",
     "measure": "measures",
     "power_spectrum": "spectrum",
     "prominent_peaks": "prominence",
@@ -46,9 +60,10 @@ _PUBLIC = {
     "vertex_normals": "_mesh",
 }
 __all__ = [
-    "Curvature", "FoldingIndices", "GyralThickness", "Measures", "Spectrum", "cortical_thickness", "curvature",
-    "euler_characteristic", "folding_indices", "gyral_thickness", "gyrification_index", "measure", "power_spectrum",
-    "prominent_peaks", "region_table", "sulcal_depth", "vertex_areas", "vertex_normals",
+    "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
+    "Measures", "Spectrum", "cortical_thickness", "crest_lines", "curvature", "euler_characteristic",
+    "folding_indices", "gyral_graph", "gyral_thickness", "gyrification_index", "hinge_sensitivity", "hinges",
+    "measure", "power_spectrum", "prominent_peaks", "region_table", "sulcal_depth", "vertex_areas", "vertex_normals",
 ]  # fmt: skip
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.surface import Cortex, PerVertex
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
@@ -25,7 +28,7 @@ class Measures:
     ``scalars`` holds every name of ``SCALARS`` (None where a value cannot be had; then ``notes`` says why
     under the same name). ``maps`` are per-vertex arrays (N,), NaN where undefined, convex positive.
     ``regions``, ``crests``, ``hinges`` and ``arms`` are tables: one dict per row. ``parameters`` are the
-    scales and options used.
+    scales and options used. ``graph`` is the gyral graph; None for measures that were read from a folder.
     """
 
     cortex: Cortex
@@ -37,6 +40,7 @@ class Measures:
     arms: list[dict[str, Any]] = field(default_factory=list, repr=False)
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
+    graph: nx.MultiGraph | None = field(default=None, repr=False)
 
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
@@ -50,6 +54,7 @@ def measure(
     *,
     curvature_scale: float | None = None,
     gyral: Mapping[str, Any] | None = None,
+    gyral_width: float | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Measures:
     """Everything the measuring room says of one cortex, by the same code whatever its origin.
@@ -63,6 +68,8 @@ def measure(
         one number to compare surfaces of different resolution.
     gyral : mapping, optional
         Options for :func:`morphofold.analysis.gyral_thickness`.
+    gyral_width : float, optional
+        For :func:`morphofold.analysis.gyral_graph` [mm]; None: measured.
     progress : callable, optional
         Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.
 
@@ -90,6 +97,8 @@ def measure(
     """
     from morphofold.analysis import _mesh, checks, depth, gyrification, notes, regions, thickness
     from morphofold.analysis._curvature import curvature, folding_indices
+    from morphofold.analysis.gyral_tables import gyral_tables
+    from morphofold.analysis.gyri import gyral_graph
 
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
@@ -113,8 +122,11 @@ def measure(
     bent = curvature(pial.verts, faces, scale)
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
 
-    tell("gyral thickness", 0.6)
+    tell("gyral thickness", 0.5)
     across = thickness.gyral_thickness(cortex, **(gyral or {}))
+
+    tell("gyral graph", 0.7)
+    graph = gyral_graph(cortex, width=gyral_width)
 
     def of_cortex(values: PerVertex) -> PerVertex:
         return np.where(mask, values, np.nan)
@@ -128,10 +140,11 @@ def measure(
         maps["thickness_file"] = of_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
 
     tell("regions", 0.95)
-    rows = regions.region_table(cortex, maps, across)
+    rows = regions.region_table(cortex, maps, across, graph)
+    tables = gyral_tables(cortex, graph, maps)
     slope, r, why = _gyral_on_cortical(rows)
     said = {
-        **notes.not_measured(),
+        **notes.of_gyral_graph(graph),
         **notes.of_input(cortex),
         **({"curvature_scale": remark} if remark else {}),
         **notes.of_thickness(cap, "thickness" in cortex.maps),
@@ -157,7 +170,9 @@ def measure(
         wavelength_mm=_number(across.wavelength),
         gyral_to_cortical_slope=slope,
         gyral_to_cortical_r=r,
+        **tables.scalars,
     )
+    scales = graph.graph["scales"]
     parameters = {
         "curvature_scale_mm": scale,
         "curvature_map_surface": "pial",
@@ -168,9 +183,12 @@ def measure(
         "cortex_vertices": int(np.count_nonzero(mask)),
         "gyral_scale_mm": _number(across.scale),
         "gyral_coverage": _number(across.coverage),
+        **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
     }
     tell("done", 1.0)
-    return Measures(cortex, scalars, maps, rows, parameters=parameters, notes=said)
+    return Measures(
+        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters, said, graph,
+    )  # fmt: skip
 
 
 def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple[float, str]:

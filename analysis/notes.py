@@ -7,16 +7,36 @@ from typing import TYPE_CHECKING
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
+    import networkx as nx
+
     from morphofold.analysis._curvature import FoldingIndices
     from morphofold.analysis.chord import GyralThickness
 
 Notes = dict[str, str]
 
-LATER = "Crest lines and hinges are not measured by this version."
+COARSEST = 4.0          # gyral width in mean edges, below which the mesh is remarked on
+
+GRAPH = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm")
 
 
-def not_measured() -> Notes:
-    return dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm"), LATER)
+def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
+    """How crests and hinges were found, and whether the mesh is fine enough for them."""
+    scales, surface = graph.graph["scales"], graph.graph["surface"]
+    if scales is None:
+        return dict.fromkeys(GRAPH, f"{surface} has no gyri: no crest parts two basins of its altitude.")
+    text = (
+        f"Net of crests on {surface}, gyral width {scales.width:.2f} mm (inflection to inflection); pits that persist "
+        f"less than {scales.persistence:.2f} mm are joined, hinges nearer than {scales.merge:.2f} mm are one, spurs "
+        f"shorter than {scales.prune:.2f} mm are none. The number of hinges depends on these: hinge_sensitivity says "
+        "how much."
+    )
+    edge = graph.graph["edge"]
+    if edge > scales.width / COARSEST:
+        text += (
+            f" The mean edge, {edge:.2f} mm, is more than a {COARSEST:g}th of the width: a finer mesh may have other "
+            "hinges."
+        )
+    return dict.fromkeys(GRAPH, text)
 
 
 def of_input(cortex: Cortex) -> Notes:

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis._mesh import vertex_areas
+from morphofold.analysis.gyral_tables import region_columns
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
+    import networkx as nx
+
     from morphofold.analysis.thickness import GyralThickness
 
 NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
@@ -22,8 +25,9 @@ LEAST_CONTOUR = 2.0     # in median gyral widths: about 20 mm on an adult brain,
 
 
 def region_table(
-    cortex: Cortex, maps: Mapping[str, PerVertex], gyral: GyralThickness | None = None
-) -> list[dict[str, Any]]:
+    cortex: Cortex, maps: Mapping[str, PerVertex], gyral: GyralThickness | None = None,
+    graph: nx.MultiGraph | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
     """One row per region of the cortex that has vertices, in the order of its annotation.
 
     Parameters
@@ -35,6 +39,8 @@ def region_table(
         [mm], NaN where undefined. What is missing leaves its column None.
     gyral : GyralThickness, optional
         Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
+    graph : networkx.MultiGraph, optional
+        Gyral graph, for the hinges in a region and the length of crests there.
 
     Returns
     -------
@@ -58,6 +64,7 @@ def region_table(
     if cortex.regions is None:
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
+    crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for index, region in enumerate(cortex.regions.names):
         at = np.flatnonzero(cortex.regions.labels == index)
@@ -73,6 +80,8 @@ def region_table(
             across = gyral.median_where(cortex.regions.labels == index, cortex.faces) if enough else np.nan
             row.update(gyral_contour_mm=length)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
+        if region in crests:
+            row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):
             row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
         if np.isfinite(across):

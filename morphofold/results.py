@@ -34,10 +34,16 @@ COLUMNS = {
     "regions": REGION_COLUMNS,
     "crests": (
         "hemi", "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm",
-        "mean_H_per_mm", "region",
+        "mean_H_per_mm", "region", "altitude_mm", "strength_mm", "blind",
     ),
-    "hinges": ("hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region"),
-    "arms": ("hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge"),
+    "hinges": (
+        "hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region", "vertex",
+        "mean_arm_length_mm", "persistence_mm", "blind",
+    ),
+    "arms": (
+        "hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge", "altitude_mm",
+        "lowest_altitude_mm", "blind",
+    ),
 }  # fmt: skip
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 MISSING = "n/a"

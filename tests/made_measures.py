@@ -63,13 +63,14 @@ def made_measures(hemi="lh", **options):
     )
     hinges = [
         {"hemi": hemi, "hinge": 0, "x": 1.5, "y": -2.0, "z": 30.0, "degree": 3, "shape": "Y", "min_angle_deg": 110.0,
-         "max_angle_deg": 130.0, "region": "front"},
+         "max_angle_deg": 130.0, "region": "front", "vertex": 5, "mean_arm_length_mm": 8.0, "persistence_mm": None,
+         "blind": 1},
     ]  # fmt: skip
     arms = [
         {"hemi": hemi, "hinge": 0, "arm": k, "angle_deg": 120.0 * k, "length_mm": 8.0, "curvature_per_mm": 0.01,
-         "to_hinge": None} for k in range(3)
+         "to_hinge": None, "altitude_mm": 4.0, "lowest_altitude_mm": 1.5, "blind": int(k == 2)} for k in range(3)
     ]  # fmt: skip
     return Measures(
         cortex, scalars, maps, rows, hinges=hinges, arms=arms, parameters={"curvature_scale_mm": 3.0},
-        notes={"n_hinges": "Hinges are not measured by this version."},
+        notes={"n_hinges": "Hinges were not counted."},
     )  # fmt: skip

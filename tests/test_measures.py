@@ -50,9 +50,10 @@ def test_a_shell_has_the_measures_of_its_spheres():
 def test_what_cannot_be_had_is_none_and_the_notes_say_why():
     m = measure(shell())
     missing = {name for name, value in m.scalars.items() if value is None}
-    assert {"n_hinges", "crest_length_mm", "median_gyral_thickness_mm", "gyral_to_cortical_slope"} <= missing
+    assert {"median_gyral_thickness_mm", "gyral_to_cortical_slope"} <= missing
     assert all(len(m.notes[name]) > 20 for name in missing)
-    assert "Crest lines and hinges are not measured" in m.notes["n_hinges"]
+    assert (m.scalars["n_hinges"], m.scalars["crest_length_mm"], m.hinges, m.crests) == (0, 0.0, [], [])
+    assert "has no gyri" in m.notes["n_hinges"]
     assert "three regions" in m.notes["gyral_to_cortical_r"]
 
 
