@@ -39,6 +39,8 @@ class Altimeter:
         Edges, and their lengths [mm].
     edge, area : float
         Mean edge [mm], area [mm^2].
+    local_edges : (N,) float64
+        Mean of the edges at each vertex [mm].
     """
 
     def __init__(self, verts: Verts, faces: Faces):
@@ -47,6 +49,9 @@ class Altimeter:
         self.pairs = _mesh.edges(faces)
         self.lengths = np.linalg.norm(verts[self.pairs[:, 0]] - verts[self.pairs[:, 1]], axis=1)
         self.edge = float(self.lengths.mean())
+        ends, twice = self.pairs.ravel(), np.repeat(self.lengths, 2)
+        count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
+        self.local_edges = np.bincount(ends, twice, len(verts)) / count
         self._stiffness = _mesh.cotangent_laplacian(verts, faces, clip=COTANGENTS)
         self._mass = _mesh.vertex_areas(verts, faces)
         self.area = float(self._mass.sum())

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROUNDS = 3
+ENOUGH = 2.2            # edges around a point within which there are enough vertices for a fit
 STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6                 # widths: of a curve, fitted around a point, moved a round,
 NEAR, SMOOTHING = 0.2, 1 / 8                            # spared at a junction, smoothed along
 INNER, OUTER = 0.4, 1.0                                 # widths from a junction between which an arm has its direction,
@@ -37,7 +38,7 @@ def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int =
     """
     ring = adjacency(len(meter.verts), meter.faces)
     tree = cKDTree(meter.verts)
-    radius = max(BALL * width, 2.2 * meter.edge)
+    radius = np.maximum(BALL * width, ENOUGH * meter.local_edges)
     for _ in range(rounds):
         for arc in net.arcs.values():
             arc.points = resampled(arc.points, max(STEP * width, 0.3 * meter.edge))
@@ -65,7 +66,9 @@ def _climb(net, meter, D, ring, tree, radius, width):
         sizes.append(len(p))
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
-    shift = _crown(p, t, nearest, meter.verts, meter.normals, ring.indptr, ring.indices, D, radius, FARTHEST * width)
+    shift = _crown(
+        p, t, nearest, meter.verts, meter.normals, ring.indptr, ring.indices, D, radius[nearest], FARTHEST * width
+    )
     p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
     for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
         ring_ = arc.a == arc.b and degree[arc.a] == 2
@@ -150,9 +153,9 @@ def _straightened(line, width):
 
 
 @njit(cache=True, parallel=True)
-def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radius, farthest):
+def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
     """Shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u along),
-    fitted within ``radius``; none where that has no top."""
+    fitted within ``radii`` (P,); none where that has no top."""
     n = len(points)
     shift = np.zeros((n, 3))
     for block in prange(BLOCKS):
@@ -160,7 +163,7 @@ def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radius, f
         A, f, m = np.empty((4, 4)), np.empty(4), np.empty(4)
         stamp = 0
         for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            v = nearest[i]
+            v, radius = nearest[i], radii[i]
             stamp += 1
             count = _reach(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
             n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
