@@ -27,6 +27,7 @@ SEARCH = 1.5            # search radius in h
 DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
 APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [largest edge]
 OPPOSED = -0.2          # largest cosine between the normals of a pair
+TIE = 1e-6              # triangles of a flat quad overlap: the first counts, whatever rounding says of its distance
 
 
 @njit(inline="always")
@@ -170,7 +171,7 @@ def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
                 d = 0.0
                 for r in range(3):
                     d += (x[i, r] - wa * a[r] - wb * b[r] - wc * c[r]) ** 2
-                if d < best:
+                if d < best * (1.0 - TIE):
                     best, nearest = d, t
         partner[i] = nearest
 
