@@ -132,4 +132,4 @@ def test_two_surfaces_of_one_name_are_refused():
 def test_a_comparison_is_plain_json_and_says_what_is_missing():
     result = compare({"a": made_measures()})
     assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["names"] == ["a"]
-    assert any("Hinges are not measured" in note for note in result.notes)
+    assert any("Hinges were not counted" in note for note in result.notes)
