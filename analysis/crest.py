@@ -87,7 +87,7 @@ def crest_lines(
     Raises
     ------
     ValueError
-        If the arrays are no mesh, or scale and ``curv`` are both given.
+        If the arrays are no mesh, scale does not fit it (as in ``curvature``), or scale and ``curv`` are both given.
 
     Notes
     -----
@@ -95,8 +95,10 @@ def crest_lines(
     Belyaev, Seidel 2004, ACM TOG 23). Extremality comes from the cubic terms of the fit behind the curvature; as a
     vector ``e1 d1`` it does not depend on the sign of d1, and so is smoothed over 0.6 ``scale``. On an edge whose ends
     have a maximum between them the place of the zero is linear. A sphere, a torus, a cylinder and all cyclides of Dupin
-    have e = 0 everywhere and must have no lines: so the curvature has to fall away from a crest by more than its own
-    cube, ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh. Lines shorter than ``scale`` are left out.
+    have e = 0 everywhere and must have no lines: so the curvature has to fall away from a crest by a quarter of its own
+    cube everywhere and by more than that cube at the median of a line, ``-d2k/dt2 > k^3``, bounds without unit,
+    whatever the mesh; and k2 has to be less than 0.85 k1, for near an umbilic noise alone chooses the direction. Lines
+    shorter than ``scale`` are left out.
 
     Crest lines end before they meet: where three gyri do the surface is umbilic, with no direction to follow. The net
     is the business of :func:`morphofold.analysis.gyral_graph`.

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.analysis.prominence import _root
 from morphofold.surface import PerVertex
 
 Ints = NDArray[np.int64]
@@ -93,14 +94,6 @@ def _descend(values, order, indptr, indices, lengths):
         else:
             basin[v] = basin[down]
     return basin, lowest[:count].copy()
-
-
-@njit(cache=True)
-def _root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @njit(cache=True)

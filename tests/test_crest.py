@@ -1,0 +1,66 @@
+"""Crest lines: where symmetry puts them, and none on cyclides."""
+
+import numpy as np
+import pytest
+
+from morphofold.analysis._curvature import curvature
+from morphofold.analysis._mesh import mean_edge_length
+from morphofold.analysis.crest import crest_lines
+from morphofold.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
+
+
+@pytest.mark.parametrize("rng", [None, 3])
+def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry(rng):
+    shape = ellipsoid(5, (60.0, 40.0, 25.0), rng=rng)
+    found = crest_lines(shape.verts, shape.faces)
+    assert found.length("gyral") > 100
+    for line in found.of_kind("gyral"):
+        away = np.abs(line.points / [60.0, 40.0, 25.0]).min(axis=1)
+        assert np.median(away) < 0.01                                   # of a semi-axis
+        assert line.mean_H > 0
+        assert line.strength > 0
+    assert found.of_kind("sulcal") == []
+
+
+def test_a_surface_turned_inside_out_has_its_ridges_as_valleys():
+    shape = bumpy_sphere(4)
+    there, back = (crest_lines(shape.verts, faces) for faces in (shape.faces, shape.faces[:, ::-1]))
+    for kind, other in (("gyral", "sulcal"), ("sulcal", "gyral")):
+        assert there.length(kind) == pytest.approx(back.length(other), rel=0.01)
+        assert there.length(kind) > 0
+
+
+CYCLIDES = (sphere(5), sphere(5, rng=1), torus(), torus(rng=1), cylinder())
+
+
+@pytest.mark.parametrize("shape", CYCLIDES, ids=lambda shape: shape.name)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_cyclides_have_none(shape, noise):
+    noisy = with_noise(shape, noise)
+    edge = mean_edge_length(noisy.verts, noisy.faces)
+    assert crest_lines(noisy.verts, noisy.faces, scale=4 * edge).lines == []
+
+
+def test_extremality_is_the_derivative_of_the_curvature_along_its_direction():
+    """On an ellipsoid, between vertices that lie along d1 of the first."""
+    shape = ellipsoid(6, (60.0, 40.0, 25.0))
+    found = curvature(shape.verts, shape.faces)
+    i, j = shape.faces[:, 0], shape.faces[:, 1]
+    step = shape.verts[j] - shape.verts[i]
+    length = np.linalg.norm(step, axis=1)
+    along = np.sum(step * shape.d1[i], axis=1)
+    straight = (np.abs(along) > 0.995 * length) & (shape.k1[i] - shape.k2[i] > 0.01)
+    i, j, along = i[straight], j[straight], along[straight]
+    turn = np.sign(np.sum(found.d1[i] * shape.d1[i], axis=1))
+    other = np.sign(np.sum(found.d1[j] * shape.d1[i], axis=1))
+    slope = (shape.k1[j] - shape.k1[i]) / along
+    own = 0.5 * (turn * found.e1[i] + other * found.e1[j])
+    assert len(slope) > 50
+    assert np.corrcoef(slope, own)[0, 1] > 0.99
+    assert np.polyfit(slope, own, 1)[0] == pytest.approx(1, abs=0.1)
+
+
+def test_scale_and_curvature_are_not_both_taken():
+    shape = sphere(3)
+    with pytest.raises(ValueError, match="not both"):
+        crest_lines(shape.verts, shape.faces, scale=10.0, curv=curvature(shape.verts, shape.faces))
