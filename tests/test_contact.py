@@ -10,7 +10,6 @@ from morphofold.sim.effects.contact import (
     DEEPEST,
     GAP,
     SEARCH,
-    STIFFER,
     STIFFNESS,
     Contact,
     _nearest_weights,
@@ -218,14 +217,12 @@ def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
     np.testing.assert_allclose(push[0] - push[1], -2 * DASHPOT * 0.01)
 
 
-def test_a_wall_that_is_through_another_is_pushed_back_more_stiffly_by_the_gradient_of_its_energy():
+def test_the_push_is_the_gradient_of_the_energy_in_the_gap_and_through_the_surface():
     def pushed(gaps):
         body, x = walls(gaps * GAP)
         push, contact = pushes(body, x)
         return push[: len(x) // 2, 0], contact.energy()
 
-    slope = [np.diff([pushed(gaps)[0][0] for gaps in pair]) / GAP for pair in ((0.7, 0.6), (-0.3, -0.4))]
-    np.testing.assert_allclose(slope, np.array([[2 * STIFFNESS], [2 * (STIFFNESS + STIFFER)]]) * 0.1)
     for gaps in (0.5, -0.5):
         push, _ = pushed(gaps)
         energy = pushed(gaps - 1e-4)[1] - pushed(gaps + 1e-4)[1]

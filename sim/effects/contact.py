@@ -20,8 +20,7 @@ from morphofold.sim.effects import Effect
 Array = NDArray[np.float64]
 
 GAP = 0.2               # contact acts below this distance, in cell sizes h
-STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of one,
-STIFFER = 0.4           # and more of it per penetration beyond the gap, where a node is through the surface
+STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of one
 DASHPOT = 0.25          # damping force per mass and approach speed
 SEARCH = 1.5            # search radius in h
 DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
@@ -209,12 +208,11 @@ def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth,
         for r in range(3):
             n = n0 if r == 0 else (n1 if r == 1 else n2)
             speed += n * (v[i, r] - wj * v[j, r] - wk * v[k, r] - wl * v[l, r])
-        through = max(-distance, 0.0)
-        force = m * (STIFFNESS * (gap - distance) + STIFFER * through - DASHPOT * speed)
+        force = m * (STIFFNESS * (gap - distance) - DASHPOT * speed)
         if force <= 0.0:
             continue
         depth[i] = gap - distance
-        energy[i] = 0.5 * m * (STIFFNESS * depth[i] ** 2 + STIFFER * through**2)
+        energy[i] = 0.5 * m * STIFFNESS * depth[i] ** 2
         push[i, 0], push[i, 1], push[i, 2] = force * n0, force * n1, force * n2
         weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
 

@@ -13,8 +13,7 @@ from morphofold.sim.effects import Effect, contact
 
 Array = NDArray[np.float64]
 
-#: those of contact, four times: a node and its image press, at twice the depth
-STIFFNESS, STIFFER, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.STIFFER, 4 * contact.DASHPOT
+STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT     # a node and its image press, at twice the depth
 
 
 @njit(cache=True)
@@ -24,12 +23,11 @@ def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
         if depth > 0.0 and not held[i]:
-            through = max(depth - gap, 0.0)
-            force = mass[i] * (STIFFNESS * depth + STIFFER * through - DASHPOT * side * v[i, axis])
+            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
             if force > 0.0:
                 extra[i, axis] += side * force
                 count += 1
-                energy += 0.5 * mass[i] * (STIFFNESS * depth * depth + STIFFER * through * through)
+                energy += 0.5 * mass[i] * STIFFNESS * depth * depth
     return count, energy
 
 
