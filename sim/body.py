@@ -161,30 +161,25 @@ class SurfaceFilter:
         beyond = cut[pairs[:, 0]] & ~cut[pairs[:, 1]]                   # (P, 3): the neighbour's image across a plane
         weight = 2.0 ** beyond.sum(axis=1)
         count = np.bincount(pairs[:, 0], weight, n)
-
-        def laplacian(values: Array) -> sparse.csr_matrix:
-            shares = sparse.csr_matrix((values / count[pairs[:, 0]], (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-            return shares - sparse.identity(n)
-
         inside = sparse.diags(0.5 ** cut.sum(axis=1))
-        even = laplacian(weight)
-        self._LL = [even @ even] * 3
-        B = sparse.csr_matrix(self._LL[0].T @ inside @ self._LL[0])
-        self._matrix = B.indptr, B.indices, B.data
-        self._corrections: list[tuple[int, sparse.csr_matrix]] = []     # for components that change sign in a mirror
-        self._row_sum = np.asarray(abs(B).sum(axis=1)).ravel()
-        for axis in {plane.axis for plane in body.bilayer.planes}:
-            odd = laplacian(np.where(beyond[:, axis], 0.0, weight))
-            self._LL[axis] = odd @ odd
-            B_odd = sparse.csr_matrix(self._LL[axis].T @ inside @ self._LL[axis])
-            difference = sparse.csr_matrix(B_odd - B)
-            difference.eliminate_zeros()
-            self._corrections.append((axis, difference))
-            self._row_sum = np.maximum(self._row_sum, np.asarray(abs(B_odd).sum(axis=1)).ravel())
-        self._inside = inside
+
+        def bending(values: Array) -> sparse.csr_matrix:
+            shares = sparse.csr_matrix((values / count[pairs[:, 0]], (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+            L = shares - sparse.identity(n)
+            return sparse.csr_matrix((L @ L).T @ inside @ (L @ L))
+
+        even = bending(weight)
+        self._B = [even] * 3
+        for axis in {plane.axis for plane in body.bilayer.planes}:      # this component changes sign in the mirror
+            self._B[axis] = bending(np.where(beyond[:, axis], 0.0, weight))
+        self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
+        odd = [sparse.coo_matrix(B - even) for B in self._B]
+        joined = [np.concatenate([getattr(D, name) for D in odd]) for name in ("row", "col", "data")]
+        self._even = even.indptr, even.indices, even.data
+        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
         self._faces, self._strength = faces, strength
         self._X = body.X[:n].copy()
-        self._out = np.zeros((n, 3))
+        self._u = np.zeros((n, 3))
         self.update(self._X)
 
     def update(self, x: Array) -> None:
@@ -200,21 +195,17 @@ class SurfaceFilter:
         """Row sums of the filter's stiffness matrix (S,), an upper bound of its eigenvalues."""
         return self._strength * self.h * self._row_sum
 
-    def forces(self, x: Array) -> Array:
-        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3)."""
-        u = x[: len(self._X)] - self._X
-        kernels.sparse_rows(*self._matrix, u, self._out)
-        for axis, difference in self._corrections:
-            self._out[:, axis] += difference @ u[:, axis]
-        self._out *= -self._strength * self.h
-        return self._out
+    def forces(self, x: Array, out: Array | None = None) -> Array:
+        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), into ``out`` if that is given."""
+        out = np.empty_like(self._X) if out is None else out
+        kernels.filter_forces(*self._even, *self._odd, x, self._X, self._strength * self.h, self._u, out)
+        return out
 
     def energy(self, x: Array) -> float:
-        """Energy of the filter at positions ``x``."""
-        u = x[: len(self._X)] - self._X
-        bent = [self._LL[r] @ u[:, r] for r in range(3)]
-        return 0.5 * self._strength * self.h * float(sum(np.sum(self._inside @ b**2) for b in bent))
+        """Energy of the filter at positions ``x``: half the work of its forces on the way back, as it is quadratic."""
+        forces = self.forces(x)
+        return -0.5 * float(np.sum(forces * self._u))
 
     def matrix(self, axis: int) -> sparse.csr_matrix:
         """Stiffness (S, S) of one component at the present cell size."""
-        return self._strength * self.h * (self._LL[axis].T @ self._inside @ self._LL[axis])
+        return self._strength * self.h * self._B[axis]

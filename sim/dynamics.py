@@ -23,7 +23,8 @@ from morphofold.sim.elements import kernels
 
 Array = NDArray[np.float64]
 
-REFRESH = 10            # steps between measurements of mass, energies and growth increments
+REFRESH = 12            # steps between measurements of mass and energies,
+INCREMENT = 3           # and between increments of growth: no wave is so fast, so none is in resonance with them
 DAMPING = 0.5           # velocities fall by exp(-0.5) while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
@@ -106,12 +107,7 @@ class Dynamics:
         while self.state.growth < g:
             increment = self.rate * REFRESH * self._pace()
             left = g - self.state.growth
-            self.state.growth = g if left <= 1.5 * increment else self.state.growth + increment
-            clock = _Clock(self.seconds)
-            clock.start()
-            self.body.grow(self.state.growth)
-            clock.lap("grow")
-            self._run(REFRESH)
+            self._run(REFRESH, g if left <= 1.5 * increment else self.state.growth + increment)
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
@@ -154,18 +150,25 @@ class Dynamics:
             pace *= effect.pace(growth)
         return pace
 
-    def _run(self, steps: int) -> None:
+    def _run(self, steps: int, growth: float | None = None) -> None:
+        """Take steps, on the way to another growth if one is given, and measure."""
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
+        start = state.growth
         clock = _Clock(seconds)
-        for _ in range(steps):
+        for k in range(steps):
             clock.start()
+            if growth is not None and k % INCREMENT == 0:
+                share = min(k + INCREMENT, steps) / steps
+                state.growth = growth if share == 1 else start + share * (growth - start)
+                body.grow(state.growth)
+                clock.lap("grow")
             body.elements.compute_forces(state.x)
             clock.lap("elements")
             for effect in self._with["add_element_forces"]:
                 effect.add_element_forces(body, state.x, state.v)
                 clock.lap(effect.name)
-            self._extra[:] = body.filter.forces(state.x)
+            body.filter.forces(state.x, self._extra)
             clock.lap("filter")
             for effect in self._with["add_forces"]:
                 effect.add_forces(body, state.x, state.v, self._extra)

@@ -13,7 +13,7 @@ import numpy as np
 from skfem import MeshTet
 
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.geometry import build_body
@@ -142,14 +142,14 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
             numba.set_num_threads(n)
             run = Dynamics(body, steps_per_unit=1e5)
             kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
-            ten_steps = _repeat(lambda run=run: run.relax(run.state.relaxed + 10), seconds)  # type: ignore[misc]
+            steps = _repeat(lambda run=run: run.relax(run.state.relaxed + REFRESH), seconds)  # type: ignore[misc]
             rows.append({
                 "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
                 "elements": body.elements.n,
                 "threads": n,
                 "best": millions / min(kernel),
                 "median": millions / float(np.median(kernel)),
-                "steps": 10 * millions / float(np.median(ten_steps)),
+                "steps": REFRESH * millions / float(np.median(steps)),
             })  # fmt: skip
     finally:
         numba.set_num_threads(before)

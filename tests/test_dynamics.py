@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from morphofold.sim import dynamics
-from morphofold.sim.body import Body
-from morphofold.sim.dynamics import REFRESH, Dynamics, UnstableError, restlessness
+from morphofold.sim.body import SAFETY, Body
+from morphofold.sim.dynamics import INCREMENT, REFRESH, Dynamics, UnstableError, restlessness
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
@@ -97,7 +97,7 @@ def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
 def test_a_run_taken_up_from_a_checkpoint_ends_bitwise_the_same():
     whole = make_run(n=12, amplitude=0.05, contact=True, steps=600)
     saved = []
-    whole.grow_to(1.7, lambda s: saved.append(whole.save()) if s.step == 400 else None)
+    whole.grow_to(1.7, lambda s: saved.append(whole.save()) if s.step == 40 * REFRESH else None)
     again = make_run(n=12, amplitude=0.05, contact=True, steps=600)
     again.load(saved[0])
     again.grow_to(1.7)
@@ -109,7 +109,7 @@ def test_a_run_taken_up_during_relaxation_takes_only_the_steps_left():
     whole, again = (make_run(n=8, amplitude=0.05, steps=300) for _ in range(2))
     whole.grow_to(1.2)
     saved = []
-    whole.relax(100, lambda s: saved.append(whole.save()) if s.relaxed == 40 else None)
+    whole.relax(100, lambda s: saved.append(whole.save()) if s.relaxed == 4 * REFRESH else None)
     again.load(saved[0])
     again.relax(100)
     assert again.state.step == whole.state.step
@@ -150,6 +150,21 @@ def test_growth_starts_softly(monkeypatch):
     assert pace[0] == pytest.approx(dynamics.FIRST_PACE)
     assert pace[:4].tolist() == sorted(pace[:4])
     assert pace.max() == pytest.approx(1.0)
+
+
+def test_a_smooth_body_moves_as_its_growth_asks_and_does_not_shake():
+    """Increments of growth as rare as the measurements (INCREMENT = REFRESH) shake it to 123 times this energy."""
+    run = make_run(2.0, n=20, steps=3000)
+    run.grow_to(1.1)
+    x, step = run.state.x.copy(), run.state.step
+    run.grow_to(1.13)
+    even = (run.state.x - x) / (run.state.step - step)
+    assert run.state.record["kinetic_energy"] < 2 * 0.5 * np.sum(run.body.mass[:, None] * even**2)
+
+
+def test_no_wave_is_as_fast_as_the_increments_of_growth():
+    """The fastest wave of a body whose mass is SAFETY times the least: 2 asin(1 / sqrt(SAFETY)) a step."""
+    assert 2 * np.arcsin(SAFETY**-0.5) < 2 * np.pi / INCREMENT
 
 
 def bulged_swing(n, layers, crossings, **options):
@@ -278,11 +293,11 @@ def test_a_run_taken_up_has_the_pace_that_it_had():
 
 def test_relaxation_takes_the_steps_it_is_asked_for_once():
     run = make_run(n=8)
-    run.relax(95)                                                       # rounded up
-    assert run.state.step == 100
-    for steps in (100, 50):
+    run.relax(8 * REFRESH - 5)                                          # rounded up
+    assert run.state.step == 8 * REFRESH
+    for steps in (8 * REFRESH, 50):
         run.relax(steps)
-        assert run.state.step == 100
+        assert run.state.step == 8 * REFRESH
 
 
 def test_a_step_from_rest_follows_the_forces_of_elements_and_filter(rng):

@@ -181,22 +181,22 @@ def test_a_finished_run_is_not_repeated(folder):
 
 
 def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path, monkeypatch):
-    from morphofold.sim.dynamics import Dynamics, UnstableError
+    from morphofold.sim.dynamics import REFRESH, Dynamics, UnstableError
 
     step = Dynamics._run
 
-    def break_down(self, steps):
-        if self.state.step >= 100:
+    def break_down(self, steps, growth=None):
+        if self.state.step >= 10 * steps:
             self.state.x[7] = np.nan
-        step(self, steps)
+        step(self, steps, growth)
 
     monkeypatch.setattr(Dynamics, "_run", break_down)
     with pytest.raises(UnstableError, match="not finite at g = "):
         simulate("demo", tmp_path / "x", settings=SMALL)
     with np.load(tmp_path / "x" / "last-sound-state.npz", allow_pickle=False) as sound:
         assert np.isfinite(sound["x"]).all()
-        assert sound["step"] == 100
-    assert json.loads((tmp_path / "x" / "log.jsonl").read_text().splitlines()[-1])["step"] <= 100
+        assert sound["step"] == 10 * REFRESH
+    assert json.loads((tmp_path / "x" / "log.jsonl").read_text().splitlines()[-1])["step"] <= 10 * REFRESH
     assert not (tmp_path / "x" / "health.json").exists()
 
 

@@ -394,13 +394,23 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
 
 
 @njit(parallel=True, cache=True)
-def sparse_rows(start, column, value, x, out):
-    """out = B x for the CSR matrix (start, column, value) and x (n, 3), one thread per row."""
-    for i in prange(len(out)):
+def filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
+    """out = -scale (B + D) u of the surface nodes, where u = x - X (n, 3) is written, too.
+
+    B is a CSR matrix (start, column, value), one row per thread; D adds ``difference`` to single entries (row, other)
+    of one component, ``axis``.
+    """
+    n = len(out)
+    for i in prange(n):
+        for r in range(3):
+            u[i, r] = x[i, r] - X[i, r]
+    for i in prange(n):
         s0, s1, s2 = 0.0, 0.0, 0.0
         for k in range(start[i], start[i + 1]):
-            j, b = column[k], value[k]
-            s0 += b * x[j, 0]
-            s1 += b * x[j, 1]
-            s2 += b * x[j, 2]
+            j, b = column[k], scale * value[k]
+            s0 -= b * u[j, 0]
+            s1 -= b * u[j, 1]
+            s2 -= b * u[j, 2]
         out[i, 0], out[i, 1], out[i, 2] = s0, s1, s2
+    for k in range(len(axis)):
+        out[row[k], axis[k]] -= scale * difference[k] * u[other[k], axis[k]]
