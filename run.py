@@ -17,7 +17,7 @@ SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
-    "test": [["ruff", "check", "."], ["mypy"], ["python", "-m", "pytest"]],
+    "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],
 }
 
 
