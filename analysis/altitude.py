@@ -20,7 +20,7 @@ RTOL = 1e-5
 HEAT_STEPS = 3              # implicit Euler steps of one heat flow
 FIRST_SCALE = 0.007         # of the root of the area, at which the width is measured: 2 mm for a hemisphere
 REACH, FINEST = 7.0, 0.7    # reach of the altitude and persistence of its basins there, in that scale
-RELATIVE = 0.3              # of the range of altitudes: the largest persistence that is asked for
+RELATIVE = 0.2              # of the range of altitudes: the largest persistence that is asked for
 LOW, HIGH = 0.05, 0.98      # quantiles between which that range lies
 
 
@@ -119,6 +119,6 @@ class Altimeter:
 
 
 def persistence(altitude: PerVertex, wanted: float) -> float:
-    """Persistence ``wanted`` [mm], but no more than 0.3 of the range of altitudes: shallow folds are folds too."""
+    """Persistence ``wanted`` [mm], but no more than 0.2 of the range of altitudes: shallow folds are folds too."""
     low, high = np.quantile(altitude, [LOW, HIGH])
     return min(wanted, RELATIVE * float(high - low))

@@ -21,7 +21,7 @@ from morphofold.analysis.ways import way_graph
 from morphofold.surface import Cortex, PerVertex, Surface
 
 STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
-WEAK = 0.2              # and the share of it below which one is none
+WEAK = 0.15             # and the share of it below which one is none
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ class GyralScales:
 
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
-        """1.5, 0.2, 0.15, 0.5, 1 and 1.5 gyral widths."""
-        return cls(width, 1.5 * width, 0.2 * width, 0.15 * width, 0.5 * width, width, 1.5 * width)
+        """1.5, 0.2, 0.25, 0.5, 1 and 1.5 gyral widths."""
+        return cls(width, 1.5 * width, 0.2 * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,9 +57,9 @@ def gyral_graph(
     Notes
     -----
     1. Altitude (:meth:`Altimeter.altitude`), flooded: borders of its basins, joined if they persist less than
-       ``persistence`` or 0.3 of the range of altitudes, are the net, connected by construction.
+       ``persistence`` or 0.2 of the range of altitudes, are the net, connected by construction.
     2. Of its crests those go whose *strength*, the median of altitude less altitude smoothed over a width, is less
-       than a fifth of that of the strongest tenth of the net: borders across wide floors and down in sulci.
+       than 0.15 of that of the strongest tenth of the net: borders across wide floors and down in sulci.
     3. Junctions nearer than ``merge`` become one, spurs shorter than ``prune`` and loops shorter than a width go.
     4. Crowns that reach farther than ``tip`` from the net get a crest (:func:`add_blind_gyri`), and step 3 again.
     5. Crests move onto the crown, hinges to where their arms meet (:func:`refine`).

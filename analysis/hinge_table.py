@@ -109,7 +109,7 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
     Returns
     -------
     list of Hinge
-        An arm's direction is that of the mean of its crest between 0.4 and 1 gyral width from the hinge (60 % of its
+        An arm's direction is that of the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (60 % of its
         length at most), in the tangent plane.
     """
     if graph.graph["scales"] is None:

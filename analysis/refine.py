@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ROUNDS = 3
-ENOUGH = 2.2            # edges around a point within which there are enough vertices for a fit
+ENOUGH = 1.6            # edges around a point within which there are enough vertices for a fit
 STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6                 # widths: of a curve, fitted around a point, moved a round,
-NEAR, SMOOTHING = 0.2, 1 / 8                            # spared at a junction, smoothed along
-INNER, OUTER = 0.4, 1.0                                 # widths from a junction between which an arm has its direction,
+NEAR, SMOOTHING = 0.2, 0.2                              # spared at a junction, smoothed along
+INNER, OUTER = 0.5, 1.5                                 # widths from a junction between which an arm has its direction,
 SHARE = 0.6                                             # and the share of it that may be used
-SHIFT, TIE = 0.25, 0.02                                 # a junction's move a round, widths; how it clings to its place
+SHIFT, TIE = 0.25, 0.3                                  # a junction's move a round, widths; how it clings to its place
 STRAIGHT = 0.3                                          # of an arm that is made straight at most
 BLOCKS = 64
 
@@ -33,8 +33,10 @@ def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int =
     """Move the curves of a net onto the crowns of the altitude ``D`` (N,), and its junctions to where arms meet.
 
     Each point moves across its curve to the top of a parabola fitted to the altitude around it; curves
-    are smoothed over width / 8; a junction moves to the point nearest to the lines along its arms, fitted between 0.4
-    and 1 width from it, and within 0.4 the arms become straight: on the last stretch altitude has no crest to follow.
+    are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
+    between 0.5 and 1.5 widths from it, and within 0.5 the arms become straight: on the last stretch altitude has no
+    crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
+    wander along them.
     """
     ring = adjacency(len(meter.verts), meter.faces)
     tree = cKDTree(meter.verts)
@@ -105,7 +107,8 @@ def _meet(net, meter, tree, width):
         here.at = here.at + shift * min(1.0, SHIFT * width / far if far > 0 else 1.0)
     for arc in net.arcs.values():
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
-        p = moved(arc.points, net.nodes[arc.a].at, net.nodes[arc.b].at)
+        p = arc.points.copy()
+        p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
         if degree_a > 2:
             p = _straightened(p, width)
         if degree_b > 2:

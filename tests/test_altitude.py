@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from morphofold.analysis._mesh import vertex_areas
-from morphofold.analysis.altitude import Altimeter, persistence
+from morphofold.analysis.altitude import RELATIVE, Altimeter, persistence
 from morphofold.ridges import regular_net, ridged_net
 from morphofold.shapes import icosphere, sphere
 
@@ -91,4 +91,4 @@ def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
 def test_persistence_is_bounded_by_the_relief():
     D = np.linspace(-1, 1, 1001)
     assert persistence(D, 0.1) == 0.1
-    assert persistence(D, 5.0) == pytest.approx(0.3 * 1.86)
+    assert persistence(D, 5.0) == pytest.approx(RELATIVE * 1.86)
