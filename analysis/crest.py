@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.analysis import _mesh
 from morphofold.analysis._curvature import Curvature, curvature
 from morphofold.analysis.net import paths
 from morphofold.analysis.smooth import diffused
@@ -19,7 +18,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CALM = 0.6              # scales over which extremality is smoothed
-FLAT, SHARP = 0.25, 1.0 # times the cube of its curvature by which a crest falls away: everywhere, and at its median
+SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median
 ROUND = 0.15            # share of k1 by which k2 is less on a crest
 SHORTEST = 1.0          # scales that a line has at least
 KINDS = ("gyral", "sulcal")
@@ -93,12 +92,13 @@ def crest_lines(
     -----
     Gyral: ``e1 = 0``, ``de1/dt1 < 0``, ``k1 > |k2|``; sulcal: the same of the surface turned inside out (Ohtake,
     Belyaev, Seidel 2004, ACM TOG 23). Extremality comes from the cubic terms of the fit behind the curvature; as a
-    vector ``e1 d1`` it does not depend on the sign of d1, and so is smoothed over 0.6 ``scale``. On an edge whose ends
-    have a maximum between them the place of the zero is linear. A sphere, a torus, a cylinder and all cyclides of Dupin
-    have e = 0 everywhere and must have no lines: so the curvature has to fall away from a crest by a quarter of its own
-    cube everywhere and by more than that cube at the median of a line, ``-d2k/dt2 > k^3``, bounds without unit,
-    whatever the mesh; and k2 has to be less than 0.85 k1, for near an umbilic noise alone chooses the direction. Lines
-    shorter than ``scale`` are left out.
+    vector ``e1 d1`` it does not depend on the sign of d1, and so is smoothed over 0.6 ``scale``. In each triangle it is
+    linear, turned one way at the three corners, and a line runs straight through the two sides on which it is 0, if
+    there its slope along d1 is negative. A sphere, a torus, a cylinder and all cyclides of Dupin have e = 0 everywhere
+    and must have no lines: so at the median of a line the curvature has to fall away by more than its own cube,
+    ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh; and k2 has to be less than 0.85 k1, for near an umbilic
+    noise alone chooses the direction. Lines shorter than ``scale`` are left out. On a surface with noise of 1 % of an
+    edge take a scale of four edges.
 
     Crest lines end before they meet: where three gyri do the surface is umbilic, with no direction to follow. The net
     is the business of :func:`morphofold.analysis.gyral_graph`.
@@ -126,44 +126,43 @@ def _trace(
     verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + other) / 2 of each line."""
-    pairs = _mesh.edges(faces)
-    i, j = pairs.T
-    ti, tj = along[i], along[j]
-    tj = np.where(np.sum(ti * tj, axis=1) < 0, -1.0, 1.0)[:, None] * tj
-    ei, ej = np.sum(flow[i] * ti, axis=1), np.sum(flow[j] * tj, axis=1)
-    step = verts[j] - verts[i]
-    si, sj = np.sum(step * ti, axis=1), np.sum(step * tj, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.abs(ei) / (np.abs(ei) + np.abs(ej))
-        height, level = (1 - share) * k[i] + share * k[j], (1 - share) * other[i] + share * other[j]
-        falls = (np.abs(ei) + np.abs(ej)) / np.abs(0.5 * (si + sj))
-        crossed = (
-            (ei * ej < 0) & ((ei * si > 0) | (ej * sj < 0))
-            & (k[i] > np.abs(other[i])) & (k[j] > np.abs(other[j])) & (falls > FLAT * height**3)
-            & (level < (1 - ROUND) * height)
-        )  # fmt: skip
-    at = np.flatnonzero(crossed)
-    points = verts[i[at]] + share[at, None] * step[at]
-    bent, sharp = 0.5 * (height + level)[at], (falls / height**3)[at]
-    number = np.full(len(pairs), -1)
-    number[at] = np.arange(len(at))
-    key = i * len(verts) + j
+    at, falls, cut = _falls(verts, faces, along, flow)
     after = np.roll(faces, -1, axis=1)
-    side = number[np.searchsorted(key, np.minimum(faces, after) * len(verts) + np.maximum(faces, after))]
-    count = (side >= 0).sum(axis=1)
-    two, three = side[count == 2], side[count == 3]
-    middle = len(points) + np.arange(len(three))
-    points = np.concatenate([points, points[three].mean(axis=1)]) if len(three) else points
-    height = np.r_[height[at], height[at][three].mean(axis=1)] if len(three) else height[at]
-    bent = np.r_[bent, bent[three].mean(axis=1)] if len(three) else bent
-    sharp = np.r_[sharp, sharp[three].mean(axis=1)] if len(three) else sharp
-    links = np.concatenate([two[two >= 0].reshape(-1, 2), np.column_stack([np.repeat(middle, 3), three.ravel()])])
-    a, b = np.r_[links[:, 0], links[:, 1]], np.r_[links[:, 1], links[:, 0]]
-    graph = sparse.csr_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(len(points), len(points)))
-    for path in paths(graph, middle):
+    start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
+    low, high = np.minimum(start, stop), np.maximum(start, stop)
+    far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
+    share = far[0] / np.maximum(far[0] + far[1], 1e-300)                # the same from both sides of an edge
+    height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
+    good = (falls > 0) & (height > np.abs(level)).all(axis=1) & (level < (1 - ROUND) * height).all(axis=1)
+    _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
+    low, high, share, height, level = (f[good].ravel()[first] for f in (low, high, share, height, level))
+    points = verts[low] + share[:, None] * (verts[high] - verts[low])
+    bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
+    one, two = links.reshape(-1, 2).T
+    rows, columns = np.r_[one, two], np.r_[two, one]
+    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=2 * (len(points),))
+    for path in paths(graph, np.zeros(0, dtype=np.int64)):              # no junctions: an edge has two triangles
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())
         if length > 0 and np.median(sharp[path]) > SHARP:
             yield (line, length, 0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
                    0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length)  # fmt: skip
+
+
+def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:
+    """Triangles (T,) in which extremality changes its sign, by how much it falls there along the direction (T,)
+    [1/length^3], and their sides (T, 3), from each corner to the next, on which it does: two of each."""
+    corner = along[faces]                                               # (M, 3, 3), turned the way of the first
+    corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
+    e = np.sum(flow[faces] * corner, axis=2)
+    cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
+    at = np.flatnonzero(cut.any(axis=1))
+    p, e, ahead = verts[faces[at]], e[at], corner[at].sum(axis=1)
+    one, two = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    normal = np.cross(one, two)
+    slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * one - (e[:, 1] - e[:, 0])[:, None] * two)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        falls = -np.sum(slope * ahead, axis=1) / np.sum(normal**2, axis=1)
+    return at, falls, cut[at]

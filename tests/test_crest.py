@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
+from morphofold.analysis import crest
 from morphofold.analysis._curvature import curvature
-from morphofold.analysis._mesh import mean_edge_length
+from morphofold.analysis._mesh import mean_edge_length, vertex_normals
 from morphofold.analysis.crest import crest_lines
+from morphofold.analysis.net import resampled
 from morphofold.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
 
 
@@ -58,6 +61,49 @@ def test_extremality_is_the_derivative_of_the_curvature_along_its_direction():
     assert len(slope) > 50
     assert np.corrcoef(slope, own)[0, 1] > 0.99
     assert np.polyfit(slope, own, 1)[0] == pytest.approx(1, abs=0.1)
+
+
+def true_crests(level=6):
+    """Crest lines of the bumpy sphere from its exact curvature: points a fifth of a mm apart, by kind."""
+    shape = bumpy_sphere(level, rng=77)
+    d2 = np.cross(vertex_normals(shape.verts, shape.faces, "max"), shape.d1)
+    i, j = np.concatenate([shape.faces[:, [a, b]] for a in range(3) for b in range(3) if a != b]).T
+    found = {}
+    for kind, k, other, along, across in (
+        ("gyral", shape.k1, shape.k2, shape.d1, d2), ("sulcal", -shape.k2, -shape.k1, d2, shape.d1),
+    ):  # fmt: skip
+        step = shape.verts[j] - shape.verts[i]
+        u = np.stack([np.sum(step * along[i], axis=1), np.sum(step * across[i], axis=1)], axis=1)
+        normal, right = np.zeros((len(k), 2, 2)), np.zeros((len(k), 2))
+        np.add.at(normal, i, u[:, :, None] * u[:, None, :])
+        np.add.at(right, i, u * (k[j] - k[i])[:, None])
+        e = np.linalg.solve(normal, right[:, :, None])[:, 0]
+        lines = crest._trace(shape.verts, shape.faces, k, other, along, e * along)
+        found[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
+    return found
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return true_crests()
+
+
+@pytest.mark.parametrize(("level", "noise", "scale"), [(5, 0.0, 6.0), (5, 0.01, 8.0), (6, 0.01, 5.0)])
+def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, noise, scale):
+    """Of 10 mm and more; what is shorter is near the scale. Found within two edges of a coarse mesh."""
+    shape = bumpy_sphere(level, rng=1)
+    shape = with_noise(shape, noise) if noise else shape
+    edge = mean_edge_length(shape.verts, shape.faces)
+    found = crest_lines(shape.verts, shape.faces, scale=scale)
+    away, left = [], []
+    for kind in crest.KINDS:
+        own = np.concatenate([resampled(line.points, 0.2) for line in found.of_kind(kind)])
+        away.append(cKDTree(exact[kind]).query(own)[0])
+        left.append(cKDTree(own).query(exact[kind])[0])
+    away, left = np.concatenate(away), np.concatenate(left)
+    assert np.mean(away > 4) < 0.04
+    assert np.mean(left > 4) < 0.005
+    assert np.median(away) < (0.2 if level == 5 else 0.3) * edge
 
 
 def test_scale_and_curvature_are_not_both_taken():
