@@ -17,6 +17,8 @@ if __name__ != "morphofold.analysis":
 if TYPE_CHECKING:
     from morphofold.analysis._curvature import Curvature, FoldingIndices, curvature, folding_indices
     from morphofold.analysis._mesh import euler_characteristic, vertex_areas, vertex_normals
+    from morphofold.analysis.altitude import wavelength
+    from morphofold.analysis.closing import local_gyrification_index
     from morphofold.analysis.crest import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.depth import sulcal_depth
     from morphofold.analysis.gyral_net import GyralScales
@@ -51,6 +53,7 @@ _PUBLIC = {
     "gyrification_index": "gyrification",
     "hinge_sensitivity": "sensitivity",
     "hinges": "hinge_table",
+    "local_gyrification_index": "closing",
     "measure": "measures",
     "power_spectrum": "spectrum",
     "prominent_peaks": "prominence",
@@ -58,12 +61,14 @@ _PUBLIC = {
     "sulcal_depth": "depth",
     "vertex_areas": "_mesh",
     "vertex_normals": "_mesh",
+    "wavelength": "altitude",
 }
 __all__ = [
     "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
     "Measures", "Spectrum", "cortical_thickness", "crest_lines", "curvature", "euler_characteristic",
     "folding_indices", "gyral_graph", "gyral_thickness", "gyrification_index", "hinge_sensitivity", "hinges",
-    "measure", "power_spectrum", "prominent_peaks", "region_table", "sulcal_depth", "vertex_areas", "vertex_normals",
+    "local_gyrification_index", "measure", "power_spectrum", "prominent_peaks", "region_table", "sulcal_depth",
+    "vertex_areas", "vertex_normals", "wavelength",
 ]  # fmt: skip
 
 

@@ -13,13 +13,14 @@ from scipy import sparse
 from morphofold.analysis import _mesh
 from morphofold.analysis.solver import solve
 from morphofold.analysis.watershed import Watershed
-from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENTS = (-5.0, 20.0)   # needle triangles have any
 RTOL = 1e-4             # 0.003 mm of altitude in a brain
 HEAT_STEPS = 3              # implicit Euler steps of one heat flow
 FIRST_SCALE = 0.007         # of the root of the area, at which the width is measured: 2 mm for a hemisphere
 REACH, FINEST = 7.0, 0.7    # reach of the altitude and persistence of its basins there, in that scale
+WIDE, CALM = 1.5, 0.2      # reach and smoothing of the altitude, in gyral widths
 RELATIVE = 0.2              # of the range of altitudes: the largest persistence that is asked for
 LOW, HIGH = 0.05, 0.98      # quantiles between which that range lies
 
@@ -101,6 +102,11 @@ class Altimeter:
         way = self._way_to_inflection(H)[crest]
         return 2 * float(np.median(way[np.isfinite(way)])) if np.isfinite(way).any() else np.nan
 
+    def wavelength(self, values: PerVertex) -> float:
+        """``2 pi`` over the root mean square wavenumber of values (N,) [mm]."""
+        values = values - np.average(values, weights=self._mass)
+        return float(2 * np.pi * np.sqrt(values @ (self._mass * values) / (values @ (self._stiffness @ values))))
+
     def _way_to_inflection(self, H: PerVertex) -> PerVertex:
         """Shortest way (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
         n = len(H)
@@ -116,6 +122,44 @@ class Altimeter:
         graph = sparse.csr_array((ways, (rows, columns)), shape=(n + 1, n + 1))
         found: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return found
+
+
+def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
+    """Wavelength of the folds along the surface, from the mean of its Laplace-Beltrami spectrum.
+
+    Parameters
+    ----------
+    verts, faces : (N, 3) float64, (M, 3) int64
+        Closed surface, or one with natural border [mm].
+    width : float, optional
+        Gyral width [mm], which sets the reach and smoothing of the altitude as in
+        :func:`morphofold.analysis.gyral_graph`; None: measured.
+
+    Returns
+    -------
+    float
+        ``2 pi (D.MD / D.LD)^1/2`` [mm], D the altitude, L and M stiffness and mass of the surface; NaN if it has no
+        folds.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are no mesh, or ``width`` is not positive.
+
+    Notes
+    -----
+    ``D.LD / D.MD`` is the mean of the eigenvalues of the Laplacian, weighed by the power that D has in their
+    eigenfunctions (the spectrum of Germanaud and others 2012, NeuroImage 63, there of the curvature): no eigenfunction
+    has to be had. A harmonic of degree l on a sphere gives 2 pi R / (l (l + 1))^1/2.
+    """
+    check_mesh(verts, faces)
+    if width is not None and not (np.isfinite(width) and width > 0):
+        raise ValueError(f"width must be a positive length in mm, got {width!r}.")
+    meter = Altimeter(verts, faces)
+    width = meter.gyral_width() if width is None else width
+    if np.isnan(width):
+        return np.nan
+    return meter.wavelength(meter.altitude(WIDE * width, CALM * width))
 
 
 def persistence(altitude: PerVertex, wanted: float) -> float:

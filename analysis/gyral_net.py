@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import checks
-from morphofold.analysis.altitude import Altimeter, persistence
+from morphofold.analysis.altitude import CALM, WIDE, Altimeter, persistence
 from morphofold.analysis.blind import add_blind_gyri
 from morphofold.analysis.net import Net, borders, smoothed
 from morphofold.analysis.refine import refine
@@ -57,7 +57,7 @@ class GyralScales:
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
         """1.5, 0.2, 0.25, 0.5, 1 and 1.5 gyral widths."""
-        return cls(width, 1.5 * width, 0.2 * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
+        return cls(width, WIDE * width, CALM * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
     "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
-    "crest_length_mm", "gyral_to_cortical_slope", "gyral_to_cortical_r",
+    "crest_length_mm", "gyral_to_cortical_slope", "gyral_to_cortical_r", "mean_local_gyrification_index",
+    "spectral_wavelength_mm",
 )  # fmt: skip
 
 
@@ -97,6 +98,7 @@ def measure(
     """
     from morphofold.analysis import _mesh, checks, depth, gyrification, notes, regions, thickness
     from morphofold.analysis._curvature import curvature, folding_indices
+    from morphofold.analysis.altitude import wavelength
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.gyri import gyral_graph
 
@@ -127,6 +129,10 @@ def measure(
 
     tell("gyral graph", 0.7)
     graph = gyral_graph(cortex, width=gyral_width)
+    scales = graph.graph["scales"]
+
+    tell("local gyrification", 0.9)
+    local, unfit = _local_gyrification(cortex, closed, pieces)
 
     def of_cortex(values: PerVertex) -> PerVertex:
         return np.where(mask, values, np.nan)
@@ -136,6 +142,8 @@ def measure(
     maps["cortical_thickness"] = of_cortex(cortical)
     maps["gyral_thickness"] = across.per_vertex           # NaN off the cortex as it is
     maps["area"] = area_white
+    if local is not None:
+        maps["local_gyrification_index"] = of_cortex(local)
     if "thickness" in cortex.maps:
         maps["thickness_file"] = of_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
 
@@ -150,6 +158,7 @@ def measure(
         **notes.of_thickness(cap, "thickness" in cortex.maps),
         **notes.of_folding(scale, folding, closed, euler),
         **notes.of_gyrification(closed, pieces),
+        **notes.of_local_gyrification(unfit),
         **notes.of_gyral_thickness(across),
         **(notes.of_regions() if rows else {}),
         "gyral_to_cortical_slope": why,
@@ -170,9 +179,10 @@ def measure(
         wavelength_mm=_number(across.wavelength),
         gyral_to_cortical_slope=slope,
         gyral_to_cortical_r=r,
+        mean_local_gyrification_index=None if local is None else _mean(maps["local_gyrification_index"], area_pial),
+        spectral_wavelength_mm=wavelength(white.verts, faces, scales.width) if scales else None,
         **tables.scalars,
     )
-    scales = graph.graph["scales"]
     parameters = {
         "curvature_scale_mm": scale,
         "curvature_map_surface": "pial",
@@ -205,6 +215,22 @@ def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple
     if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
         return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
     return scale, ""
+
+
+def _local_gyrification(cortex: Cortex, closed: bool, pieces: int) -> tuple[PerVertex | None, str]:
+    """The index (N,), or why there is none."""
+    from morphofold.analysis._mesh import face_areas
+    from morphofold.analysis.closing import CLOSING, local_gyrification_index
+
+    pial = cortex.pial
+    if not closed or pieces != 1:
+        return None, "the pial surface is not one closed piece"
+    if cortex.units != "mm":
+        return None, f"lengths are in {cortex.units!r}, not mm"
+    radius = (float(face_areas(pial.verts, pial.faces).sum()) / (4 * np.pi)) ** 0.5
+    if not 1 <= radius / CLOSING <= 20:
+        return None, f"a sphere of its area has a radius of {radius:.3g}: not for a ball of {CLOSING:g} mm"
+    return local_gyrification_index(pial.verts, pial.faces), ""
 
 
 def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:

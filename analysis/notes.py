@@ -23,7 +23,8 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
     """How crests and hinges were found, and whether the mesh is fine enough for them."""
     scales, surface = graph.graph["scales"], graph.graph["surface"]
     if scales is None:
-        return dict.fromkeys(GRAPH, f"{surface} has no gyri: no crest parts two basins of its altitude.")
+        why = f"{surface} has no gyri: no crest parts two basins of its altitude."
+        return dict.fromkeys((*GRAPH, "spectral_wavelength_mm"), why)
     text = (
         f"Net of crests on {surface}, gyral width {scales.width:.2f} mm (inflection to inflection); pits that persist "
         f"less than {scales.persistence:.2f} mm are joined, hinges nearer than {scales.merge:.2f} mm are one, spurs "
@@ -36,7 +37,9 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
             f" The mean edge, {edge:.2f} mm, is more than a {COARSEST:g}th of the width: a finer mesh may have other "
             "hinges."
         )
-    return dict.fromkeys(GRAPH, text)
+    return dict.fromkeys(GRAPH, text) | {
+        "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along the white surface."
+    }
 
 
 def of_input(cortex: Cortex) -> Notes:
@@ -86,6 +89,16 @@ def of_gyrification(closed: bool, pieces: int) -> Notes:
             "Sulcal depth is still the distance to that hull."
         )
     return {"mean_sulcal_depth_mm": depth, "gyrification_index": index}
+
+
+def of_local_gyrification(unfit: str) -> Notes:
+    """``unfit``: why there is no local index."""
+    return {
+        "mean_local_gyrification_index": f"No local gyrification index: {unfit}."
+        if unfit
+        else "Mean over the pial area of the cortex of the area of the pial surface within 25 mm over that of its "
+        "closing by a ball of 15 mm."
+    }
 
 
 def of_gyral_thickness(across: GyralThickness) -> Notes:

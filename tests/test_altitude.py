@@ -6,9 +6,9 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from morphofold.analysis._mesh import vertex_areas
-from morphofold.analysis.altitude import RELATIVE, Altimeter, persistence
+from morphofold.analysis.altitude import RELATIVE, Altimeter, persistence, wavelength
 from morphofold.ridges import regular_net, ridged_net
-from morphofold.shapes import icosphere, sphere
+from morphofold.shapes import bumpy_sphere, icosphere, sphere
 
 
 def bumpy(amplitude, degree=6, radius=50.0, level=5):
@@ -92,3 +92,18 @@ def test_persistence_is_bounded_by_the_relief():
     D = np.linspace(-1, 1, 1001)
     assert persistence(D, 0.1) == 0.1
     assert persistence(D, 5.0) == pytest.approx(RELATIVE * 1.86)
+
+
+@pytest.mark.parametrize("level", [5, 6])
+def test_the_wavelength_of_a_harmonic_is_that_of_its_degree(level):
+    """Low waves of degree 6; the error of the mesh is of second order."""
+    shape = bumpy_sphere(level, amplitude=0.005, rng=1)
+    exact = 2 * np.pi * 50 / 42**0.5
+    assert wavelength(shape.verts, shape.faces, width=24.0) == pytest.approx(exact, rel=0.004)
+
+
+def test_the_wavelength_of_a_surface_without_folds_is_none_and_a_width_is_checked():
+    shape = bumpy_sphere(4, amplitude=0.02)
+    assert np.isnan(wavelength(shape.verts, shape.faces))
+    with pytest.raises(ValueError, match="width must be a positive length"):
+        wavelength(shape.verts, shape.faces, width=-1.0)

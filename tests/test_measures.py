@@ -93,7 +93,7 @@ def test_the_curvature_scale_is_what_was_asked_for_or_fits_the_mesh():
 def test_fsaverage5_has_plausible_measures_and_all_its_tables(average):
     m, steps = average
     s = m.scalars
-    assert set(m.maps) == MAPS | {"thickness_file"}
+    assert set(m.maps) == MAPS | {"thickness_file", "local_gyrification_index"}
     assert all(v.shape == (10242,) for v in m.maps.values())
     assert s["area_white_mm2"] == pytest.approx(66661.8, abs=0.1)
     assert s["area_pial_mm2"] == pytest.approx(76345.4, abs=0.1)
@@ -101,6 +101,8 @@ def test_fsaverage5_has_plausible_measures_and_all_its_tables(average):
     assert s["mean_cortical_thickness_mm"] == pytest.approx(2.36, abs=0.1)
     assert 8 < s["median_gyral_thickness_mm"] < 14
     assert 20 < s["wavelength_mm"] < 45
+    assert 1.4 < s["mean_local_gyrification_index"] < 2.5               # of an average brain
+    assert 0.5 < s["spectral_wavelength_mm"] / s["wavelength_mm"] < 2
     assert len(m.regions) == 34
     assert -1 <= s["gyral_to_cortical_r"] <= 1
     cortex = np.isfinite(m.maps["cortical_thickness"])
