@@ -13,12 +13,15 @@ from morphofold.surface import Cortex, PerVertex
 if TYPE_CHECKING:
     import networkx as nx
 
+LINE = (
+    "gyral_to_cortical_slope", "gyral_to_cortical_r", "gyral_to_cortical_slope_robust", "gyral_to_cortical_slope_low",
+    "gyral_to_cortical_slope_high",
+)  # fmt: skip
 SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
     "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
-    "crest_length_mm", "gyral_to_cortical_slope", "gyral_to_cortical_r", "mean_local_gyrification_index",
-    "spectral_wavelength_mm",
+    "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
 )  # fmt: skip
 
 
@@ -101,6 +104,7 @@ def measure(
     from morphofold.analysis.altitude import wavelength
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.gyri import gyral_graph
+    from morphofold.analysis.line import through_regions
 
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
@@ -150,7 +154,7 @@ def measure(
     tell("regions", 0.95)
     rows = regions.region_table(cortex, maps, across, graph)
     tables = gyral_tables(cortex, graph, maps)
-    slope, r, why = _gyral_on_cortical(rows)
+    fitted, why = through_regions(rows)
     said = {
         **notes.of_gyral_graph(graph),
         **notes.of_input(cortex),
@@ -161,8 +165,7 @@ def measure(
         **notes.of_local_gyrification(unfit),
         **notes.of_gyral_thickness(across),
         **(notes.of_regions() if rows else {}),
-        "gyral_to_cortical_slope": why,
-        "gyral_to_cortical_r": why,
+        **dict.fromkeys(LINE, why),
     }
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
     scalars.update(
@@ -177,8 +180,7 @@ def measure(
         mean_sulcal_depth_mm=_mean(maps["sulcal_depth"], area_pial),
         median_gyral_thickness_mm=_number(across.median),
         wavelength_mm=_number(across.wavelength),
-        gyral_to_cortical_slope=slope,
-        gyral_to_cortical_r=r,
+        **dict(zip(LINE, (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high) if fitted else 5 * [None])),
         mean_local_gyrification_index=None if local is None else _mean(maps["local_gyrification_index"], area_pial),
         spectral_wavelength_mm=wavelength(white.verts, faces, scales.width) if scales else None,
         **tables.scalars,
@@ -243,14 +245,3 @@ def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _gyral_on_cortical(rows: list[dict[str, Any]]) -> tuple[float | None, float | None, str]:
-    """Slope and correlation of the regions' median gyral on their mean cortical thickness, and a note."""
-    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in rows]
-    x, y = np.array([p for p in pairs if None not in p], dtype=np.float64).reshape(-1, 2).T
-    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
-        return None, None, f"A line needs three regions with both thicknesses that differ; there are {len(x)}."
-    dx, dy = x - x.mean(), y - y.mean()
-    slope, r = dx @ dy / (dx @ dx), dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))
-    return float(slope), float(r), f"Least squares over {len(x)} regions: median gyral on mean cortical thickness."

@@ -9,7 +9,7 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas
 from morphofold.analysis._curvature import Curvature
-from morphofold.analysis.measures import SCALARS, _gyral_on_cortical
+from morphofold.analysis.measures import SCALARS
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
 
@@ -111,15 +111,6 @@ def test_fsaverage5_has_plausible_measures_and_all_its_tables(average):
     shares = [share for _, share in steps]
     assert shares == sorted(shares)
     assert shares[-1] == 1
-
-
-def test_the_slope_over_regions_is_that_of_least_squares(rng):
-    x, y = rng.uniform(1, 4, 20), rng.uniform(5, 15, 20)
-    rows = [{"cortical_thickness_mm": float(a), "gyral_thickness_mm": float(b)} for a, b in zip(x, y, strict=True)]
-    slope, r, note = _gyral_on_cortical([*rows, {"cortical_thickness_mm": 3.0, "gyral_thickness_mm": None}])
-    assert slope == pytest.approx(np.polyfit(x, y, 1)[0])
-    assert r == pytest.approx(np.corrcoef(x, y)[0, 1])
-    assert "20 regions" in note
 
 
 def test_names_load_on_first_use_and_stay_functions():
