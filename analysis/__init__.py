@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from morphofold.analysis.closing import local_gyrification_index
     from morphofold.analysis.crest import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.depth import sulcal_depth
+    from morphofold.analysis.fractal import fractal_dimension
     from morphofold.analysis.gyral_net import GyralScales
     from morphofold.analysis.gyri import gyral_graph
     from morphofold.analysis.gyrification import gyrification_index
@@ -48,6 +49,7 @@ _PUBLIC = {
     "curvature": "_curvature",
     "euler_characteristic": "_mesh",
     "folding_indices": "_curvature",
+    "fractal_dimension": "fractal",
     "gyral_graph": "gyri",
     "gyral_thickness": "thickness",
     "gyrification_index": "gyrification",
@@ -66,9 +68,9 @@ _PUBLIC = {
 __all__ = [
     "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
     "Measures", "Spectrum", "cortical_thickness", "crest_lines", "curvature", "euler_characteristic",
-    "folding_indices", "gyral_graph", "gyral_thickness", "gyrification_index", "hinge_sensitivity", "hinges",
-    "local_gyrification_index", "measure", "power_spectrum", "prominent_peaks", "region_table", "sulcal_depth",
-    "vertex_areas", "vertex_normals", "wavelength",
+    "folding_indices", "fractal_dimension", "gyral_graph", "gyral_thickness", "gyrification_index",
+    "hinge_sensitivity", "hinges", "local_gyrification_index", "measure", "power_spectrum", "prominent_peaks",
+    "region_table", "sulcal_depth", "vertex_areas", "vertex_normals", "wavelength",
 ]  # fmt: skip
 
 

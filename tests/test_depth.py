@@ -61,3 +61,39 @@ def test_depth_of_fsaverage5_goes_with_its_sulc_file():
     depth = sulcal_depth(pial.verts, pial.faces)
     assert np.corrcoef(depth, read_morph(folder / "lh.sulc"))[0, 1] > 0.8
     assert (depth.mean(), depth.max()) == pytest.approx((9.1, 34.4), abs=0.1)
+
+
+@pytest.mark.parametrize("rng", [None, 4])
+def test_geodesic_depth_is_the_length_of_the_wall_from_crest_to_floor(rng):
+    """Ridges 6 mm wide at half height, 4 mm high; the floor is midway between two crests."""
+    cortex, _ = shapes.ridged_sphere(6, rng=rng)
+    verts, faces = cortex.pial.verts, cortex.faces
+    depth = sulcal_depth(verts, faces, "geodesic", touching=0.2)
+    spacing = np.pi * 50 / 10
+    s = np.linspace(0, spacing / 2, 20_001)
+    profile = np.stack([(50 + 4 * np.exp2(-((s / 3) ** 2))) * f(s / 50) for f in (np.cos, np.sin)])
+    way = np.r_[0, np.cumsum(np.linalg.norm(np.diff(profile, axis=1), axis=0))]
+    crest = s[np.searchsorted(-(50 + 4 * np.exp2(-((s / 3) ** 2))), -53.8)]     # what is less than 0.2 mm deep touches
+    latitude = np.arccos(verts[:, 2] / np.linalg.norm(verts, axis=1))
+    away = 50 * np.abs(latitude % (np.pi / 10) - np.pi / 20)
+    floor = (np.abs(away - spacing / 2) < 0.3) & (np.abs(latitude - np.pi / 2) < 1.2)
+    wall = way[-1] - np.interp(crest, s, way)
+    assert 0.96 * wall < np.median(depth[floor]) < 1.06 * wall
+    assert depth[away < 0.3].max() < 0.5
+    assert np.all(depth > sulcal_depth(verts, faces) - 0.2 - 1e-9)
+
+
+def test_geodesic_depth_is_none_on_a_piece_that_touches_nowhere():
+    outer, inner = shapes.sphere(3, 50.0), shapes.sphere(3, 20.0)
+    verts, faces = np.vstack([outer.verts, inner.verts]), np.vstack([outer.faces, inner.faces + len(outer.verts)])
+    depth = sulcal_depth(verts, faces, "geodesic")
+    assert not depth[: len(outer.verts)].any()
+    assert np.isnan(depth[len(outer.verts) :]).all()
+
+
+def test_options_of_depth_are_checked():
+    shape = shapes.sphere(2)
+    with pytest.raises(ValueError, match="mode must be"):
+        sulcal_depth(shape.verts, shape.faces, "sulc")
+    with pytest.raises(ValueError, match="touching is a distance"):
+        sulcal_depth(shape.verts, shape.faces, touching=1.0)
