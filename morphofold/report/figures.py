@@ -83,12 +83,13 @@ def camera(view: str, hemi: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One surface of a figure: what it is called, its shape, and a value (N,) per vertex."""
+    """One surface of a figure: what it is called, its shape, and a value (N,) per vertex, or its colour (N, 3)."""
 
     name: str
     surface: Surface
     values: NDArray[np.float64]
     hemi: str = "lh"
+    rgb: NDArray[np.uint8] | None = None
 
 
 def draw(
@@ -104,7 +105,7 @@ def draw(
     verts, faces = row.surface.verts, row.surface.faces
     points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
     normals = vertex_normals(points, faces)
-    rgb = colours.apply(row.values, limits, what.signed)
+    rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
     cameras = [camera(view, row.hemi) for view in views]
     if (backend or renderer()) == "pyvista":
         return _pyvista(points, normals, faces, rgb, cameras, size, half_height)
@@ -150,9 +151,10 @@ def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Pi
 
 def figure(
     rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
-    width: int = 1520, backend: str | None = None,
+    width: int = 1520, backend: str | None = None, legend: Sequence[tuple[str, str]] = (),
 ) -> Picture:  # fmt: skip
-    """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler and colour bar."""
+    """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``:
+    words and the colour ("#d55e00") of each."""
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
     gap, edge, head, foot, label = 24, 20, 72, 112, 30
     per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
@@ -173,6 +175,12 @@ def figure(
             canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
         top += line
     ruler(canvas, per_mm, (edge, top + 34))
+    if legend:
+        for k, (words, colour) in enumerate(legend):
+            x = edge + 220 + 230 * k
+            canvas[top + 26 : top + 42, x : x + 16] = [int(colour[c : c + 2], 16) for c in (1, 3, 5)]
+            write(canvas, words, (x + 24, top + 21), 15, grey=60)
+        return canvas
     colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
     if any(np.isnan(row.values).any() for row in rows):
         x = width // 2 + 240

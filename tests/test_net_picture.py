@@ -1,0 +1,48 @@
+"""The gyral net painted on its surface."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import Measures, gyral_graph, sulcal_depth
+from morphofold.report.net_picture import ARMS, CREST, LEGEND, net_figure, net_row
+from morphofold.ridges import regular_net, ridged_net
+from morphofold.surface import Cortex, Surface
+
+
+def bytes_of(colour):
+    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+
+
+@pytest.fixture(scope="module")
+def measures():
+    white = ridged_net(regular_net("octahedron"), 5, 6.0, rng=3)
+    cortex = Cortex(white, Surface(1.05 * white.verts, white.faces), name="octahedron")
+    depth = sulcal_depth(white.verts, white.faces)
+    return Measures(cortex, {}, {"sulcal_depth": depth}, graph=gyral_graph(white))
+
+
+def test_hinges_have_the_colour_of_their_arms_and_crests_are_dark(measures):
+    row = net_row(measures, "octahedron")
+    verts = measures.cortex.white.verts
+    tree = cKDTree(verts)
+    net = regular_net("octahedron")
+    assert (row.rgb[tree.query(54 * net.nodes)[1]] == bytes_of(ARMS[4])).all()
+    middle = net.nodes[net.arcs].sum(axis=1)
+    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    assert (row.rgb[tree.query(54 * middle)[1]] == bytes_of(CREST)).mean() > 0.7     # a line one edge wide
+    faces = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / 3**0.5
+    bare = row.rgb[tree.query(50 * faces)[1]].astype(int)
+    assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()                          # a shade of the bare surface
+    assert not (bare == bytes_of(CREST)).all(axis=1).any()
+
+
+def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
+    picture = net_figure([net_row(measures, "octahedron")])
+    for _, colour in LEGEND:
+        assert (picture[-120:] == bytes_of(colour)).all(axis=2).sum() >= 16 * 16
+
+
+def test_measures_from_a_folder_have_no_net_to_paint(measures):
+    with pytest.raises(ValueError, match="have no graph"):
+        net_row(Measures(measures.cortex, {}, {}), "read")
