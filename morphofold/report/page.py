@@ -22,6 +22,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Picture, Row, figure, renderer, safe_name
+from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import MAIN, Quantity, common_limits, find, quantity
@@ -150,7 +151,7 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
 
 
 def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> list[dict[str, Any]]:
-    """Write ``folder/KEY.png`` for the main maps; the same at half size for the page."""
+    """Write ``folder/KEY.png`` for the main maps and the gyral net; the same at half size for the page."""
     folder.mkdir(parents=True, exist_ok=True)
     pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
@@ -158,11 +159,18 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     for key in (k for k in MAIN if k in shown):
         what, limits = shown[key]
         rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
-        image, name = figure(rows, what, limits), f"{safe_name(key)}.png"
-        (folder / name).write_bytes(png_bytes(image))
-        small = base64.b64encode(png_bytes(_halved(image))).decode()
-        pictures.append({"title": what.title, "file": f"{folder.name}/{name}", "data": small, "limits": limits})
+        pictures.append(_saved(folder / f"{safe_name(key)}.png", figure(rows, what, limits), what.title, limits))
+    nets = [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]
+    if nets:
+        pictures.append(_saved(folder / "gyral_net.png", net_figure(nets), "Net of gyral crests, and its hinges", None))
     return pictures
+
+
+def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] | None) -> dict[str, Any]:
+    """Write a picture; what the page says of it."""
+    path.write_bytes(png_bytes(image))
+    small = base64.b64encode(png_bytes(_halved(image))).decode()
+    return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": small, "limits": limits}
 
 
 def _halved(image: Picture) -> Picture:

@@ -60,6 +60,11 @@ SCALAR_WORDS = {
     "crest_length_mm": ("Length of crests", "mm"),
     "gyral_to_cortical_slope": ("Slope, gyral on cortical thickness", "mm/mm"),
     "gyral_to_cortical_r": ("Correlation, gyral with cortical thickness", ""),
+    "gyral_to_cortical_slope_robust": ("The same, median over pairs of regions", "mm/mm"),
+    "gyral_to_cortical_slope_low": ("Its lower bound, 95 %", "mm/mm"),
+    "gyral_to_cortical_slope_high": ("Its upper bound, 95 %", "mm/mm"),
+    "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
+    "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
 }
 HEADLINES = (
