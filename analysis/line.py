@@ -75,8 +75,8 @@ def _pair_slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.f
     """Median slope of the pairs of points that differ in x, of each row of (D, N); NaN where none do."""
     i, j = np.triu_indices(x.shape[1], 1)
     run, rise = x[:, j] - x[:, i], y[:, j] - y[:, i]
-    slopes = np.divide(rise, run, out=np.full(run.shape, np.nan), where=run != 0)
-    known = np.isfinite(slopes).any(axis=1)
-    median = np.full(len(x), np.nan)
-    median[known] = np.nanmedian(slopes[known], axis=1)
-    return median
+    slopes = np.sort(np.divide(rise, run, out=np.full(run.shape, np.nan), where=run != 0), axis=1)      # NaN come last
+    known = np.isfinite(slopes).sum(axis=1)
+    row, low, high = np.arange(len(x)), np.maximum(known - 1, 0) // 2, known // 2
+    middle: NDArray[np.float64] = 0.5 * (slopes[row, low] + slopes[row, np.minimum(high, slopes.shape[1] - 1)])
+    return np.where(known > 0, middle, np.nan)

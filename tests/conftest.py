@@ -1,5 +1,10 @@
 """Fixtures that every test file may use."""
 
+import os
+
+if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the cores: before numpy is imported
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 
