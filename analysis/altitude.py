@@ -16,11 +16,11 @@ from morphofold.analysis.watershed import Watershed
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENTS = (-5.0, 20.0)   # needle triangles have any
-RTOL = 1e-4             # 0.003 mm of altitude in a brain
+RTOL = 1e-4                 # 0.003 mm of altitude in a brain
 HEAT_STEPS = 3              # implicit Euler steps of one heat flow
 FIRST_SCALE = 0.007         # of the root of the area, at which the width is measured: 2 mm for a hemisphere
 REACH, FINEST = 7.0, 0.7    # reach of the altitude and persistence of its basins there, in that scale
-WIDE, CALM = 1.5, 0.2      # reach and smoothing of the altitude, in gyral widths
+WIDE, CALM = 1.5, 0.2       # reach and smoothing of the altitude, in gyral widths
 RELATIVE = 0.2              # of the range of altitudes: the largest persistence that is asked for
 LOW, HIGH = 0.05, 0.98      # quantiles between which that range lies
 

@@ -46,7 +46,8 @@ def gyral_graph(
         it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least altitude along it [mm], ``strength``
         [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve within the
         surface in steps of half a gyral width over its length, ``blind``. ``graph.graph`` has ``scales`` (a
-        ``GyralScales`` or None), ``surface`` and ``edge`` [mm].
+        ``GyralScales`` or None), ``surface``, ``edge`` [mm] and ``wavelength`` [mm], as that of
+        :func:`morphofold.analysis.wavelength`, NaN without folds.
         Empty if the surface has no folds.
 
     Raises
@@ -71,9 +72,10 @@ def gyral_graph(
     ground = Ground(surface)
     meter = ground.meter
     chosen = ground.scales(width, scales)
-    graph = nx.MultiGraph(scales=chosen, surface=ground.sheet.name, edge=meter.edge)
+    graph = nx.MultiGraph(scales=chosen, surface=ground.sheet.name, edge=meter.edge, wavelength=np.nan)
     if chosen is not None:
         fields = ground.fields(chosen)
+        graph.graph["wavelength"] = meter.wavelength(fields.D)
         net = ground.net(fields, chosen)
         refine(net, meter, fields.D, chosen.width)
         _describe(graph, net, ground, fields)

@@ -101,7 +101,6 @@ def measure(
     """
     from morphofold.analysis import _mesh, checks, depth, gyrification, notes, regions, thickness
     from morphofold.analysis._curvature import curvature, folding_indices
-    from morphofold.analysis.altitude import wavelength
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.gyri import gyral_graph
     from morphofold.analysis.line import through_regions
@@ -182,7 +181,7 @@ def measure(
         wavelength_mm=_number(across.wavelength),
         **dict(zip(LINE, (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high) if fitted else 5 * [None])),
         mean_local_gyrification_index=None if local is None else _mean(maps["local_gyrification_index"], area_pial),
-        spectral_wavelength_mm=wavelength(white.verts, faces, scales.width) if scales else None,
+        spectral_wavelength_mm=_number(graph.graph["wavelength"]),
         **tables.scalars,
     )
     parameters = {

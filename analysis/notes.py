@@ -119,7 +119,7 @@ def of_gyral_thickness(across: GyralThickness) -> Notes:
 
 def of_regions() -> Notes:
     return {
-        "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. n_hinges, crest_length_mm and "
-        "gyrification_index of a region are not measured by this version; a region with less measured contour "
-        "than two gyral widths has no gyral thickness."
+        "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. A region with less measured "
+        "contour than two gyral widths has no gyral thickness; gyrification_index of a region is not measured by this "
+        "version."
     }

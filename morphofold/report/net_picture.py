@@ -33,7 +33,8 @@ def net_row(measures: Measures, name: str) -> Row:
         raise ValueError(f"{name}: measures that were read from a folder have no graph. Measure the cortex again.")
     verts, faces = cortex.white.verts, cortex.faces
     depth = measures.maps["sulcal_depth"]
-    share = np.clip(np.nan_to_num(depth / np.nanquantile(depth, 0.95)), 0, 1)
+    deep = float(np.nanquantile(depth, 0.95))
+    share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(verts))
     rgb = np.round(np.array(colours.BARE) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
     normals, width = vertex_normals(verts, faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
     lines = [crest["polyline"] for _, _, crest in graph.edges(data=True)]
