@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from morphofold import shapes
-from morphofold.analysis import folding_indices, measure, vertex_areas
+from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis._curvature import Curvature
 from morphofold.analysis.measures import SCALARS
 from morphofold.io import read_cortex, sample_path
@@ -102,6 +102,8 @@ def test_fsaverage5_has_plausible_measures_and_all_its_tables(average):
     assert 8 < s["median_gyral_thickness_mm"] < 14
     assert 20 < s["wavelength_mm"] < 45
     assert 1.4 < s["mean_local_gyrification_index"] < 2.5               # of an average brain
+    width = m.graph.graph["scales"].width
+    assert s["spectral_wavelength_mm"] == wavelength(m.cortex.white.verts, m.cortex.faces, width)
     assert 0.5 < s["spectral_wavelength_mm"] / s["wavelength_mm"] < 2
     assert len(m.regions) == 34
     assert -1 <= s["gyral_to_cortical_r"] <= 1

@@ -5,8 +5,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
+from morphofold.report.colours import BARE
 from morphofold.report.net_picture import ARMS, CREST, LEGEND, net_figure, net_row
 from morphofold.ridges import regular_net, ridged_net
+from morphofold.shapes import sphere
 from morphofold.surface import Cortex, Surface
 
 
@@ -35,6 +37,13 @@ def test_hinges_have_the_colour_of_their_arms_and_crests_are_dark(measures):
     bare = row.rgb[tree.query(50 * faces)[1]].astype(int)
     assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()                          # a shade of the bare surface
     assert not (bare == bytes_of(CREST)).all(axis=1).any()
+
+
+def test_a_surface_without_folds_is_bare():
+    ball = sphere(3, 50.0)
+    cortex = Cortex(ball.surface, Surface(1.05 * ball.verts, ball.faces), name="ball")
+    row = net_row(Measures(cortex, {}, {"sulcal_depth": np.zeros(len(ball.verts))}, graph=gyral_graph(cortex)), "ball")
+    assert (row.rgb == BARE).all()
 
 
 def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
