@@ -21,6 +21,11 @@ NOT_MEASURED = (196, 196, 192)  # vertices without a value
 BARE = (214, 207, 198)  # the surface without any overlay
 
 
+def rgb_of(colour: str) -> RGB:
+    """Bytes (3,) of a colour as "#rrggbb"."""
+    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.uint8)
+
+
 def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
     """sRGB in 0..1 (not clipped) of OKLab colours; both (..., 3)."""
     L, a, b = np.moveaxis(np.asarray(lab, dtype=np.float64), -1, 0)

@@ -178,7 +178,7 @@ def figure(
     if legend:
         for k, (words, colour) in enumerate(legend):
             x = edge + 220 + 230 * k
-            canvas[top + 26 : top + 42, x : x + 16] = [int(colour[c : c + 2], 16) for c in (1, 3, 5)]
+            canvas[top + 26 : top + 42, x : x + 16] = colours.rgb_of(colour)
             write(canvas, words, (x + 24, top + 21), 15, grey=60)
         return canvas
     colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, vertex_normals
@@ -15,6 +14,7 @@ from morphofold.analysis.net import resampled
 from morphofold.io import sample_path
 from morphofold.io.files import atomic_file
 from morphofold.report import colours
+from morphofold.report.colours import rgb_of
 from morphofold.report.figures import Picture, Row, figure
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import Quantity
@@ -40,22 +40,18 @@ def net_row(measures: Measures, name: str) -> Row:
     lines = [crest["polyline"] for _, _, crest in graph.edges(data=True)]
     if lines:
         points = np.concatenate([resampled(line, 0.3 * graph.graph["edge"]) for line in lines])
-        rgb[cKDTree(points).query(verts)[0] < 0.55 * graph.graph["edge"]] = _bytes(CREST)
+        rgb[cKDTree(points).query(verts)[0] < 0.55 * graph.graph["edge"]] = rgb_of(CREST)
     tree = cKDTree(verts)
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
             near = np.array(tree.query_ball_point(node["position"], DISC * width))
-            rgb[near[normals[near] @ node["normal"] > 0]] = _bytes(ARMS[min(node["degree"], 5)])
+            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(ARMS[min(node["degree"], 5)])
     return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
 
 
 def net_figure(rows: Sequence[Row]) -> Picture:
     """The rows from all sides."""
     return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=LEGEND)
-
-
-def _bytes(colour: str) -> NDArray[np.uint8]:
-    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.uint8)
 
 
 def main(words: Sequence[str]) -> int:
