@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.analysis import _mesh
+from morphofold.analysis.solver import solve
 from morphofold.surface import Faces, PerVertex, Verts
 
 DETOUR = 2 * 3**0.5 / np.pi     # length of edge paths over the straight way, mean over directions in a triangle grid
 COT_CLIP = (0.0, 3.0)      # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
-MOST_STEPS = 3000
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
     smooth = implicit_smoothing(verts, faces, scale, rounds=2)
     vertical = _mesh.vertex_normals(smooth, faces)
     height = np.sum((verts - smooth) * vertical, axis=1)
-    highest, lowest = windowed_maximum(verts, faces, height, window), -windowed_maximum(verts, faces, -height, window)
+    lowest, highest = windowed_range(verts, faces, height, window)
     amplitude = highest - lowest
     phase = np.divide(highest - height, amplitude, out=np.full(len(verts), np.nan), where=amplitude > 0)
     return Relief(height, vertical, amplitude, phase, float(scale), float(window))
@@ -93,80 +93,22 @@ def _diffused(
     mass = _mesh.vertex_areas(verts, faces)
     stiffness = scale**2 * _mesh.cotangent_laplacian(verts, faces, clip=COT_CLIP)
     matrix = (sparse.dia_array((mass[None, :], [0]), shape=stiffness.shape) + stiffness).tocsr()
-    diagonal = matrix.diagonal()
-    jacobi = np.divide(1, diagonal, out=np.ones_like(diagonal), where=diagonal > 0)
     x = np.array(values)
     for _ in range(rounds):
-        right = mass[:, None] * x
-        if not _solve(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_STEPS):
-            raise RuntimeError(
-                f"smoothing over {scale:g} mm did not converge in {MOST_STEPS} iterations on {len(verts)} vertices; "
-                "the mesh has extreme triangles. Remesh it, or take a smaller scale."
-            )
+        x += solve(matrix, mass[:, None] * x - matrix @ x, np.zeros_like(x), rtol)
     return x
 
 
-@njit(cache=True)
-def _solve(indptr, indices, data, jacobi, right, x, rtol, steps):
-    """Preconditioned conjugate gradients on the three columns of x (N, 3) at once, in place; True if converged.
-
-    Not scipy's cg: three columns share each pass over the matrix, and its BLAS threads cost a factor of 3 on a busy
-    machine.
-    """
-    n = len(x)
-    r, p, q = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    rz, rr = np.zeros(3), np.zeros(3)
-    for i in range(n):
-        for k in range(3):
-            total = right[i, k]
-            for e in range(indptr[i], indptr[i + 1]):
-                total -= data[e] * x[indices[e], k]
-            r[i, k] = total
-            p[i, k] = jacobi[i] * total
-            rr[k] += total * total
-            rz[k] += total * p[i, k]
-    goal = rtol * rtol * rr
-    alpha, beta, old = np.zeros(3), np.zeros(3), np.zeros(3)
-    for _ in range(steps):
-        if (rr <= goal).all():
-            return True
-        pq = np.zeros(3)
-        for i in range(n):
-            a, b, c = 0.0, 0.0, 0.0
-            for e in range(indptr[i], indptr[i + 1]):
-                w, j = data[e], indices[e]
-                a += w * p[j, 0]
-                b += w * p[j, 1]
-                c += w * p[j, 2]
-            q[i, 0], q[i, 1], q[i, 2] = a, b, c
-            pq[0] += a * p[i, 0]
-            pq[1] += b * p[i, 1]
-            pq[2] += c * p[i, 2]
-        for k in range(3):
-            alpha[k] = rz[k] / pq[k] if pq[k] > 0 else 0.0
-            old[k], rz[k], rr[k] = rz[k], 0.0, 0.0
-        for i in range(n):
-            for k in range(3):
-                x[i, k] += alpha[k] * p[i, k]
-                r[i, k] -= alpha[k] * q[i, k]
-                rr[k] += r[i, k] * r[i, k]
-                rz[k] += r[i, k] * r[i, k] * jacobi[i]
-        for k in range(3):
-            beta[k] = rz[k] / old[k] if old[k] > 0 else 0.0
-        for i in range(n):
-            for k in range(3):
-                p[i, k] = jacobi[i] * r[i, k] + beta[k] * p[i, k]
-    return False
-
-
-def windowed_maximum(verts: Verts, faces: Faces, values: PerVertex, radius: float) -> PerVertex:
-    """Grey dilation: the largest value within ``radius`` [mm] along the surface (N,).
+def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float) -> tuple[PerVertex, PerVertex]:
+    """Grey erosion and dilation: the least and the largest value within ``radius`` [mm] along the surface, (N,) each.
 
     The distance is the shortest path along edges over 1.10, the mean detour of such paths on equilateral triangles.
     """
     graph = edge_graph(verts, faces)
-    order = np.argsort(-values, kind="stable")
-    return _windowed_maximum(graph.indptr, graph.indices, graph.data, values, order, DETOUR * radius)
+    both = np.stack([-values, values])
+    order = np.argsort(-both, axis=1, kind="stable")
+    highest = _windowed_maxima(graph.indptr, graph.indices, graph.data, both, order, DETOUR * radius)
+    return -highest[0], highest[1]
 
 
 def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
@@ -175,6 +117,14 @@ def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     length = np.maximum(np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1), 1e-300)
     i, j = np.r_[pair[:, 0], pair[:, 1]], np.r_[pair[:, 1], pair[:, 0]]
     return sparse.csr_array((np.r_[length, length], (i, j)), shape=(len(verts), len(verts)))
+
+
+@njit(cache=True, parallel=True)
+def _windowed_maxima(indptr, indices, lengths, fields, orders, radius):
+    results = np.empty_like(fields)
+    for k in prange(len(fields)):
+        results[k] = _windowed_maximum(indptr, indices, lengths, fields[k], orders[k], radius)
+    return results
 
 
 @njit(cache=True)

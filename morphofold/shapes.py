@@ -279,6 +279,35 @@ def ridged_sphere(
     return cortex, 2 * (radius + height / 2) * float(np.sin(width / (2 * radius)))
 
 
+def corrugated_sheet(
+    edge: float, *, wavelength: float = 15.0, height: float = 6.0, size: float = 120.0,
+    rng: np.random.Generator | int | None = None,
+) -> tuple[Surface, float]:  # fmt: skip
+    """Square sheet ``z = height / 2 cos(2 pi x / wavelength)`` over a grid of squares of ``edge``, each cut in two.
+
+    Points inside are moved by up to a quarter of an edge along x and y if ``rng`` (a generator or a seed) is given.
+
+    Returns
+    -------
+    sheet : Surface
+        Up is outward [mm].
+    width : float
+        Of a gyrus, and of a sulcus, at half height: half a wavelength [mm].
+    """
+    n = round(size / edge) + 1
+    across = np.linspace(0, size, n)
+    x, y = np.meshgrid(across, across, indexing="ij")
+    if rng is not None:
+        shift = np.random.default_rng(rng).uniform(-0.25, 0.25, (2, n - 2, n - 2)) * edge
+        x[1:-1, 1:-1] += shift[0]
+        y[1:-1, 1:-1] += shift[1]
+    verts = np.column_stack([x.ravel(), y.ravel(), 0.5 * height * np.cos(2 * np.pi * x.ravel() / wavelength)])
+    number = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner.ravel() for corner in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return Surface(verts, faces, name="corrugated sheet"), wavelength / 2
+
+
 def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator | int = 0) -> Shape:
     """The shape with its vertices moved along the exact normal, normally distributed, sd ``fraction`` mean edges.
 

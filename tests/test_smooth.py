@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
 from morphofold.analysis import _mesh
-from morphofold.analysis.smooth import COT_CLIP, DETOUR, edge_graph, implicit_smoothing, relief, windowed_maximum
+from morphofold.analysis.smooth import COT_CLIP, DETOUR, edge_graph, implicit_smoothing, relief, windowed_range
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 
@@ -40,13 +40,15 @@ def test_smoothing_does_not_know_where_the_surface_lies():
     )
 
 
-def test_windows_hold_the_maximum_within_their_distance(rng):
+def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
     values = rng.normal(size=len(verts))
     values[:40] = values[40]                            # ties
     distance = csgraph.dijkstra(edge_graph(verts, faces))
-    want = np.where(distance <= 13.0 * DETOUR, values[None, :], -np.inf).max(axis=1)
-    np.testing.assert_array_equal(windowed_maximum(verts, faces, values, 13.0), want)
+    near = distance <= 13.0 * DETOUR
+    low, high = windowed_range(verts, faces, values, 13.0)
+    np.testing.assert_array_equal(high, np.where(near, values, -np.inf).max(axis=1))
+    np.testing.assert_array_equal(low, np.where(near, values, np.inf).min(axis=1))
 
 
 def test_edge_paths_are_longer_than_the_straight_way_by_the_factor_that_windows_use():
