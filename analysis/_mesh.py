@@ -5,6 +5,8 @@ All sums run in the order of the faces, so results do not depend on the number o
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -84,12 +86,28 @@ def edges(faces: Faces) -> NDArray[np.int64]:
     return _edges_and_counts(faces)[0]
 
 
+#: edges and counts by the id of faces that can't change, as those of a Surface, for as long as these live
+_KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
+
+
 def _edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    if faces.flags.writeable or faces.base is not None:                 # a view shows what its base becomes
+        return _find_edges(faces)
+    if id(faces) not in _KEPT:
+        _KEPT[id(faces)] = _find_edges(faces)
+        weakref.finalize(faces, _KEPT.pop, id(faces)).atexit = False
+    return _KEPT[id(faces)]
+
+
+def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     base = int(faces.max()) + 1
     key, count = np.unique(low * base + high, return_counts=True)
-    return np.stack([key // base, key % base], axis=1), count
+    found = np.stack([key // base, key % base], axis=1), count
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def mean_edge_length(verts: Verts, faces: Faces) -> float:

@@ -14,21 +14,26 @@ class Scanner:
 
     def __init__(self, surface: Surface) -> None:
         try:
-            from trimesh import Trimesh
-            from trimesh.ray.ray_pyembree import RayMeshIntersector
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
         except ImportError as error:
             raise ImportError("gyral thickness casts rays with embree; it is missing: pip install embreex") from error
         self.verts, self.faces = surface.verts, surface.faces
         self.normals = _mesh.face_normals(surface.verts, surface.faces)
         self.edge = _mesh.mean_edge_length(surface.verts, surface.faces)
-        mesh = Trimesh(surface.verts, surface.faces, process=False, validate=False)
-        self._rays = RayMeshIntersector(mesh)
+        self._origin, self._unit = surface.verts.mean(axis=0), float(np.ptp(surface.verts, axis=0).max())
+        self._scene = EmbreeScene()
+        TriangleMesh(self._scene, self._scaled(surface.verts), surface.faces.astype(np.int32))
+
+    def _scaled(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Around 0 and of size 1, whatever the unit and place: embree's tolerances are absolute."""
+        return ((points - self._origin) / self._unit).astype(np.float32)
 
     def shoot(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
         """Distance (R,) of the first hit (inf: none), its triangle (R,), cosine of ray and outward normal (R,)."""
-        triangle = np.asarray(self._rays.intersects_first(origins, directions), dtype=np.int64)
+        triangle = np.asarray(self._scene.run(self._scaled(origins), directions.astype(np.float32)), dtype=np.int64)
         normal = self.normals[triangle]
         cosine = np.sum(normal * directions, axis=1)
         ahead = np.sum((self.verts[self.faces[triangle, 0]] - origins) * normal, axis=1)

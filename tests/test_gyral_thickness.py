@@ -199,7 +199,7 @@ def test_quantiles_follow_the_weights():
 
 
 def test_without_embree_the_answer_is_an_error_that_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "trimesh.ray.ray_pyembree", None)
+    monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
     with pytest.raises(ImportError, match="pip install embreex"):
         gyral_thickness(sphere(2).surface)
 

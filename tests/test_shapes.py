@@ -5,6 +5,7 @@ import pytest
 from reference import vertex_areas as reference_areas
 
 from morphofold import shapes
+from morphofold.analysis import _mesh
 from morphofold.analysis._mesh import (
     adjacency,
     components,
@@ -149,6 +150,24 @@ def test_clipped_laplacian_has_no_negative_weight():
     assert off(free).max() > 0.01
     assert off(clipped).max() <= 0
     assert np.abs(clipped @ np.ones(len(shape.verts))).max() < 1e-12
+
+
+def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_live():
+    faces = shapes.icosphere(1)[1]
+    before = edges(faces)
+    view = faces[:40]
+    view.flags.writeable = False
+    fewer = edges(view)
+    faces[:40] = faces[40:]
+    assert len(edges(faces)) < len(before)
+    assert not np.array_equal(edges(view), fewer)
+    kept = len(_mesh._KEPT)
+    fixed = shapes.sphere(1).surface
+    assert edges(fixed.faces) is edges(fixed.faces)
+    np.testing.assert_array_equal(edges(fixed.faces), before)
+    assert len(_mesh._KEPT) == kept + 1
+    del fixed
+    assert len(_mesh._KEPT) == kept
 
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():
