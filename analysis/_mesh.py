@@ -55,24 +55,29 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
     no face has area.
     """
-    corner = verts[faces]
-    ahead = np.roll(corner, -1, axis=1) - corner                        # (M, 3 corners, 3)
-    back = -np.roll(ahead, 1, axis=1)
-    vector = np.cross(ahead, back)                                      # 2 x area x normal, at each corner
-    sides = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
-    doubled = np.linalg.norm(vector, axis=2)
+    vector = 2 * face_vectors(verts, faces)                             # 2 x area x normal
     if weights == "area":
-        share = np.ones_like(sides)
-    elif weights == "angle":
-        angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))       # atan2, not acos: exact for slivers too
-        share = np.divide(angle, doubled, out=np.zeros_like(sides), where=doubled > 0)
-    elif weights == "sine":
-        share = np.divide(1, sides, out=np.zeros_like(sides), where=sides > 0)
-    elif weights == "max":
-        share = np.divide(1, sides**2, out=np.zeros_like(sides), where=sides > 0)
+        share = np.ones((len(faces), 3))
+    elif weights in ("angle", "sine", "max"):
+        ahead, back = _sides(verts, faces)
+        if weights == "angle":
+            doubled = np.linalg.norm(vector, axis=1)[:, None]
+            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))   # atan2, not acos: exact for slivers too
+            share = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
+        else:
+            lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+            share = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+            share = share if weights == "sine" else share**2
     else:
         raise ValueError(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
-    return unit(sum_corners(vector * share[:, :, None], faces, len(verts)))
+    return unit(sum_corners(vector[:, None, :] * share[:, :, None], faces, len(verts)))
+
+
+def _sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
+    """From each corner of a triangle to the next one and to the one before, (M, 3, 3) each."""
+    corner = verts[faces]
+    ahead = np.roll(corner, -1, axis=1) - corner
+    return ahead, -np.roll(ahead, 1, axis=1)
 
 
 def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
@@ -141,10 +146,8 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     With ``clip`` the cotangents are first bounded to it; a lower bound of 0 makes every weight non-negative (a maximum
     principle on needle triangles) at the price of consistency there.
     """
-    corner = verts[faces]
-    ahead = np.roll(corner, -1, axis=1) - corner
-    back = -np.roll(ahead, 1, axis=1)
-    doubled = np.linalg.norm(np.cross(ahead, back), axis=2)
+    ahead, back = _sides(verts, faces)
+    doubled = 2 * face_areas(verts, faces)[:, None]
     dots = np.sum(ahead * back, axis=2)
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
     if clip is not None:

@@ -1,0 +1,83 @@
+"""What the measures cost: one folded surface in several sizes, and the seconds of each stage."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numba
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from morphofold.analysis.measures import measure
+from morphofold.ridges import irregular_net, ridged_net
+from morphofold.shapes import even_directions
+from morphofold.surface import Cortex
+
+CELLS = 60              # of the net: 116 hinges, about as many as half a brain
+WIDTH, HEIGHT, RADIUS, THICKNESS = 6.0, 6.0, 55.0, 2.5
+
+
+def folded_ball(n: int) -> Cortex:
+    """Cortex of ``n`` vertices, evenly spread before they fold: ridges 6 mm wide and high on a sphere of 55 mm, along
+    an irregular net of 60 cells; white lies 2.5 mm deeper, its ridges 2 mm wide.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 1,000 vertices.
+    """
+    if n < 1000:
+        raise ValueError(f"the folded ball needs 1,000 vertices at least, got {n:,}.")
+    verts = even_directions(n)
+    faces = ConvexHull(verts).simplices.astype(np.int64)
+    a, b, c = (verts[faces[:, k]] for k in range(3))
+    inward = np.sum(np.cross(b - a, c - a) * a, axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    net = irregular_net(CELLS)
+    pial = ridged_net(net, (verts, faces), WIDTH, height=HEIGHT, radius=RADIUS)
+    white = ridged_net(net, (verts, faces), 2.0, height=HEIGHT, radius=RADIUS - THICKNESS)
+    return Cortex(white, pial, name=f"folded ball of {n:,}")
+
+
+def measuring_speed(
+    sizes: Sequence[int], progress: Callable[[float, str], None] = lambda share, text: None
+) -> list[dict[str, Any]]:
+    """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after once for the compiler.
+
+    Parameters
+    ----------
+    sizes : sequence of int
+        Vertices; measured in ascending order.
+    progress : callable
+        Called with the share done and a few words.
+
+    Returns
+    -------
+    list of dict
+        ``vertices``, ``threads``, ``stage`` ("all" for their sum), ``seconds``; ``memory_GiB``, the most that the
+        process has held by then, in the rows of "all".
+    """
+    measure(folded_ball(2500))
+    rows: list[dict[str, Any]] = []
+    for k, n in enumerate(sorted(sizes)):
+        progress(k / len(sizes), f"{n:,} vertices")
+        cortex, laps = folded_ball(n), []
+        measure(cortex, progress=lambda stage, share, laps=laps: laps.append((stage, time.perf_counter())))
+        common = {"vertices": n, "threads": numba.get_num_threads()}
+        rows += [
+            {**common, "stage": stage, "seconds": end - start}
+            for (stage, start), (_, end) in zip(laps[:-1], laps[1:], strict=True)
+        ]
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20       # kilobytes here, see getrusage
+        rows.append({**common, "stage": "all", "seconds": laps[-1][1] - laps[0][1], "memory_GiB": most})
+    return rows
+
+
+def exponent(rows: Sequence[dict[str, Any]], stage: str = "all") -> float:
+    """Slope of the logarithm of seconds over that of ``vertices log(vertices)``: 1 if the cost grows as these do."""
+    mine = [row for row in rows if row["stage"] == stage]
+    n = np.array([row["vertices"] for row in mine], dtype=np.float64)
+    return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in mine]), 1)[0])
