@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import resource
 import time
 from collections.abc import Callable, Sequence
@@ -69,7 +70,7 @@ def measuring_speed(
         common = {"vertices": n, "threads": numba.get_num_threads()}
         rows += [
             {**common, "stage": stage, "seconds": end - start}
-            for (stage, start), (_, end) in zip(laps[:-1], laps[1:], strict=True)
+            for (stage, start), (_, end) in itertools.pairwise(laps)
         ]
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20       # kilobytes here, see getrusage
         rows.append({**common, "stage": "all", "seconds": laps[-1][1] - laps[0][1], "memory_GiB": most})
