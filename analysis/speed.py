@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import resource
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +11,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from morphofold.analysis.measures import measure
+from morphofold.clock import peak_memory, working_seconds
 from morphofold.ridges import irregular_net, ridged_net
 from morphofold.shapes import even_directions
 from morphofold.surface import Cortex
@@ -59,21 +58,26 @@ def measuring_speed(
     -------
     list of dict
         ``vertices``, ``threads``, ``stage`` ("all" for their sum), ``seconds``; ``memory_GiB``, the most that the
-        process has held by then, in the rows of "all".
+        process has held by then (None where the system does not say), in the rows of "all".
     """
     measure(folded_ball(2500))
     rows: list[dict[str, Any]] = []
     for k, n in enumerate(sorted(sizes)):
         progress(k / len(sizes), f"{n:,} vertices")
-        cortex, laps = folded_ball(n), []
-        measure(cortex, progress=lambda stage, share, laps=laps: laps.append((stage, time.perf_counter())))
+        cortex = folded_ball(n)
+        laps: list[tuple[str, float]] = []
+
+        def lap(stage: str, share: float, laps: list[tuple[str, float]] = laps) -> None:
+            laps.append((stage, working_seconds()))
+
+        measure(cortex, progress=lap)
         common = {"vertices": n, "threads": numba.get_num_threads()}
         rows += [
             {**common, "stage": stage, "seconds": end - start}
             for (stage, start), (_, end) in itertools.pairwise(laps)
         ]
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20       # kilobytes here, see getrusage
-        rows.append({**common, "stage": "all", "seconds": laps[-1][1] - laps[0][1], "memory_GiB": most})
+        whole = {"stage": "all", "seconds": laps[-1][1] - laps[0][1], "memory_GiB": peak_memory()}
+        rows.append({**common, **whole})
     return rows
 
 

@@ -1,10 +1,13 @@
-"""A clock that stands still while numba compiles, which it does once on a machine for each kernel that is called."""
+"""What work costs: a clock that stands still while numba compiles, which it does once on a machine for each kernel that
+is called, and the memory held."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from numba.core import event
@@ -49,3 +52,22 @@ def telling_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         _compiler.listeners.remove(tell)
+
+
+def peak_memory() -> float | None:
+    """Most memory that this process has held at once since it began [GiB]; None where the system does not say.
+
+    What it did before a run counts, the processes that started it do not: on Linux the ``ru_maxrss`` of ``getrusage``
+    begins with the memory of the parent, so that the kernel's own high-water mark is read there.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return round(int(line.split()[1]) / 2**20, 3)           # KiB
+    try:
+        import resource
+    except ImportError:                                                 # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)      # bytes on macOS, else KiB

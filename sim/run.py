@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.clock import working_seconds
+from morphofold.clock import peak_memory, working_seconds
 from morphofold.io.files import decoding
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.folder_check import ANEW, check_reached, read_arrays, read_log
@@ -86,25 +85,6 @@ def simulate(
                     writer = FolderWriter(folder, scene, describe, resume)
                     _run_of(scene)(scene, writer, progress, interrupted).go()      # builds the body before it writes
     return Simulation(folder, scene)
-
-
-def peak_memory() -> float | None:
-    """Most memory that this process has held at once since it began [GiB]; None where the system does not say.
-
-    What it did before a run counts, the processes that started it do not: on Linux the ``ru_maxrss`` of ``getrusage``
-    begins with the memory of the parent, so that the kernel's own high-water mark is read there.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return round(int(line.split()[1]) / 2**20, 3)           # KiB
-    try:
-        import resource
-    except ImportError:                                                 # Windows
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)      # bytes on macOS, else KiB
 
 
 def _run_of(scene: Scene) -> Any:

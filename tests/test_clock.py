@@ -1,13 +1,15 @@
 """The clock that stands still while numba compiles, and what is said meanwhile."""
 
+import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from numba import njit
 
 from morphofold.cli.progress import COMPILING, progress
-from morphofold.clock import telling_of_compiling, working_seconds
+from morphofold.clock import peak_memory, telling_of_compiling, working_seconds
 
 
 def new_kernel():
@@ -67,3 +69,28 @@ def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch
             assert not said
     new_kernel()(3.0)                                   # nobody is told any more
     assert not capsys.readouterr().err
+
+
+def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():
+    child = (
+        "import numpy as np; from morphofold.clock import peak_memory as peak\n"
+        "a = peak(); held = np.ones(2**25); b = peak(); del held; print(a, b, peak())"
+    )
+    parent = f"import subprocess as s, sys; held = b'1' * 2**30; s.run([sys.executable, '-c', {child!r}], check=True)"
+    done = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
+    before, during, after = map(float, done.stdout.split())
+    assert during - before == pytest.approx(0.25, abs=0.02)
+    assert during <= after < before + 0.27
+    assert after < 0.9                                                  # GiB; the parent holds 1
+
+
+@pytest.mark.parametrize(("platform", "told"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
+def test_peak_memory_knows_the_unit_of_each_system(platform, told, monkeypatch):
+    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=told))
+    with monkeypatch.context() as patch:
+        patch.setattr("morphofold.clock.Path.exists", lambda path: False)                # no /proc
+        patch.setattr(sys, "platform", platform)
+        patch.setitem(sys.modules, "resource", usage)
+        assert peak_memory() == 3.0
+        patch.setitem(sys.modules, "resource", None)                                    # as on Windows
+        assert peak_memory() is None

@@ -3,7 +3,6 @@ import json
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import meshio
 import numba
@@ -11,8 +10,9 @@ import numpy as np
 import pytest
 
 import morphofold as mf
+from morphofold.clock import peak_memory
 from morphofold.sim.geometry import build_body
-from morphofold.sim.run import peak_memory, simulate
+from morphofold.sim.run import simulate
 from morphofold.sim.scene_file import load_scene
 
 SMALL = [
@@ -47,31 +47,6 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     assert 0 < health["peak_memory_GiB"] <= peak_memory()
     assert not (folder / "checkpoint.npz").exists()
     assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]   # no temporary files are left
-
-
-def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():
-    child = (
-        "import numpy as np; from morphofold.sim.run import peak_memory as peak\n"
-        "a = peak(); held = np.ones(2**25); b = peak(); del held; print(a, b, peak())"
-    )
-    parent = f"import subprocess as s, sys; held = b'1' * 2**30; s.run([sys.executable, '-c', {child!r}], check=True)"
-    done = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
-    before, during, after = map(float, done.stdout.split())
-    assert during - before == pytest.approx(0.25, abs=0.02)
-    assert during <= after < before + 0.27
-    assert after < 0.9                                                  # GiB; the parent holds 1
-
-
-@pytest.mark.parametrize(("platform", "told"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
-def test_peak_memory_knows_the_unit_of_each_system(platform, told, monkeypatch):
-    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=told))
-    with monkeypatch.context() as patch:
-        patch.setattr("morphofold.sim.run.Path.exists", lambda path: False)                # no /proc
-        patch.setattr(sys, "platform", platform)
-        patch.setitem(sys.modules, "resource", usage)
-        assert peak_memory() == 3.0
-        patch.setitem(sys.modules, "resource", None)                                    # as on Windows
-        assert peak_memory() is None
 
 
 def test_the_log_counts_steps_and_growth_upwards_and_is_strict_json(folder):
@@ -258,7 +233,7 @@ def test_folders_of_others_are_left_alone(folder, tmp_path):
 
 def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
     code = (
-        "import sys; from morphofold.sim.run import peak_memory, simulate\n"
+        "import sys; from morphofold.sim.run import simulate\n"
         "simulate('plain.toml', 'plain', settings=['growth.final=1.05'])\n"
         "print([m for m in sys.modules if m.startswith('morphofold.sim.effects.')])"
     )

@@ -1,10 +1,12 @@
-"""Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step, and
-``bench folds`` grows folds on several meshes and from several imperfections and says how far they agree."""
+"""Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
+``bench measures`` the measuring room, and ``bench folds`` grows folds on several meshes and from several imperfections
+and says how far they agree."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
+    "measures": "seconds of each measure on this machine, from 10,000 to 1,000,000 vertices",
     "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
@@ -36,6 +39,12 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         timed = question(name)
         timed.add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
         _add_common(timed, "print as JSON")
+
+    measures = question("measures", "The surface is a sphere with ridges along an irregular net.")
+    measures.add_argument("--vertices", metavar="N,N", default="10000,40000,160000,400000,1000000",
+                          help="sizes, separated by commas (default: 10000 to 1000000; the last takes minutes)")
+    measures.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    _add_common(measures, "print as JSON")
 
     folds = question("folds", FOLDS)
     folds.add_argument("-o", "--out", metavar="DIR", required=True,
@@ -64,9 +73,12 @@ def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.what == "folds":
         return _folds(args)
-    if not 0 < args.seconds < 3600:
+    if args.what == "measures":
+        rows, lines = _measures(args)
+    elif not 0 < args.seconds < 3600:
         raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
-    rows, lines = _speed(args.seconds) if args.what == "speed" else _effects(args.seconds)
+    else:
+        rows, lines = _speed(args.seconds) if args.what == "speed" else _effects(args.seconds)
     print(json.dumps(rows, indent=1) if args.json else "\n".join(lines))
     return 0
 
@@ -137,6 +149,32 @@ def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
         f"{'design':31} {'threads':>7} {'ms a step':>10} {'million tet-steps/s':>20}  timed",
         *(f"{p.design:31} {p.threads:>7} {p.ms:>10} {p.millions:>20}  {p.timed}" for p in PEERS),
     ]
+    return rows, lines
+
+
+def _measures(args: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]]:
+    from morphofold.analysis.speed import exponent, measuring_speed
+    from morphofold.cli.progress import progress
+    from morphofold.threads import set_threads
+
+    sizes = sorted(set(_listed("--vertices", args.vertices, int)))
+    if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
+        raise ValueError(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
+    set_threads(args.threads)
+    with progress("measure", args.quiet) as tell:
+        rows = measuring_speed(sizes, tell)
+    whole = [row for row in rows if row["stage"] == "all"]
+    stages = list(dict.fromkeys(row["stage"] for row in rows))
+    lines = [
+        f"seconds with {rows[0]['threads']} threads; the cost grows as the power of n log n, n being vertices",
+        f"{'stage':20}" + "".join(f"{n:>12,}" for n in sizes) + f"{'power':>8}",
+        *(
+            f"{stage:20}" + "".join(f"{row['seconds']:12.2f}" for row in rows if row["stage"] == stage)
+            + (f"{exponent(rows, stage):8.2f}" if len(sizes) > 1 else "")
+            for stage in stages
+        ),
+        f"{'memory, GiB':20}" + "".join(f"{row['memory_GiB'] or math.nan:12.2f}" for row in whole),
+    ]  # fmt: skip
     return rows, lines
 
 
