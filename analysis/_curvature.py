@@ -14,6 +14,7 @@ from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 BLOCKS = 64         # independent stretches of vertices; each has its own scratch, none depends on the thread count
 EDGES = 3.0         # the default scale, in mean edges
+MANY = 100          # points from which on every other one, or every third, ... is fitted: more take time, tell little
 ENOUGH = 14         # points wanted for the ten coefficients; with fewer the neighbourhood grows
 FACING = 0.2        # cosine below which a neighbour's normal belongs to another wall
 GROWTH = 1.4        # of the radius where there are too few points, at most GROWINGS times
@@ -292,7 +293,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         b[r] = 0.0
         for c in range(10):
             A[r, c] = 0.0
-    for q in range(count):
+    for q in range(0, count, 1 + count // MANY):
         w = queue[q]
         x, y, z = verts[w, 0] - verts[i, 0], verts[w, 1] - verts[i, 1], verts[w, 2] - verts[i, 2]
         x, y, z = x / radius, y / radius, z / radius

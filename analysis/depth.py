@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from morphofold.analysis._mesh import mean_edge_length
 from morphofold.analysis.gyrification import hull
 from morphofold.analysis.ways import shorten, way_graph
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
+BUNDLE = 16             # planes that are passed over together
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
     """Distance from each vertex to the convex hull of the surface, or along the surface to where it touches that.
@@ -55,7 +59,8 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
     used = np.unique(faces)
-    depth[used] = _below(np.ascontiguousarray(verts[used], dtype=np.float64), np.ascontiguousarray(planes[first]))
+    size, *bundles = _bundled(np.asarray(verts[used], dtype=np.float64), planes[first])
+    depth[used] = size * _below(*bundles)
     return depth if mode == "hull" else _along(verts, faces, depth, touching)
 
 
@@ -66,14 +71,34 @@ def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None)
     return np.where(np.isfinite(way), way, np.nan)
 
 
+def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[Any, ...]:
+    """Size of the body [mm]; in that unit points (N, 3) from their middle, planes (B, BUNDLE, 4) in bundles of like
+    ones, the middle (B, 4) of each bundle, and the distance (B,) of its farthest plane from that."""
+    middle = points.mean(axis=0)
+    points = points - middle
+    size = np.linalg.norm(points, axis=1).max()
+    planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
+    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]           # near ones next to each other
+    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE, axis=0)]).reshape(-1, BUNDLE, 4)
+    centre = planes.mean(axis=1)
+    spread = np.linalg.norm(planes - centre[:, None], axis=2).max(axis=1)
+    return size, points / size, planes, centre, spread
+
+
 @njit(cache=True, parallel=True)
-def _below(points: NDArray[np.float64], planes: NDArray[np.float64]) -> PerVertex:
-    """Least distance (N,) from points (N, 3) inside to the planes (P, 4), 0 where round-off puts a point outside."""
+def _below(points, planes, centre, spread):
+    """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     depth = np.empty(len(points))
     for i in prange(len(points)):
         x, y, z = points[i]
+        far = np.sqrt(x * x + y * y + z * z + 1.0)
         highest = -np.inf
-        for p in range(len(planes)):
-            highest = max(highest, planes[p, 0] * x + planes[p, 1] * y + planes[p, 2] * z + planes[p, 3])
+        for b in range(len(planes)):
+            c = centre[b]
+            if c[0] * x + c[1] * y + c[2] * z + c[3] + spread[b] * far <= highest:
+                continue                                                # none of these can be nearer
+            for k in range(BUNDLE):
+                p = planes[b, k]
+                highest = max(highest, p[0] * x + p[1] * y + p[2] * z + p[3])
         depth[i] = max(-highest, 0.0)
     return depth

@@ -10,19 +10,20 @@ import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from morphofold.analysis._mesh import vertex_normals
 from morphofold.analysis.measures import measure
 from morphofold.clock import peak_memory, working_seconds
 from morphofold.ridges import irregular_net, ridged_net
 from morphofold.shapes import even_directions
-from morphofold.surface import Cortex
+from morphofold.surface import Cortex, Surface
 
 CELLS = 60              # of the net: 116 hinges, about as many as half a brain
-WIDTH, HEIGHT, RADIUS, THICKNESS = 6.0, 6.0, 55.0, 2.5
+WIDTH, HEIGHT, RADIUS, THICKNESS = 9.0, 8.0, 65.0, 1.8
 
 
 def folded_ball(n: int) -> Cortex:
-    """Cortex of ``n`` vertices, evenly spread before they fold: ridges 6 mm wide and high on a sphere of 55 mm, along
-    an irregular net of 60 cells; white lies 2.5 mm deeper, its ridges 2 mm wide.
+    """Cortex of ``n`` vertices, evenly spread before they fold: ridges 9 mm wide and 8 mm high on a sphere of 65 mm,
+    along an irregular net of 60 cells; white lies 1.8 mm deeper along the normals.
 
     Raises
     ------
@@ -36,9 +37,8 @@ def folded_ball(n: int) -> Cortex:
     a, b, c = (verts[faces[:, k]] for k in range(3))
     inward = np.sum(np.cross(b - a, c - a) * a, axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
-    net = irregular_net(CELLS)
-    pial = ridged_net(net, (verts, faces), WIDTH, height=HEIGHT, radius=RADIUS)
-    white = ridged_net(net, (verts, faces), 2.0, height=HEIGHT, radius=RADIUS - THICKNESS)
+    pial = ridged_net(irregular_net(CELLS), (verts, faces), WIDTH, height=HEIGHT, radius=RADIUS)
+    white = Surface(pial.verts - THICKNESS * vertex_normals(pial.verts, faces), faces)
     return Cortex(white, pial, name=f"folded ball of {n:,}")
 
 

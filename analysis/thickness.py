@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from morphofold.analysis import _mesh
 from morphofold.analysis.chord import GyralThickness, gyral_thickness
-from morphofold.surface import PerVertex, Surface
+from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 __all__ = ["GyralThickness", "cortical_thickness", "gyral_thickness"]
 
@@ -92,7 +92,7 @@ def cortical_thickness(
             way = _nearest_vertex(*near, rings)
         else:
             margin = _mesh.mean_edge_length(target, faces)
-            way = _nearest_triangle(*near, faces, incident.indptr, incident.indices, margin)
+            way = _nearest_triangle(*near, faces, incident.indptr, incident.indices, margin, _longest(target, faces))
         total += np.minimum(way, limit)
     total[np.diff(ring.indptr) == 0] = np.nan
     return total / 2
@@ -136,7 +136,7 @@ def _nearest_vertex(start, target, normals, side, indptr, indices, rings):
 
 
 @njit(cache=True, parallel=True)
-def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr, findices, margin):
+def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr, findices, margin, longest):
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     n = len(start)
     way = np.empty(n)
@@ -154,7 +154,9 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
             while at < last and best > 0:
                 v = queue[at]
                 at += 1
-                for e in range(fptr[v], fptr[v + 1]):
+                away = (target[v, 0] - px) ** 2 + (target[v, 1] - py) ** 2 + (target[v, 2] - pz) ** 2
+                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]             # all of its triangles are
+                for e in range(fptr[v], fptr[v] if beyond else fptr[v + 1]):
                     f = findices[e]
                     if tested[f] == i:
                         continue
@@ -184,6 +186,16 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
                             last += 1
             way[i] = math.sqrt(best)
     return way
+
+
+def _longest(verts: Verts, faces: Faces) -> PerVertex:
+    """Longest edge (N,) at each vertex [mm]; 0 where there is none."""
+    pair = _mesh.edges(faces)
+    length = np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1)
+    longest = np.zeros(len(verts))
+    for end in pair.T:
+        np.maximum.at(longest, end, length)
+    return longest
 
 
 @njit(inline="always")

@@ -80,7 +80,7 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
     done = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
     before, during, after = map(float, done.stdout.split())
     assert during - before == pytest.approx(0.25, abs=0.02)
-    assert during <= after < before + 0.27
+    assert during - 0.005 < after < before + 0.27                       # the kernel counts in batches
     assert after < 0.9                                                  # GiB; the parent holds 1
 
 
