@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from morphofold.analysis._curvature import Curvature, curvature
+from morphofold.analysis._mesh import vertex_normals
 from morphofold.analysis.net import paths
 from morphofold.analysis.smooth import diffused
 from morphofold.surface import Faces, PerVertex, Verts
@@ -18,7 +20,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CALM = 0.6              # scales over which extremality is smoothed
-SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median
+SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median,
+BESIDE, LESS = 1.0, 0.3  # or the share of it that it lacks so many scales to either side
 ROUND = 0.15            # share of k1 by which k2 is less on a crest
 SHORTEST = 1.0          # scales that a line has at least
 KINDS = ("gyral", "sulcal")
@@ -96,9 +99,10 @@ def crest_lines(
     linear, turned one way at the three corners, and a line runs straight through the two sides on which it is 0, if
     there its slope along d1 is negative. A sphere, a torus, a cylinder and all cyclides of Dupin have e = 0 everywhere
     and must have no lines: so at the median of a line the curvature has to fall away by more than its own cube,
-    ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh; and k2 has to be less than 0.85 k1, for near an umbilic
-    noise alone chooses the direction. Lines shorter than ``scale`` are left out. On a surface with noise of 1 % of an
-    edge take a scale of four edges.
+    ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh; or be less by 0.3 of itself one scale away on both
+    sides, along a circle of that curvature, as on the round caps of thin gyri. And k2 has to be less than 0.85 k1, for
+    near an umbilic noise alone chooses the direction. Lines shorter than ``scale`` are left out. On a surface with
+    noise of 1 % of an edge take a scale of four edges.
 
     Crest lines end before they meet: where three gyri do the surface is umbilic, with no direction to follow. The net
     is the business of :func:`morphofold.analysis.gyral_graph`.
@@ -107,7 +111,7 @@ def crest_lines(
         raise ValueError("pass scale or curv, not both: curv has its scale.")
     if curv is None:
         curv = curvature(verts, faces, scale)
-    found = []
+    found, beside = [], BESIDE * curv.scale
     for kind in KINDS:
         sign = 1.0 if kind == "gyral" else -1.0
         k, other, along, e = (
@@ -116,16 +120,19 @@ def crest_lines(
         flow = np.nan_to_num(diffused(verts, faces, np.nan_to_num(e[:, None] * along), CALM * curv.scale))
         found += [
             CrestLine(kind, points, length, float(strength), sign * float(bent))
-            for points, length, strength, bent in _trace(verts, faces, k, other, along, flow)
+            for points, length, strength, bent in _trace(verts, faces, k, other, along, flow, sign * beside)
             if length >= SHORTEST * curv.scale and strength >= weakest
         ]
     return CrestLines(sorted(found, key=lambda line: -line.strength), curv.scale)
 
 
 def _trace(
-    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array
+    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, beside: float
 ) -> Iterator[tuple[Array, float, float, float]]:
-    """Points, length, integral of k and mean of (k + other) / 2 of each line."""
+    """Points, length, integral of k and mean of (k + other) / 2 of each line.
+
+    ``beside`` [mm]: how far to either side of a line its curvature is looked at; negative if k is convex inwards.
+    """
     at, falls, cut = _falls(verts, faces, along, flow)
     after = np.roll(faces, -1, axis=1)
     start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
@@ -138,6 +145,7 @@ def _trace(
     low, high, share, height, level = (f[good].ravel()[first] for f in (low, high, share, height, level))
     points = verts[low] + share[:, None] * (verts[high] - verts[low])
     bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
+    lacks = _lacks(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
     one, two = links.reshape(-1, 2).T
     rows, columns = np.r_[one, two], np.r_[two, one]
     graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=2 * (len(points),))
@@ -145,9 +153,24 @@ def _trace(
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())
-        if length > 0 and np.median(sharp[path]) > SHARP:
+        if length > 0 and (np.median(sharp[path]) > SHARP or np.median(lacks[path]) > LESS):
             yield (line, length, 0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
                    0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length)  # fmt: skip
+
+
+def _lacks(
+    verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
+) -> Array:
+    """Share (P,) that k lacks at both of the places ``beside`` points along circles of their own curvature, the least.
+
+    ``near`` (P,) are vertices next to them, whose direction and normal are taken.
+    """
+    normal, tree = vertex_normals(verts, faces), cKDTree(verts)
+    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]    # of the circle; no farther than down the wall
+    down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
+    ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
+    there = np.max([np.nan_to_num(k[tree.query(points + way)[1]]) for way in ways], axis=0)
+    return np.asarray(1 - there / height)
 
 
 def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:

@@ -78,7 +78,8 @@ def true_crests(level=6):
         np.add.at(normal, i, u[:, :, None] * u[:, None, :])
         np.add.at(right, i, u * (k[j] - k[i])[:, None])
         e = np.linalg.solve(normal, right[:, :, None])[:, 0]
-        lines = crest._trace(shape.verts, shape.faces, k, other, along, e * along)
+        beside = 6.0 if kind == "gyral" else -6.0
+        lines = crest._trace(shape.verts, shape.faces, k, other, along, e * along, beside)
         found[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
     return found
 

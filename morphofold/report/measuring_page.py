@@ -1,0 +1,172 @@
+"""Pictures and generated parts of docs/measuring.md: every measure on several surfaces, what they cost, and how the
+number of hinges hangs on the lengths that they are found by.
+
+``python -m morphofold.report.measuring_page PAGE --speed FILE NAME=CORTEX...`` draws them beside the Markdown page PAGE
+and puts tables between its marks ``<!-- speed -->``, ``<!-- sensitivity -->`` and those that end them. FILE holds what
+``morphofold bench measures --json`` prints; a CORTEX is whatever ``morphofold.read_cortex`` reads, or S1, the sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis import Measures, hinge_sensitivity
+from morphofold.analysis.speed import exponent
+from morphofold.io import atomic_file, sample_path
+from morphofold.report.figures import Picture, Row, figure
+from morphofold.report.line_plots import BLACK, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.markdown import between_marks, number, table
+from morphofold.report.net_picture import crest_figure, crest_row, net_figure, net_row
+from morphofold.report.png import png_bytes
+from morphofold.report.quantities import quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: maps that are drawn, with the limits of their colours where those of a page would not show the folds of both
+MAPS: dict[str, tuple[float, float] | None] = {
+    "H": None, "shape_index": None, "sulcal_depth": None, "local_gyrification_index": None,
+    "cortical_thickness": (1, 8), "gyral_thickness": (4, 24),
+}  # fmt: skip
+
+
+def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
+    """Renew pictures, plots and the marked parts of ``page``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is not there.
+    ValueError
+        If the page has not one pair of marks for each part. The page is as it was then.
+    """
+    text = page.read_text(encoding="utf-8")
+    times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
+    hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
+    for name, parts in (("speed", _speed(times)), ("sensitivity", _sensitivity(hinges))):
+        text = between_marks(text, name, parts, page)
+    for name, picture in pictures(measured).items():
+        with atomic_file(page.with_name(f"measure-{name}.png")) as temporary:
+            temporary.write_bytes(png_bytes(_halved(picture)))
+    for name, plot in (("speed", speed_figure(times)), ("sensitivity", sensitivity_figure(hinges))):
+        path = page.with_name(f"measure-{name}.png")
+        with atomic_file(path) as temporary:
+            save(plot, temporary)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
+    """Every measure, a row per surface."""
+    drawn = {
+        "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
+        "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
+    }
+    for key, limits in MAPS.items():
+        what = quantity(key)
+        rows = [
+            Row(name, m.cortex.pial, np.asarray(m.maps.get(key, np.full(m.cortex.n_vertices, np.nan))), m.cortex.hemi)
+            for name, m in measured.items()
+        ]
+        drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
+    return drawn
+
+
+def _halved(picture: Picture) -> Picture:
+    """Half as wide and high, each pixel the mean of four."""
+    height, width = picture.shape[0] // 2, picture.shape[1] // 2
+    small = picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
+    return np.asarray(np.round(small), dtype=np.uint8)
+
+
+def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Seconds of each stage over the number of vertices, beside n log n."""
+    n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
+    whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
+    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
+        entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
+        stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
+        entries |= {stage: line_style(k) for k, stage in enumerate(stages)}
+        for stage, style in entries.items():
+            ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
+        middle = len(n) // 2
+        entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
+        ax.plot(n, whole[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
+        ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
+        legend_of_figure(plot, entries, ax, columns=3)
+    return plot
+
+
+def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
+    """Number of hinges as each length is multiplied, a panel per surface."""
+    with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, axes):
+        entries: dict[str, Any] = {}
+        for ax, (name, rows) in zip(axes[0], hinges.items()):
+            for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
+                entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
+                mine = sorted([rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"])
+                ax.plot([r["factor"] for r in mine], [r["n_hinges"] for r in mine], **entries[length])
+            factors = sorted({row["factor"] for row in rows})
+            set_limits(ax, (0.9 * factors[0], 1.1 * factors[-1]), ax.get_ylim(), name)
+            ax.set(xscale="log", xlabel="length, over the one that is used")
+            ax.set_xticks(factors, [f"{f:g}" for f in factors])
+            ax.minorticks_off()
+        axes[0][0].set(ylabel="hinges", ylim=(0, axes[0][0].get_ylim()[1]))
+        legend_of_figure(plot, entries, axes[0][0], columns=3)
+    return plot
+
+
+def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
+    whole = [row for row in rows if row["stage"] == "all"]
+    cells = [
+        [stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage), f"{exponent(rows, stage):.2f}"]
+        for stage in dict.fromkeys(row["stage"] for row in rows)
+    ]
+    memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
+    heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
+    return [f"With {whole[0]['threads']} threads:", table(heads, [*cells, memory])]
+
+
+def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
+    heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
+    cells = [
+        [
+            name, row["length"] or "as they are", f"{row['factor']:g}", number(_known(row["mm"]), "{:.2f}"),
+            *(f"{row[key]}" for key in ("n_hinges", "n_hinges_3", "n_hinges_4")), f"{row['crest_length_mm']:.0f}",
+            number(_known(row["kept"]), "{:.2f}"),
+        ]
+        for name, rows in hinges.items()
+        for row in rows
+    ]  # fmt: skip
+    return [table(heads, cells)]
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def main(words: Sequence[str]) -> int:
+    import morphofold as mf
+
+    parser = argparse.ArgumentParser(prog="python -m morphofold.report.measuring_page")
+    parser.add_argument("page", type=Path)
+    parser.add_argument("--speed", type=Path, required=True)
+    parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
+    asked = parser.parse_args(words)
+    measured = {}
+    for word in asked.cortices:
+        name, _, path = word.rpartition("=")
+        measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
+    write_page(asked.page, asked.speed, measured)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

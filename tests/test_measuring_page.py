@@ -1,0 +1,128 @@
+"""What the measures cost, and the page that shows it: numbers go where they belong, whoever made them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from morphofold.analysis import measure
+from morphofold.analysis._mesh import is_closed
+from morphofold.analysis.speed import THICKNESS, exponent, folded_ball, measuring_speed
+from morphofold.cli import main
+from morphofold.report import measuring_page
+from morphofold.report.net_picture import KINDS, crest_figure, crest_row
+
+STAGES = ("areas", "curvature")
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return measure(folded_ball(4000))
+
+
+def made_times(power=1.0):
+    return [
+        {"vertices": n, "threads": 2, "stage": stage, "seconds": share * (n * np.log(n)) ** power}
+        | ({"memory_GiB": 0.5} if stage == "all" else {})
+        for n in (1000, 10_000, 100_000)
+        for stage, share in (("areas", 1e-6), ("curvature", 3e-6), ("all", 4e-6))
+    ]
+
+
+def made_hinges():
+    base = {"length": "", "factor": 1.0, "mm": np.nan, "n_hinges": 20, "n_hinges_3": 19, "n_hinges_4": 1,
+            "n_ends": 0, "crest_length_mm": 812.4, "kept": 1.0, "old": 1.0}  # fmt: skip
+    return [base] + [
+        {**base, "length": length, "factor": factor, "mm": 2 * factor, "n_hinges": round(20 / factor), "kept": 0.75}
+        for length in ("persistence", "merge")
+        for factor in (0.5, 2.0)
+    ]
+
+
+def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
+    cortex = ball.cortex
+    assert cortex.n_vertices == 4000
+    assert is_closed(cortex.faces)
+    assert ball.scalars["euler_characteristic"] == 2
+    assert ball.scalars["gyrification_index"] > 1.1
+    assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(THICKNESS, rel=0.05)
+    with pytest.raises(ValueError, match="needs 1,000 vertices at least, got 999"):
+        folded_ball(999)
+
+
+def test_every_stage_of_measure_is_timed_and_they_add_up():
+    told = []
+    rows = measuring_speed([3000, 2000], progress=lambda share, text: told.append((share, text)))
+    assert told == [(0.0, "2,000 vertices"), (0.5, "3,000 vertices")]
+    asked = []
+    measure(folded_ball(2000), progress=lambda stage, share: asked.append(stage))
+    for n in (2000, 3000):
+        mine = {row["stage"]: row["seconds"] for row in rows if row["vertices"] == n}
+        assert list(mine) == [*asked[:-1], "all"]
+        assert sum(mine.values()) == pytest.approx(2 * mine["all"])
+        assert min(mine.values()) > 0
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 1.5])
+def test_the_exponent_is_that_of_n_log_n(power):
+    assert exponent(made_times(power)) == pytest.approx(power)
+    assert exponent(made_times(power), "areas") == pytest.approx(power)
+
+
+@pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
+def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
+    assert main(["bench", "measures", "--vertices", sizes]) == 2
+    assert "--vertices" in capsys.readouterr().err
+
+
+def test_the_command_prints_a_line_per_stage_or_rows(capsys):
+    assert main(["bench", "measures", "--vertices", "1500,2000", "-q", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {row["vertices"] for row in rows} == {1500, 2000}
+    assert main(["bench", "measures", "--vertices", "1500", "-q"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["stage", "1,500", "power"]
+    assert [line[:20].strip() for line in lines[2:]] == [*dict.fromkeys(row["stage"] for row in rows), "memory, GiB"]
+
+
+def test_crest_lines_have_the_colours_of_their_kind(ball):
+    row = crest_row(ball, "ball")
+    for colour in KINDS.values():
+        share = (row.rgb == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=1).mean()
+        assert 0.01 < share < 0.3
+    gyral = (row.rgb == [0xD5, 0x5E, 0x00]).all(axis=1)
+    height = np.linalg.norm(ball.cortex.pial.verts, axis=1)
+    assert height[gyral].mean() > height.mean() + 2                     # on the crowns
+    picture = crest_figure([row])
+    assert picture.ndim == 3
+
+
+def test_the_page_gets_its_tables_and_every_picture(ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
+    page, speed = tmp_path / "measuring.md", tmp_path / "speed.json"
+    speed.write_text(json.dumps(made_times()))
+    page.write_text("# By hand\n<!-- speed -->\n<!-- /speed -->\n<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n")
+    measuring_page.write_page(page, speed, {"ball": ball})
+    text = page.read_text()
+    assert text.startswith("# By hand\n")
+    assert "old" not in text
+    assert "| seconds | 1,000 vertices | 10,000 vertices | 100,000 vertices | power of n log n |" in text
+    assert "| all | 0.03 | 0.37 | 4.61 | 1.00 |" in text
+    assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
+    assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
+    names = {"H", "shape-index", "sulcal-depth", "local-gyrification-index", "cortical-thickness", "gyral-thickness",
+             "crest-lines", "gyral-net", "speed", "sensitivity"}  # fmt: skip
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "measuring.md", "speed.json", *(f"measure-{name}.png" for name in names)
+    }  # fmt: skip
+
+
+def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
+    page, speed = tmp_path / "measuring.md", tmp_path / "speed.json"
+    speed.write_text(json.dumps(made_times()))
+    page.write_text("<!-- speed -->\n<!-- /speed -->\n")
+    with pytest.raises(ValueError, match="has no one place for sensitivity"):
+        measuring_page.write_page(page, speed, {"ball": ball})
+    assert page.read_text() == "<!-- speed -->\n<!-- /speed -->\n"
+    assert len(list(tmp_path.iterdir())) == 2
