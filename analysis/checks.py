@@ -7,6 +7,25 @@ from numpy.typing import NDArray
 
 from morphofold.surface import Cortex, Faces, Verts
 
+NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")     # regions of an annotation
+PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
+
+
+def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
+    """True (N,) where the vertex is cortex by what came with the surfaces, and which word of that said so.
+
+    ``"label"``: the cortex label. ``"annotation"``: without one, all regions that are not ``NOT_CORTEX``, if they cover
+    three quarters of the vertices, as a parcellation does and a map of a few areas does not. Else everywhere, and "".
+    """
+    if cortex.cortex is not None:
+        return np.asarray(cortex.cortex, dtype=bool), "label"
+    if cortex.regions is not None:
+        other = [k for k, name in enumerate(cortex.regions.names) if name.lower() in NOT_CORTEX]
+        covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
+        if covered.mean() >= PARCELLATED:
+            return covered, "annotation"
+    return np.ones(cortex.n_vertices, dtype=bool), ""
+
 
 def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     """True (N,) where the vertex is cortex; refused if that is nowhere."""
@@ -16,11 +35,11 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
             f"{cortex.name}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
-    label = np.ones_like(off) if cortex.cortex is None else np.asarray(cortex.cortex, dtype=bool)
+    label, word = cortex_label(cortex)
     mask = off & label
     if not mask.any():
         raise ValueError(
-            f"{cortex.name}: no vertex is cortex: the cortex label holds {label.sum()} of "
+            f"{cortex.name}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
             f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
             "Check the label, or leave it out."
         )

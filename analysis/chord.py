@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from morphofold.analysis import _mesh
+from morphofold.analysis.checks import cortex_mask
 from morphofold.analysis.contour import Contour, mid_height_contour
 from morphofold.analysis.rays import Scanner
 from morphofold.analysis.smooth import Relief, edge_graph
@@ -102,7 +103,7 @@ def gyral_thickness(
     ----------
     cortex : Cortex or Surface
         With a Cortex the pial surface is measured, chords that pass below a sulcus are told by the white surface, and
-        what lies outside ``cortex.cortex`` or has white on pial is left out. A bare Surface is measured without that
+        what is no cortex (:func:`morphofold.analysis.measure`) is left out. A bare Surface is measured without that
         test.
     scale : float, optional
         Smoothing length [mm] that says what a fold is: 10 for an adult human brain (the table of published numbers
@@ -175,9 +176,7 @@ def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray
     inside = np.zeros(n, dtype=bool)
     inside[surface.faces] = True
     if isinstance(cortex, Cortex):
-        inside &= np.any(cortex.white.verts != cortex.pial.verts, axis=1)
-        if cortex.cortex is not None:
-            inside &= cortex.cortex
+        inside &= cortex_mask(cortex)
     if mask is not None:
         if np.shape(mask) != (n,):
             raise ValueError(f"{surface.name}: mask has shape {np.shape(mask)}, the surface has {n} vertices.")

@@ -94,8 +94,9 @@ def measure(
 
     Notes
     -----
-    Cortex is what the cortex label says, without vertices where white and pial coincide (FreeSurfer closes the medial
-    wall so, and without a label that is the only sign of it). Areas, Euler characteristic, gyrification and folding
+    Cortex is what the cortex label says, or without one a parcellation (all regions but ``unknown``,
+    ``corpuscallosum`` and the like), without vertices where white and pial coincide (FreeSurfer closes the medial wall
+    so, and without both that is the only sign of it). Areas, Euler characteristic, gyrification and folding
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
@@ -190,7 +191,7 @@ def measure(
         "folding_index_surface": "white",
         "cortical_thickness_mode": "surface",
         "cortical_thickness_cap_mm": cap,
-        "cortex_mask": "label, and white off pial" if cortex.cortex is not None else "white off pial",
+        "cortex_mask": ", and ".join(filter(None, (checks.cortex_label(cortex)[1], "white off pial"))),
         "cortex_vertices": int(np.count_nonzero(mask)),
         "gyral_scale_mm": _number(across.scale),
         "gyral_coverage": _number(across.coverage),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from morphofold.analysis.checks import cortex_label
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
@@ -45,7 +46,10 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
 def of_input(cortex: Cortex) -> Notes:
     """A missing cortex label, and the health warnings of a simulation."""
     notes = {}
-    if cortex.cortex is None and cortex.origin != "simulation":
+    word = cortex_label(cortex)[1]
+    if word == "annotation":
+        notes["cortex_mask"] = "No cortex label came with the surfaces: cortex is what the annotation's regions cover."
+    elif not word and cortex.origin != "simulation":
         notes["cortex_mask"] = (
             "No cortex label came with the surfaces: every vertex whose white and pial positions differ counts as "
             "cortex, the medial wall, if there is one, included."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis._mesh import vertex_areas
+from morphofold.analysis.checks import NOT_CORTEX
 from morphofold.analysis.gyral_tables import region_columns
 from morphofold.surface import Cortex, PerVertex
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from morphofold.analysis.thickness import GyralThickness
 
-NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
     "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis._curvature import Curvature
+from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
 
@@ -237,6 +240,22 @@ def test_open_surfaces_and_several_pieces_have_depth_but_no_gyrification_index()
         assert m.scalars["mean_sulcal_depth_mm"] >= 0
     assert "Gauss-Bonnet" not in open_.notes["folding_index"]
     assert "Gauss-Bonnet asks for 2;" in two.notes["folding_index"]
+
+
+def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
+    cortex = average[0].cortex
+    without = replace(cortex, cortex=None)
+    mask, word = cortex_label(without)
+    assert word == "annotation"
+    assert np.mean(mask == cortex.cortex) > 0.99                        # FreeSurfer's own label, but for its rim
+    told = of_input(without)
+    assert "annotation" in told["cortex_mask"]
+    areas = np.where(np.isin(cortex.regions.labels, [1, 2, 3]), cortex.regions.labels, -1)
+    few = replace(without, regions=replace(cortex.regions, labels=areas))
+    mask, word = cortex_label(few)
+    assert word == ""
+    assert mask.all()
+    assert cortex_label(cortex)[1] == "label"
 
 
 def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation():

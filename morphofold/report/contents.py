@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.report.plots import number
 from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
@@ -154,8 +155,9 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
             part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
             share = f"{part} of the closed surface of {e.name}"
             said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
-        if cortex.cortex is not None and not cortex.cortex.all():
-            out = number(int((~cortex.cortex).sum()))
+        label = cortex_label(cortex)[0]
+        if not label.all():
+            out = number(int((~label).sum()))
             said.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
         said += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
     return said
