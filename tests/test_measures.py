@@ -247,7 +247,7 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
     without = replace(cortex, cortex=None)
     mask, word = cortex_label(without)
     assert word == "annotation"
-    assert np.mean(mask == cortex.cortex) > 0.99                        # FreeSurfer's own label, but for its rim
+    assert np.mean(mask == cortex.cortex) > 0.98                        # FreeSurfer's own label, but for its rim
     told = of_input(without)
     assert "annotation" in told["cortex_mask"]
     areas = np.where(np.isin(cortex.regions.labels, [1, 2, 3]), cortex.regions.labels, -1)
