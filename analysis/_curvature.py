@@ -95,7 +95,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     way (normals less than 78 degrees apart), so that the opposite wall of a closed sulcus does not take part. Their
     heights over the tangent plane are fitted by a cubic polynomial in the plane, with constant and linear terms,
     hence not forced through the vertex nor into the frame; weights are ``(1 - d^2/scale^2) n.n_i``. Of 100 neighbours
-    and more every other one is taken, of 200 and more every third, and so on. Curvatures and directions follow from the first and second fundamental form of the fit at the vertex.
+    and more every other one is taken, of 200 and more every third, and so on. Curvatures and directions follow from
+    the first and second fundamental form of the fit at the vertex.
 
     A point of height h is not put where it projects to, x, but farther out along the unit gradient g of the surface
     there, by ``sqrt((g.x)^2 + h^2) - g.x`` (g turned so that ``g.x > 0``), so that the chord keeps its length across
