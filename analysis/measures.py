@@ -12,6 +12,9 @@ from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
     import networkx as nx
+    from numpy.typing import NDArray
+
+    from morphofold.analysis.chord import GyralThickness
 
 LINE = (
     "gyral_to_cortical_slope", "gyral_to_cortical_r", "gyral_to_cortical_slope_robust", "gyral_to_cortical_slope_low",
@@ -133,23 +136,17 @@ def measure(
 
     tell("gyral graph", 0.7)
     graph = gyral_graph(cortex, width=gyral_width)
-    scales = graph.graph["scales"]
 
     tell("local gyrification", 0.9)
     local, unfit = _local_gyrification(cortex, closed, pieces)
 
-    def of_cortex(values: PerVertex) -> PerVertex:
-        return np.where(mask, values, np.nan)
-
-    maps = {name: of_cortex(getattr(bent, name)) for name in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
-    maps["sulcal_depth"] = of_cortex(sulcal)
-    maps["cortical_thickness"] = of_cortex(cortical)
-    maps["gyral_thickness"] = across.per_vertex           # NaN off the cortex as it is
-    maps["area"] = area_white
+    maps = {name: getattr(bent, name) for name in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
+    maps |= {"sulcal_depth": sulcal, "cortical_thickness": cortical, "gyral_thickness": across.per_vertex}
     if local is not None:
-        maps["local_gyrification_index"] = of_cortex(local)
+        maps["local_gyrification_index"] = local
     if "thickness" in cortex.maps:
-        maps["thickness_file"] = of_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
+        maps["thickness_file"] = np.asarray(cortex.maps["thickness"], dtype=np.float64)
+    maps = {name: np.where(mask, values, np.nan) for name, values in maps.items()} | {"area": area_white}
 
     tell("regions", 0.95)
     rows = regions.region_table(cortex, maps, across, graph)
@@ -185,22 +182,33 @@ def measure(
         spectral_wavelength_mm=_number(graph.graph["wavelength"]),
         **tables.scalars,
     )
-    parameters = {
+    tell("done", 1.0)
+    return Measures(
+        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms,
+        _parameters(cortex, mask, scale, cap, across, graph), said, graph,
+    )  # fmt: skip
+
+
+def _parameters(
+    cortex: Cortex, mask: NDArray[np.bool_], scale: float, cap: float | None, across: GyralThickness,
+    graph: nx.MultiGraph,
+) -> dict[str, Any]:  # fmt: skip
+    """Scales and options that the numbers depend on."""
+    from morphofold.analysis.checks import cortex_label
+
+    scales = graph.graph["scales"]
+    return {
         "curvature_scale_mm": scale,
         "curvature_map_surface": "pial",
         "folding_index_surface": "white",
         "cortical_thickness_mode": "surface",
         "cortical_thickness_cap_mm": cap,
-        "cortex_mask": ", and ".join(filter(None, (checks.cortex_label(cortex)[1], "white off pial"))),
+        "cortex_mask": ", and ".join(filter(None, (cortex_label(cortex)[1], "white off pial"))),
         "cortex_vertices": int(np.count_nonzero(mask)),
         "gyral_scale_mm": _number(across.scale),
         "gyral_coverage": _number(across.coverage),
         **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
     }
-    tell("done", 1.0)
-    return Measures(
-        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters, said, graph,
-    )  # fmt: skip
 
 
 def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple[float, str]:
