@@ -14,7 +14,7 @@ from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 BLOCKS = 64         # independent stretches of vertices; each has its own scratch, none depends on the thread count
 EDGES = 3.0         # the default scale, in mean edges
-MANY = 100          # points from which on every other one, or every third, ... is fitted: more take time, tell little
+MANY = 128          # points that are fitted at most, evenly out of more: these take time and tell little
 ENOUGH = 14         # points wanted for the ten coefficients; with fewer the neighbourhood grows
 FACING = 0.2        # cosine below which a neighbour's normal belongs to another wall
 GROWTH = 1.4        # of the radius where there are too few points, at most GROWINGS times
@@ -75,7 +75,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
         Triangles, counter-clockwise seen from outside. Borders, several pieces and unused vertices are allowed.
     scale : float, optional
         Radius of the neighbourhood [mm]. The bias grows with its square, the effect of noise falls with its
-        cube: for a surface with 1 % noise take 4 to 5 mean edges, for a clean one 2.2 to 3. None: 3 mean edges.
+        cube up to six mean edges and with its square beyond: for a surface with 1 % noise take 4 to 5 mean edges, for
+        a clean one 2.2 to 3. None: 3 mean edges.
 
     Returns
     -------
@@ -94,9 +95,10 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     Around each vertex the mesh is walked along its edges as far as vertices lie within ``scale`` and face the same
     way (normals less than 78 degrees apart), so that the opposite wall of a closed sulcus does not take part. Their
     heights over the tangent plane are fitted by a cubic polynomial in the plane, with constant and linear terms,
-    hence not forced through the vertex nor into the frame; weights are ``(1 - d^2/scale^2) n.n_i``. Of 100 neighbours
-    and more every other one is taken, of 200 and more every third, and so on. Curvatures and directions follow from
-    the first and second fundamental form of the fit at the vertex.
+    hence not forced through the vertex nor into the frame; weights are ``(1 - d^2/scale^2) n.n_i``. At most
+    128 of them are taken, evenly in the order of the walk (so beyond that many, at some six edges, the result hangs a
+    little on how vertices are numbered). Curvatures and directions follow from the first and second fundamental form
+    of the fit at the vertex.
 
     A point of height h is not put where it projects to, x, but farther out along the unit gradient g of the surface
     there, by ``sqrt((g.x)^2 + h^2) - g.x`` (g turned so that ``g.x > 0``), so that the chord keeps its length across
@@ -294,8 +296,9 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         b[r] = 0.0
         for c in range(10):
             A[r, c] = 0.0
-    for q in range(0, count, 1 + count // MANY):
-        w = queue[q]
+    fitted = min(count, MANY)
+    for q in range(fitted):
+        w = queue[q * count // fitted]
         x, y, z = verts[w, 0] - verts[i, 0], verts[w, 1] - verts[i, 1], verts[w, 2] - verts[i, 2]
         x, y, z = x / radius, y / radius, z / radius
         u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z

@@ -91,7 +91,7 @@ def edges(faces: Faces) -> NDArray[np.int64]:
     return _edges_and_counts(faces)[0]
 
 
-#: edges and counts by the id of faces that can't change, as those of a Surface, for as long as these live
+#: edges and counts by the id of read-only faces, as those of a Surface, for as long as these live (never thaw them)
 _KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
 
 
@@ -100,7 +100,7 @@ def _edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64
         return _find_edges(faces)
     if id(faces) not in _KEPT:
         _KEPT[id(faces)] = _find_edges(faces)
-        weakref.finalize(faces, _KEPT.pop, id(faces)).atexit = False
+        weakref.finalize(faces, _KEPT.pop, id(faces), None).atexit = False
     return _KEPT[id(faces)]
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from morphofold.surface import Cortex, Faces, Verts
 
-NOT_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")     # regions of an annotation
+NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
 PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
 
 
@@ -15,16 +15,23 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
     """True (N,) where the vertex is cortex by what came with the surfaces, and which word of that said so.
 
     ``"label"``: the cortex label. ``"annotation"``: without one, all regions that are not ``NOT_CORTEX``, if they cover
-    three quarters of the vertices, as a parcellation does and a map of a few areas does not. Else everywhere, and "".
+    three quarters of the vertices and not all of them, as a parcellation does and a map of a few areas does not. Else
+    everywhere, and "".
     """
     if cortex.cortex is not None:
         return np.asarray(cortex.cortex, dtype=bool), "label"
     if cortex.regions is not None:
-        other = [k for k, name in enumerate(cortex.regions.names) if name.lower() in NOT_CORTEX]
+        other = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
         covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
-        if covered.mean() >= PARCELLATED:
+        if PARCELLATED <= covered.mean() < 1:
             return covered, "annotation"
     return np.ones(cortex.n_vertices, dtype=bool), ""
+
+
+def is_no_cortex(region: str) -> bool:
+    """Whether a region's name is one of those that annotations give to what is not cortex."""
+    plain = region.lower().replace("_", "").replace(" ", "")
+    return any(word in plain for word in NOT_CORTEX)
 
 
 def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:

@@ -121,7 +121,7 @@ def gyral_thickness(
     ImportError
         If embreex is missing: the rays would take hours without it.
     ValueError
-        If scale or mask has no meaning.
+        If scale or mask has no meaning, white is pial everywhere, or no vertex is cortex.
 
     Notes
     -----
@@ -129,9 +129,9 @@ def gyral_thickness(
        1.5 scale: the phase (see :func:`morphofold.analysis.smooth.relief`). Folds lower than a quarter of the 90th
        percentile of the amplitude are left out.
     2. The contour phase = 1/2, one sample per triangle, weight = its length there.
-    3. The vertical u at a sample: that of the smoothed copy, averaged with u at the opposite wall; twice, as the first
-       finds the opposite wall too high. Unaveraged, it leans away from the gyrus, and chords through it come out 4 to
-       8 % short; averaged once, 1 to 2 % more than twice.
+    3. The vertical u at a sample: that of the smoothed copy, averaged with u at the opposite wall; this is found with
+       the vertical unaveraged, a little too high, and again with the average. Unaveraged, it leans away from the gyrus,
+       and chords through it come out 4 to 8 % short; with the wall found once, 1 to 2 %.
     4. Five rays within 20 degrees in the plane normal to u, into the tissue. A ray counts if its first hit leaves the
        tissue, the horizontal parts of both walls' normals oppose (dot < -0.3), the phase of the hit lies in (0.1,
        0.9), it is shorter than 1.2 wavelengths, and it does not cross grey matter for more than a quarter of the
@@ -145,7 +145,7 @@ def gyral_thickness(
     puts too high. On brains the width grows by 0.15 to 0.2 mm per mm of scale.
 
     With ``scale=None`` the scale is repeatedly set to a third of ``wavelength`` until it changes by less than 5 %,
-    bounded by two edges of the mesh and ``0.3 sqrt(area / 4 pi)``. Adult brains end between 9.7 and 11.1.
+    bounded by two edges of the mesh and ``0.3 sqrt(area / 4 pi)``. Adult brains end between 9.7 and 11.3.
     """
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     inside = _inside(cortex, mask)
@@ -230,7 +230,10 @@ def _fan(
 def _symmetrised(
     scan: Scanner, samples: _Samples, vertical: NDArray[np.float64], found: Relief, faces: NDArray[np.int64], side: int
 ) -> NDArray[np.float64]:
-    """The vertical (S, 3) averaged with that of the nearest opposite wall; as it is where there is none."""
+    """The vertical (S, 3) averaged with that of the nearest opposite wall; as it is where there is none.
+
+    The wall is looked for horizontally, so twice: with the vertical as it is, then with the average.
+    """
     even = vertical
     for _ in range(2):
         length, far, triangle, _ = _fan(scan, samples, even, SYMMETRISE, side)

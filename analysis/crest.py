@@ -161,15 +161,18 @@ def _trace(
 def _lacks(
     verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
 ) -> Array:
-    """Share (P,) that k lacks at both of the places ``beside`` points along circles of their own curvature, the least.
+    """Share (P,) that k lacks at both of the places ``beside`` points along circles of their own curvature, or a
+    quarter turn away if that is nearer; the least.
 
-    ``near`` (P,) are vertices next to them, whose direction and normal are taken.
+    ``near`` (P,) are vertices next to them, whose direction and normal are taken. There counts the nearest vertex whose
+    curvature is known.
     """
-    normal, tree = vertex_normals(verts, faces), cKDTree(verts)
+    normal, known = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
+    tree = cKDTree(verts[known])
     turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]    # of the circle; no farther than down the wall
     down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
     ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
-    there = np.max([np.nan_to_num(k[tree.query(points + way)[1]]) for way in ways], axis=0)
+    there = np.max([k[known[tree.query(points + way)[1]]] for way in ways], axis=0)
     return np.asarray(1 - there / height)
 
 

@@ -16,6 +16,7 @@ from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 BUNDLE = 16             # planes that are passed over together
 
+
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
     """Distance from each vertex to the convex hull of the surface, or along the surface to where it touches that.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis._mesh import vertex_areas
-from morphofold.analysis.checks import NOT_CORTEX
+from morphofold.analysis.checks import is_no_cortex
 from morphofold.analysis.gyral_tables import region_columns
 from morphofold.surface import Cortex, PerVertex
 
@@ -68,7 +68,7 @@ def region_table(
     rows = []
     for index, region in enumerate(cortex.regions.names):
         at = np.flatnonzero(cortex.regions.labels == index)
-        if len(at) == 0 or region.lower() in NOT_CORTEX:
+        if len(at) == 0 or is_no_cortex(region):
             continue
         thickness = _known(maps.get("cortical_thickness"), at)
         widths = _known(maps.get("gyral_thickness"), at)

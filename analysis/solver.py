@@ -26,9 +26,13 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
 
     Raises
     ------
+    ValueError
+        If the shapes of ``right`` and ``x`` are not those.
     RuntimeError
         If that takes more than 3000 iterations; the mesh behind the matrix is then too irregular.
     """
+    if np.shape(right) != np.shape(x) or np.shape(x) not in ((matrix.shape[0],), (matrix.shape[0], 3)):
+        raise ValueError(f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, 3), N = {matrix.shape[0]}.")
     diagonal = matrix.diagonal()
     jacobi = np.divide(1, diagonal, out=np.ones_like(diagonal), where=diagonal > 0)
     x = np.array(x, dtype=np.float64)
@@ -36,7 +40,7 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
     if not iterate(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_STEPS):
         raise RuntimeError(
             f"conjugate gradients did not converge in {MOST_STEPS} iterations on {len(x)} vertices; the mesh has "
-            "extreme triangles. Remesh it."
+            "extreme triangles. Remesh it, or take a shorter scale."
         )
     return x
 

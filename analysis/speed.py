@@ -8,13 +8,12 @@ from typing import Any
 
 import numba
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from morphofold.analysis._mesh import vertex_normals
 from morphofold.analysis.measures import measure
 from morphofold.clock import peak_memory, working_seconds
 from morphofold.ridges import irregular_net, ridged_net
-from morphofold.shapes import even_directions
+from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.surface import Cortex, Surface
 
 CELLS = 60              # of the net: 116 hinges, about as many as half a brain
@@ -35,10 +34,7 @@ def folded_ball(n: int) -> Cortex:
         raise ValueError(f"the folded ball needs 1,000 vertices at least, got {n:,}.")
     verts = even_directions(n)
     verts = verts[np.lexsort((verts[:, 2], *np.round(RADIUS * verts[:, :2].T)))]
-    faces = ConvexHull(verts).simplices.astype(np.int64)
-    a, b, c = (verts[faces[:, k]] for k in range(3))
-    inward = np.sum(np.cross(b - a, c - a) * a, axis=1) < 0
-    faces[inward] = faces[inward][:, ::-1]
+    faces = spherical_delaunay(verts)
     pial = ridged_net(irregular_net(CELLS), (verts, faces), WIDTH, height=HEIGHT, radius=RADIUS)
     white = Surface(pial.verts - THICKNESS * vertex_normals(pial.verts, faces), faces)
     return Cortex(white, pial, name=f"folded ball of {n:,}")

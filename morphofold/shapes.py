@@ -95,11 +95,16 @@ def irregular_sphere(
     edge = (16 * np.pi / 3**0.5 / (2 * len(verts) - 4)) ** 0.5            # of equilateral triangles of that area
     verts = verts + rng.uniform(-jitter * edge, jitter * edge, verts.shape)
     verts /= np.linalg.norm(verts, axis=1, keepdims=True)
+    return verts * radius, spherical_delaunay(verts)
+
+
+def spherical_delaunay(verts: Verts) -> Faces:
+    """Delaunay triangulation (M, 3) of unit directions (N, 3) all around, counter-clockwise from outside."""
     faces = ConvexHull(verts).simplices.astype(np.int64)
     a, b, c = verts[faces[:, 0]], verts[faces[:, 1]], verts[faces[:, 2]]
     inward = np.sum(np.cross(b - a, c - a) * a, axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return verts * radius, faces
+    return faces
 
 
 def _sphere(level: int, rng: np.random.Generator | int | None) -> tuple[Verts, Faces]:

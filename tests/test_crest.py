@@ -107,6 +107,56 @@ def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, n
     assert np.median(away) < (0.2 if level == 5 else 0.3) * edge
 
 
+def swept(edge, radius=2.0, wall=4.0, tilt=75.0, ridges=4, length=30.0):
+    """Sheet of gyri and sulci that are arcs of ``tilt`` degrees to either side, with straight walls between: curvature
+    is constant on the caps and 0 on the walls. Also the places across (x) of crowns and fundi."""
+    half = np.radians(tilt)
+    pieces = [(wall / 2, 0.0)]
+    for sign in (-1.0, 1.0) * ridges:
+        pieces += [(2 * half * radius, sign / radius), (wall, 0.0)]
+    steps = [(size / n, bend) for size, bend in pieces for n in [round(size / edge)] for _ in range(n)]
+    x, z, angle, curve = 0.0, 0.0, half, [(0.0, 0.0)]                   # begins on a wall that climbs to a crown
+    for step, bend in steps:
+        x, z = x + step * np.cos(angle + 0.5 * bend * step), z + step * np.sin(angle + 0.5 * bend * step)
+        angle += bend * step
+        curve.append((x, z))
+    curve = np.array(curve)
+    y = np.linspace(0, length, round(length / edge) + 1)
+    verts = np.column_stack([np.repeat(curve[:, 0], len(y)), np.tile(y, len(curve)), np.repeat(curve[:, 1], len(y))])
+    i = np.arange(len(verts)).reshape(len(curve), len(y))
+    a, b, c, d = (part.ravel() for part in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    top = np.flatnonzero(np.diff(np.sign(np.diff(curve[:, 1]))))        # z turns there
+    turns = curve[top + 1, 0]
+    return verts, faces, {"gyral": turns[::2], "sulcal": turns[1::2]}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_round_caps_between_straight_walls_have_a_crest_along_their_middle(noise, rng):
+    """Their curvature does not fall away by its cube, but is gone a scale further on."""
+    edge, length = 0.5, 30.0
+    verts, faces, middles = swept(edge, length=length)
+    found = crest_lines(verts + noise * edge * rng.standard_normal(verts.shape), faces, scale=3.0)
+    for kind, middle in middles.items():
+        assert len(middle) == 4
+        lines = found.of_kind(kind)
+        points = np.concatenate([resampled(line.points, 0.2) for line in lines])
+        away = np.abs(points[:, :1] - middle).min(axis=1)
+        inner = (points[:, 1] > 3) & (points[:, 1] < length - 3)
+        assert np.quantile(away[inner], 0.95) < edge
+        for place in middle:                                            # all along, but near the borders
+            covered = points[np.abs(points[:, 0] - place) < 2 * edge, 1]
+            assert np.diff(np.sort(np.concatenate([[3.0, length - 3], covered[(covered > 3)]]))).max() < 2
+
+
+def test_vertices_without_curvature_do_not_make_crests_of_a_cylinder(rng):
+    noisy = with_noise(cylinder(), 0.01)
+    near = noisy.verts[::7] * [0.9, 0.9, 1.0]                           # that no face uses
+    verts = np.concatenate([noisy.verts, near])
+    edge = mean_edge_length(noisy.verts, noisy.faces)
+    assert crest_lines(verts, noisy.faces, scale=4 * edge).lines == []
+
+
 def test_scale_and_curvature_are_not_both_taken():
     shape = sphere(3)
     with pytest.raises(ValueError, match="not both"):

@@ -77,14 +77,15 @@ def test_width_hardly_depends_on_resolution():
     assert found[0] == pytest.approx(found[1], rel=0.015)
 
 
-def test_width_turns_moves_and_grows_with_the_surface(ridged):
+@pytest.mark.parametrize(("size", "far"), [(10.0, 300.0), (1e-3, 100.0), (1.0, 1e5)])
+def test_width_turns_moves_and_grows_with_the_surface(ridged, size, far):
     cortex, _, found = ridged
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    change = lambda s: Surface(10 * s.verts @ turn.T + [300, -200, 100], s.faces)
-    other = gyral_thickness(Cortex(change(cortex.white), change(cortex.pial)), scale=100.0)
+    change = lambda s: Surface(size * s.verts @ turn.T + [far, -0.7 * far, 0.3 * far], s.faces)
+    other = gyral_thickness(Cortex(change(cortex.white), change(cortex.pial)), scale=10 * size)
     for name in ("median", "lower", "upper", "median_gap", "wavelength", "amplitude"):
-        assert getattr(other, name) == pytest.approx(10 * getattr(found, name), rel=2e-3), name
+        assert getattr(other, name) == pytest.approx(size * getattr(found, name), rel=2e-3), name
     assert other.coverage == pytest.approx(found.coverage, abs=2e-3)
 
 

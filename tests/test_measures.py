@@ -10,7 +10,7 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis._curvature import Curvature
-from morphofold.analysis.checks import cortex_label
+from morphofold.analysis.checks import cortex_label, is_no_cortex
 from morphofold.analysis.measures import SCALARS
 from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
@@ -250,12 +250,26 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
     assert np.mean(mask == cortex.cortex) > 0.98                        # FreeSurfer's own label, but for its rim
     told = of_input(without)
     assert "annotation" in told["cortex_mask"]
-    areas = np.where(np.isin(cortex.regions.labels, [1, 2, 3]), cortex.regions.labels, -1)
-    few = replace(without, regions=replace(cortex.regions, labels=areas))
-    mask, word = cortex_label(few)
-    assert word == ""
-    assert mask.all()
+    labels, names = cortex.regions.labels, cortex.regions.names
+    for change in (
+        {"labels": np.where(cortex.pial.verts[:, 1] > -20, labels, -1)},        # two thirds of the areas
+        {"names": tuple(f"area {k}" for k in range(len(names))), "labels": np.maximum(labels, 0)},     # everywhere
+    ):
+        other = replace(without, regions=replace(cortex.regions, **change))
+        mask, word = cortex_label(other)
+        assert word == ""
+        assert mask.all()
+        assert "medial wall" in of_input(other)["cortex_mask"]
     assert cortex_label(cortex)[1] == "label"
+
+
+@pytest.mark.parametrize(
+    ("name", "none"),
+    [("unknown", True), ("Medial_wall", True), ("Background+FreeSurfer_Defined_Medial_Wall", True),
+     ("medial wall", True), ("corpuscallosum", True), ("???", True), ("medialorbitofrontal", False), ("insula", False)],
+)  # fmt: skip
+def test_names_of_what_is_no_cortex_are_known(name, none):
+    assert is_no_cortex(name) == none
 
 
 def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation():

@@ -12,8 +12,6 @@ from morphofold.cli import main
 from morphofold.report import measuring_page
 from morphofold.report.net_picture import KINDS, crest_figure, crest_row
 
-STAGES = ("areas", "curvature")
-
 
 @pytest.fixture(scope="module")
 def ball():
@@ -115,6 +113,14 @@ def test_the_page_gets_its_tables_and_every_picture(ball, tmp_path, monkeypatch)
     assert {path.name for path in tmp_path.iterdir()} == {
         "measuring.md", "speed.json", *(f"measure-{name}.png" for name in names)
     }  # fmt: skip
+
+
+def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
+    with pytest.raises(SystemExit):
+        measuring_page.main(["page.md", "--speed", "speed.json", "S1"])
+    assert "'S1' has no name; write it as NAME=CORTEX" in capsys.readouterr().err
+    (_, table) = measuring_page._speed([row for row in made_times() if row["vertices"] == 1000])
+    assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
 
 def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):

@@ -52,6 +52,12 @@ def test_one_and_two_threads_give_the_same_bytes(system, columns):
     np.testing.assert_array_equal(*found)
 
 
+@pytest.mark.parametrize("shapes", [((2562, 2), (2562, 2)), ((2562, 1), (2562, 1)), ((2562,), (2562, 3)), ((9,), (9,))])
+def test_other_shapes_are_refused(system, shapes):
+    with pytest.raises(ValueError, match=r"must be \(N,\) or \(N, 3\), N = 2562"):
+        solve(system[0], np.ones(shapes[0]), np.zeros(shapes[1]), 1e-6)
+
+
 def test_what_does_not_converge_is_refused():
     scale = np.logspace(-12, 12, 400)
     matrix = sparse.diags_array([np.full(399, -1.0), np.full(400, 2.0), np.full(399, -1.0)], offsets=[-1, 0, 1])

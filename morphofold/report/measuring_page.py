@@ -126,9 +126,12 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
 def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
     whole = [row for row in rows if row["stage"] == "all"]
     cells = [
-        [stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage), f"{exponent(rows, stage):.2f}"]
+        [
+            stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
+            f"{exponent(rows, stage):.2f}" if len(whole) > 1 else "",
+        ]
         for stage in dict.fromkeys(row["stage"] for row in rows)
-    ]
+    ]  # fmt: skip
     memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
     heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
     return [f"With {whole[0]['threads']} threads:", table(heads, [*cells, memory])]
@@ -163,6 +166,8 @@ def main(words: Sequence[str]) -> int:
     measured = {}
     for word in asked.cortices:
         name, _, path = word.rpartition("=")
+        if not name:
+            parser.error(f"{word!r} has no name; write it as NAME=CORTEX.")
         measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
     write_page(asked.page, asked.speed, measured)
     return 0
