@@ -63,9 +63,23 @@ def test_cortical_thickness_of_an_individual(benchmark):
 
 
 def test_gyral_thickness_of_an_individual(benchmark):
+    """Asked: below 3 s."""
     cortex = read_cortex(sample_path("S1"))
-    found = benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=2, warmup_rounds=0)
+    found = benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=5, warmup_rounds=1)
     assert 5 < np.nanmedian(found.width) < 15               # mm, of a human brain
+
+
+def test_gyral_graph_of_an_individual(benchmark):
+    """Asked: below 5 s."""
+    graph = benchmark.pedantic(analysis.gyral_graph, (read_cortex(sample_path("S1")),), rounds=5, warmup_rounds=1)
+    assert 80 < sum(degree > 2 for _, degree in graph.degree()) < 300
+
+
+def test_all_measures_of_an_individual(benchmark):
+    """Asked: below 30 s."""
+    cortex = read_cortex(sample_path("S1"))
+    measures = benchmark.pedantic(analysis.measure, (cortex,), rounds=2, warmup_rounds=1)
+    assert measures.scalars["euler_characteristic"] == 2
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
