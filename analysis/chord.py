@@ -137,7 +137,8 @@ def gyral_thickness(
        0.9), it is shorter than 1.2 wavelengths, and it does not cross grey matter for more than a quarter of the
        cortical thickness between two stretches of white. Each length is multiplied by
        ``sqrt(cos(ray, wall normal) cos(ray, opposite wall normal))``; the width is the median of at least two.
-    5. From the middle of the chord a ray along u must reach the crown, phase < 1/2, within the amplitude.
+    5. From the middle of the chord a ray along u must reach the crown, phase < 1/2. (Not within the amplitude: a gyrus
+       on the margin of the hemisphere rises higher above its chord than its walls do above the smoothed copy.)
 
     The width of a gyrus in Fig. 8b of Razavi et al. 2015 is drawn on the pial surface; the definition here is our own
     and was tested on Gaussian ridges of known width: median within 2 % of it, 5th to 95th percentile 0.95 to 1.06,
@@ -283,13 +284,11 @@ def _measure(
 
     s = np.flatnonzero(np.isfinite(width))
     up, roof, cosine = scan.shoot((samples.points[s] + partner[s]) / 2, even[s])
-    amplitude = found.amplitude[faces[contour.triangle]].mean(axis=1)
-    covered = (up < amplitude[s]) & (samples.triangle_phase[roof] < 0.5) & (cosine > 0)
-    width[s[~covered]] = np.nan
+    width[s[~(np.isfinite(up) & (samples.triangle_phase[roof] < 0.5) & (cosine > 0))]] = np.nan
     partner[np.isnan(width)] = np.nan
 
     gap, _ = _middle(_fan(scan, samples, _symmetrised(scan, samples, vertical, found, faces, -1), FAN, -1)[0])
-    return _report(surface, inside, contour, width, partner, gap, amplitude, white is not None)
+    return _report(surface, inside, contour, width, partner, gap, white is not None)
 
 
 def _report(
@@ -299,7 +298,6 @@ def _report(
     width: NDArray[np.float64],
     partner: NDArray[np.float64],
     gap: NDArray[np.float64],
-    amplitude: NDArray[np.float64],
     white_tested: bool,
 ) -> GyralThickness:
     weight = contour.length
@@ -312,6 +310,7 @@ def _report(
             f"opposite wall; {LEAST_COVERAGE:.0%} are needed",
         )
     quartile = [weighted_quantile(width, weight, share) for share in (0.25, 0.5, 0.75)]
+    amplitude = contour.relief.amplitude[surface.faces[contour.triangle]].mean(axis=1)
     return GyralThickness(
         points=contour.points,
         triangle=contour.triangle,

@@ -164,23 +164,33 @@ def test_a_surface_without_folds_has_no_samples_no_number_and_a_reason(shape, sc
     assert found.coverage == 0
 
 
-def test_the_average_brain_has_the_widths_that_independent_code_found():
-    root = files("morphofold.data_samples") / "fsaverage5"
-    lh, rh = (gyral_thickness(read_cortex(root, hemi=hemi), scale=10.0) for hemi in ("lh", "rh"))
-    assert (lh.median, rh.median) == pytest.approx((10.4, 10.6), rel=0.03)
-    assert (lh.median_gap, rh.median_gap) == pytest.approx((5.7, 5.6), rel=0.05)
-    assert (lh.amplitude, rh.amplitude) == pytest.approx((15.3, 14.8), rel=0.03)
-    assert (lh.wavelength, rh.wavelength) == pytest.approx((32.4, 31.6), rel=0.03)
-    assert (lh.coverage, rh.coverage) == pytest.approx((0.87, 0.88), abs=0.07)
+def reproduces(found, published, unit, share=0.03):
+    """Whether found is published within a share of it and half a ``unit`` of its last digit."""
+    return abs(found - published) <= share * published + unit / 2
+
+
+@pytest.mark.parametrize(
+    ("hemi", "median", "gap", "amplitude", "wavelength", "coverage"),
+    [("lh", 10.4, 5.7, 15.3, 32.4, 0.87), ("rh", 10.6, 5.6, 14.8, 31.6, 0.88)],
+)
+def test_the_average_brain_has_the_widths_that_independent_code_found(
+    hemi, median, gap, amplitude, wavelength, coverage
+):
+    found = gyral_thickness(read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi=hemi), scale=10.0)
+    assert reproduces(found.median, median, 0.1)
+    assert reproduces(found.median_gap, gap, 0.1)
+    assert reproduces(found.amplitude, amplitude, 0.1)
+    assert reproduces(found.wavelength, wavelength, 0.1)
+    assert reproduces(found.coverage, coverage, 0.01)
 
 
 def test_an_individual_has_the_widths_that_independent_code_found():
     found = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
-    assert found.median == pytest.approx(9.50, rel=0.03)
-    assert found.median_gap == pytest.approx(1.3, abs=0.06)
-    assert found.amplitude == pytest.approx(17.0, rel=0.04)
-    assert found.wavelength == pytest.approx(32.0, rel=0.03)
-    assert found.coverage == pytest.approx(0.90, abs=0.03)
+    assert reproduces(found.median, 9.50, 0.01)
+    assert reproduces(found.median_gap, 1.3, 0.1)
+    assert reproduces(found.amplitude, 17.0, 0.1, share=0.04)   # theirs in a window of rings, which reaches 4 % more
+    assert reproduces(found.wavelength, 32.0, 0.1)
+    assert reproduces(found.coverage, 0.90, 0.01)
 
 
 def test_the_precentral_gyrus_is_wider_than_the_postcentral():
