@@ -21,29 +21,35 @@ def fractal_dimension(
 ) -> float:
     """Slope of the logarithm of the number of boxes that the surface meets on that of one over their size.
 
+    Parameters and errors are those of :func:`box_counts`. 2 for a smooth surface, up to 3. Folds have a dimension
+    between their thickness and their spacing only: compare brains between the same sizes.
+
+    Notes
+    -----
+    Box counting as in Madan and Kensinger 2016 (NeuroImage 134), here of the surface alone, not of the tissue in it.
+    """
+    sizes, counts = box_counts(verts, faces, finest=finest, coarsest=coarsest, seed=seed)
+    return float(-np.polyfit(np.log(sizes), np.log(counts), 1)[0])
+
+
+def box_counts(
+    verts: Verts, faces: Faces, *, finest: float | None = None, coarsest: float | None = None, seed: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sizes of boxes (B,) [mm], each the root of two times the one before, and how many of them the surface meets.
+
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
         Surface [mm].
     finest, coarsest : float, optional
-        Sizes of the boxes [mm]. None: two mean edges, and a quarter of the root of the area. Folds have a dimension
-        between their thickness and their spacing only: compare brains between the same sizes.
+        Sizes of the boxes [mm]. None: two mean edges, and a quarter of the root of the area.
     seed : int
         Of the offsets of the grids; the number for a size is the mean over eight.
-
-    Returns
-    -------
-    float
-        2 for a smooth surface, up to 3.
 
     Raises
     ------
     ValueError
         If the arrays describe no mesh, or the sizes are not ``2 edges <= finest <= coarsest / 2``.
-
-    Notes
-    -----
-    Box counting as in Madan and Kensinger 2016 (NeuroImage 134), here of the surface alone, not of the tissue in it.
     """
     check_mesh(verts, faces)
     edge, size = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
@@ -61,7 +67,7 @@ def fractal_dimension(
     for s in sizes:
         points = points[np.unique(_boxes(points, s / THIN, np.zeros(3)), return_index=True)[1]]
         counts.append(np.mean([len(np.unique(_boxes(points, s, rng.uniform(0, s, 3)))) for _ in range(OFFSETS)]))
-    return float(-np.polyfit(np.log(sizes), np.log(counts), 1)[0])
+    return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
 
 
 def _boxes(points: NDArray[np.float64], size: float, offset: NDArray[np.float64]) -> NDArray[np.int64]:

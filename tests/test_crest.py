@@ -63,8 +63,11 @@ def test_extremality_is_the_derivative_of_the_curvature_along_its_direction():
     assert np.polyfit(slope, own, 1)[0] == pytest.approx(1, abs=0.1)
 
 
-def true_crests(level=6):
-    """Crest lines of the bumpy sphere from its exact curvature: points a fifth of a mm apart, by kind."""
+def true_crests(level=7):
+    """Crest lines of the bumpy sphere from its exact curvature: points a fifth of a mm apart, by kind.
+
+    Their own error is about a fifth of an edge of their mesh, so it is the finest here.
+    """
     shape = bumpy_sphere(level, rng=77)
     d2 = np.cross(vertex_normals(shape.verts, shape.faces, "max"), shape.d1)
     i, j = np.concatenate([shape.faces[:, [a, b]] for a in range(3) for b in range(3) if a != b]).T
@@ -89,7 +92,7 @@ def exact():
     return true_crests()
 
 
-@pytest.mark.parametrize(("level", "noise", "scale"), [(5, 0.0, 6.0), (5, 0.01, 8.0), (6, 0.01, 5.0)])
+@pytest.mark.parametrize(("level", "noise", "scale"), [(5, 0.0, 6.0), (5, 0.01, 8.0), (6, 0.0, 3.0), (6, 0.01, 5.0)])
 def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, noise, scale):
     """Of 10 mm and more; what is shorter is near the scale. Found within two edges of a coarse mesh."""
     shape = bumpy_sphere(level, rng=1)
@@ -104,7 +107,7 @@ def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, n
     away, left = np.concatenate(away), np.concatenate(left)
     assert np.mean(away > 4) < 0.04
     assert np.mean(left > 4) < 0.005
-    assert np.median(away) < (0.2 if level == 5 else 0.3) * edge
+    assert np.median(away) < 0.2 * edge
 
 
 def swept(edge, radius=2.0, wall=4.0, tilt=75.0, ridges=4, length=30.0):

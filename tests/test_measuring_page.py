@@ -42,7 +42,7 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
     assert cortex.n_vertices == 4000
     assert is_closed(cortex.faces)
     assert ball.scalars["euler_characteristic"] == 2
-    assert ball.scalars["gyrification_index"] > 1.1
+    assert ball.scalars["gyrification_index"] > 1.05                    # folded at all
     assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(THICKNESS, rel=0.05)
     with pytest.raises(ValueError, match="needs 1,000 vertices at least, got 999"):
         folded_ball(999)

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, hinge_sensitivity
+from morphofold.analysis.fractal import box_counts
+from morphofold.analysis.smooth import relief
 from morphofold.analysis.speed import exponent
 from morphofold.io import atomic_file, sample_path
 from morphofold.report.figures import Picture, Row, figure
@@ -25,7 +27,8 @@ from morphofold.report.line_plots import BLACK, legend_of_figure, line_style, ne
 from morphofold.report.markdown import between_marks, number, table
 from morphofold.report.net_picture import crest_figure, crest_row, net_figure, net_row
 from morphofold.report.png import png_bytes
-from morphofold.report.quantities import quantity
+from morphofold.report.quantities import Quantity, quantity
+from morphofold.surface import Surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,6 +38,7 @@ MAPS: dict[str, tuple[float, float] | None] = {
     "H": None, "shape_index": None, "sulcal_depth": None, "local_gyrification_index": None,
     "cortical_thickness": (1, 8), "gyral_thickness": (4, 24),
 }  # fmt: skip
+PHASE = Quantity("phase", "Where in its fold a vertex lies: 0 on the crown, 1 at the fundus")
 
 
 def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
@@ -55,7 +59,12 @@ def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
     for name, picture in pictures(measured).items():
         with atomic_file(page.with_name(f"measure-{name}.png")) as temporary:
             temporary.write_bytes(png_bytes(_halved(picture)))
-    for name, plot in (("speed", speed_figure(times)), ("sensitivity", sensitivity_figure(hinges))):
+    plots = {
+        "speed": speed_figure(times),
+        "sensitivity": sensitivity_figure(hinges),
+        "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
+    }
+    for name, plot in plots.items():
         path = page.with_name(f"measure-{name}.png")
         with atomic_file(path) as temporary:
             save(plot, temporary)
@@ -76,7 +85,17 @@ def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
             for name, m in measured.items()
         ]
         drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
+    drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (0, 1))
     return drawn
+
+
+def _phase_row(m: Measures, name: str) -> Row:
+    """The folds as the contour at mid-height sees them, and both wavelengths in the name."""
+    pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
+    phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
+    ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
+    words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of altitude"
+    return Row(words, pial, np.where(np.isfinite(m.maps["gyral_thickness"]), phase, np.nan), m.cortex.hemi)
 
 
 def _halved(picture: Picture) -> Picture:
@@ -120,6 +139,21 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
             ax.minorticks_off()
         axes[0][0].set(ylabel="hinges", ylim=(0, axes[0][0].get_ylim()[1]))
         legend_of_figure(plot, entries, axes[0][0], columns=3)
+    return plot
+
+
+def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
+    """Boxes that each surface meets over their size, and the lines whose slope is the dimension."""
+    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
+        entries: dict[str, Any] = {}
+        for k, (name, surface) in enumerate(surfaces.items()):
+            sizes, counts = box_counts(surface.verts, surface.faces)
+            slope, height = np.polyfit(np.log(sizes), np.log(counts), 1)
+            ax.plot(sizes, counts, "o", color=line_style(k)["color"], markersize=4.5)
+            entries[f"{name}: {-slope:.2f}"] = line_style(k)
+            ax.plot(sizes, np.exp(height) * sizes**slope, **line_style(k))
+        ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
+        legend_of_figure(plot, entries, ax, columns=2)
     return plot
 
 
