@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -15,6 +15,7 @@ from morphofold.analysis.ways import shorten, way_graph
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 BUNDLE = 16             # planes that are passed over together
+BLOCKS = 64             # of points, each the business of one thread
 
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
@@ -60,8 +61,8 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
     used = np.unique(faces)
-    size, *bundles = _bundled(np.asarray(verts[used], dtype=np.float64), planes[first])
-    depth[used] = size * _below(*bundles)
+    size, points, bundled = _bundled(np.asarray(verts[used], dtype=np.float64), planes[first])
+    depth[used] = size * _below(points, bundled)
     return depth if mode == "hull" else _along(verts, faces, depth, touching)
 
 
@@ -72,34 +73,56 @@ def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None)
     return np.where(np.isfinite(way), way, np.nan)
 
 
-def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[Any, ...]:
-    """Size of the body [mm]; in that unit points (N, 3) from their middle, planes (B, BUNDLE, 4) in bundles of like
-    ones, the middle (B, 4) of each bundle, and the distance (B,) of its farthest plane from that."""
+def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], _Planes]:
+    """Size of the body [mm], and in that unit points (N, 3) from their middle, and the planes (P, 4)."""
     middle = points.mean(axis=0)
     points = points - middle
-    size = np.linalg.norm(points, axis=1).max()
+    size = float(np.linalg.norm(points, axis=1).max())
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
     planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]           # near ones next to each other
-    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE, axis=0)]).reshape(-1, BUNDLE, 4)
-    centre = planes.mean(axis=1)
-    spread = np.linalg.norm(planes - centre[:, None], axis=2).max(axis=1)
-    return size, points / size, planes, centre, spread
+    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE**2, axis=0)])
+    bundled = []
+    for many in (BUNDLE, BUNDLE**2):
+        members = planes.reshape(-1, many, 4)
+        centre = members.mean(axis=1)
+        bundled += [centre, np.linalg.norm(members - centre[:, None], axis=2).max(axis=1)]
+    return size, points / size, _Planes(planes, *bundled)
+
+
+class _Planes(NamedTuple):
+    """Planes (P, 4), like ones next to each other; of each 16 and each 256 of them the middle (., 4), and how far the
+    farthest lies from it (.,)."""
+
+    each: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    reach: NDArray[np.float64]
 
 
 @njit(cache=True, parallel=True)
-def _below(points, planes, centre, spread):
+def _below(points, planes):
     """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
-    depth = np.empty(len(points))
-    for i in prange(len(points)):
-        x, y, z = points[i]
-        far = np.sqrt(x * x + y * y + z * z + 1.0)
-        highest = -np.inf
-        for b in range(len(planes)):
-            c = centre[b]
-            if c[0] * x + c[1] * y + c[2] * z + c[3] + spread[b] * far <= highest:
-                continue                                                # none of these can be nearer
-            for k in range(BUNDLE):
-                p = planes[b, k]
-                highest = max(highest, p[0] * x + p[1] * y + p[2] * z + p[3])
-        depth[i] = max(-highest, 0.0)
+    n, depth = len(points), np.empty(len(points))
+    for block in prange(BLOCKS):
+        nearest = 0                                                     # of the point before, and so about of this one
+        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
+            x, y, z = points[i]
+            far = np.sqrt(x * x + y * y + z * z + 1.0)
+            p = planes.each[nearest]
+            highest = p[0] * x + p[1] * y + p[2] * z + p[3]
+            for a in range(len(planes.middle)):
+                c = planes.middle[a]
+                if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.reach[a] * far <= highest:
+                    continue                                            # none of these can be nearer
+                for b in range(a * BUNDLE, (a + 1) * BUNDLE):
+                    c = planes.centre[b]
+                    if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.spread[b] * far <= highest:
+                        continue
+                    for k in range(b * BUNDLE, (b + 1) * BUNDLE):
+                        p = planes.each[k]
+                        here = p[0] * x + p[1] * y + p[2] * z + p[3]
+                        if here > highest:
+                            highest, nearest = here, k
+            depth[i] = max(-highest, 0.0)
     return depth

@@ -109,7 +109,7 @@ def test_the_page_gets_its_tables_and_every_picture(ball, tmp_path, monkeypatch)
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
     assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
     names = {"H", "shape-index", "sulcal-depth", "local-gyrification-index", "cortical-thickness", "gyral-thickness",
-             "crest-lines", "gyral-net", "speed", "sensitivity"}  # fmt: skip
+             "crest-lines", "gyral-net", "speed", "sensitivity", "wavelength", "fractal-dimension"}  # fmt: skip
     assert {path.name for path in tmp_path.iterdir()} == {
         "measuring.md", "speed.json", *(f"measure-{name}.png" for name in names)
     }  # fmt: skip
