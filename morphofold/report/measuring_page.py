@@ -38,7 +38,9 @@ MAPS: dict[str, tuple[float, float] | None] = {
     "H": None, "shape_index": None, "sulcal_depth": None, "local_gyrification_index": None,
     "cortical_thickness": (1, 8), "gyral_thickness": (4, 24),
 }  # fmt: skip
-PHASE = Quantity("phase", "Where in its fold a vertex lies: 0 on the crown, 1 at the fundus")
+PHASE = Quantity(
+    "phase", "Place in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
+)
 
 
 def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
@@ -85,17 +87,18 @@ def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
             for name, m in measured.items()
         ]
         drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
-    drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (0, 1))
+    drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
     return drawn
 
 
 def _phase_row(m: Measures, name: str) -> Row:
-    """The folds as the contour at mid-height sees them, and both wavelengths in the name."""
+    """The folds as the contour at mid-height sees them, on white, whose sulci are open; wavelengths in the name."""
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
     ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
     words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of altitude"
-    return Row(words, pial, np.where(np.isfinite(m.maps["gyral_thickness"]), phase, np.nan), m.cortex.hemi)
+    values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
+    return Row(words, m.cortex.white, values, m.cortex.hemi)
 
 
 def _halved(picture: Picture) -> Picture:
@@ -153,6 +156,10 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
             entries[f"{name}: {-slope:.2f}"] = line_style(k)
             ax.plot(sizes, np.exp(height) * sizes**slope, **line_style(k))
         ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
+        low, high = ax.get_xlim()
+        marks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]
+        ax.set_xticks(marks, [f"{mark:g}" for mark in marks])
+        ax.minorticks_off()
         legend_of_figure(plot, entries, ax, columns=2)
     return plot
 
