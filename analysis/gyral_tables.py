@@ -44,10 +44,10 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
         most of its vertices have; None where there is none. Ends of crests that are no hinge have numbers too.
     """
     crest_rows = []
-    for number, (a, b, crest) in enumerate(graph.edges(data=True)):
+    for a, b, crest in graph.edges(data=True):
         at = np.unique(crest["vertices"])
         crest_rows.append({
-            "hemi": cortex.hemi, "crest": number, "from_hinge": a, "to_hinge": b, "length_mm": crest["length"],
+            "hemi": cortex.hemi, "crest": crest["number"], "from_hinge": a, "to_hinge": b, "length_mm": crest["length"],
             "gyral_thickness_mm": _value(np.median, maps["gyral_thickness"][at]),
             "cortical_thickness_mm": _value(np.mean, maps["cortical_thickness"][at]),
             "mean_H_per_mm": _value(np.mean, maps["H"][at]), "region": _region(cortex, at),

@@ -45,8 +45,8 @@ def gyral_graph(
         a crest. Edges have ``polyline`` (P, 3) [mm] from the smaller node to the larger, ``vertices`` (P,) nearest to
         it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least altitude along it [mm], ``strength``
         [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve within the
-        surface in steps of half a gyral width over its length, ``blind``. ``graph.graph`` has ``scales`` (a
-        ``GyralScales`` or None), ``surface``, ``edge`` [mm] and ``wavelength`` [mm], as that of
+        surface in steps of half a gyral width over its length, ``blind``, and their ``number`` from 0. ``graph.graph``
+        has ``scales`` (a ``GyralScales`` or None), ``surface``, ``edge`` [mm] and ``wavelength`` [mm], as that of
         :func:`morphofold.analysis.wavelength`, NaN without folds.
         Empty if the surface has no folds.
 
@@ -106,6 +106,8 @@ def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) ->
             lowest=float(D[vertices].min()), strength=float(np.median(band[vertices])),
             curvature=_turning(arc.points, ground, 0.5 * scales.width),
         )  # fmt: skip
+    for k, (*_, crest) in enumerate(graph.edges(data=True)):
+        crest["number"] = k
 
 
 def _turning(points: NDArray[np.float64], ground: Ground, step: float) -> float:

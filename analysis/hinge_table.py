@@ -28,8 +28,8 @@ class Arm:
     ----------
     hinge, number : int
         The node of the graph, and the arm's place around it, counter-clockwise seen from outside.
-    to : int
-        Node at the other end.
+    to, crest : int
+        Node at the other end, and the number of the crest that leads there.
     angle : float
         To the next arm [degrees]; those of a hinge add up to 360.
     length : float
@@ -47,6 +47,7 @@ class Arm:
     hinge: int
     number: int
     to: int
+    crest: int
     angle: float
     length: float
     curvature: float
@@ -138,8 +139,8 @@ def _hinge(graph: nx.MultiGraph, node: int, width: float) -> Hinge:
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
         direction, to, crest = found[k]
-        arms.append(Arm(node, number, to, turn, crest["length"], crest["curvature"], crest["altitude"],
-                        crest["lowest"], crest["blind"], tuple(direction.tolist())))  # fmt: skip
+        arms.append(Arm(node, number, to, crest["number"], turn, crest["length"], crest["curvature"],
+                        crest["altitude"], crest["lowest"], crest["blind"], tuple(direction.tolist())))  # fmt: skip
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
         node, data["vertex"], tuple(here.tolist()), len(arms), _shape(turns), max(turns), min(turns),
@@ -180,6 +181,6 @@ def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, An
             arm_rows.append({
                 "hinge": arm.hinge, "arm": arm.number, "angle_deg": arm.angle, "length_mm": arm.length,
                 "curvature_per_mm": arm.curvature, "to_hinge": arm.to, "altitude_mm": arm.altitude,
-                "lowest_altitude_mm": arm.lowest, "blind": int(arm.blind),
+                "lowest_altitude_mm": arm.lowest, "blind": int(arm.blind), "crest": arm.crest,
             })  # fmt: skip
     return hinge_rows, arm_rows

@@ -10,8 +10,9 @@ import csv
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from morphofold.io import (
 )
 from morphofold.surface import Cortex
 
+if TYPE_CHECKING:
+    import networkx as nx
+
 COLUMNS = {
     "regions": REGION_COLUMNS,
     "crests": (
@@ -42,7 +46,7 @@ COLUMNS = {
     ),
     "arms": (
         "hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge", "altitude_mm",
-        "lowest_altitude_mm", "blind",
+        "lowest_altitude_mm", "blind", "crest",
     ),
 }  # fmt: skip
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
@@ -146,6 +150,9 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
     for name, values in m.maps.items():
         write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
         write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
+    if m.graph is not None:
+        (folder / "graph").mkdir(exist_ok=True)
+        (folder / "graph" / f"{hemi}.json").write_text(_graph_text(m.graph), encoding="utf-8")
     return {
         "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
         "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
@@ -155,6 +162,48 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
         "annotation": None if cortex.regions is None else _file_word(cortex.regions.name),
         "files": list(cortex.files),
     }  # fmt: skip
+
+
+def _graph_text(graph: nx.MultiGraph) -> str:
+    """The gyral graph as node-link JSON, numbers with seven figures; of the scales their lengths by name."""
+    import networkx as nx
+
+    def short(value: Any) -> Any:
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            return [float(f"{x:.7g}") for x in value] if value.ndim == 1 else [short(row) for row in value]
+        return value
+
+    plain: nx.MultiGraph = nx.MultiGraph(**{**graph.graph, "scales": None})
+    if graph.graph["scales"] is not None:
+        plain.graph["scales"] = asdict(graph.graph["scales"])
+    plain.add_nodes_from((node, {k: short(v) for k, v in data.items()}) for node, data in graph.nodes(data=True))
+    plain.add_edges_from((a, b, {k: short(v) for k, v in data.items()}) for a, b, data in graph.edges(data=True))
+    return json.dumps(_plain(nx.node_link_data(plain, edges="edges")), allow_nan=False) + "\n"
+
+
+def _read_graph(path: Path) -> nx.MultiGraph | None:
+    """What :func:`_graph_text` wrote; None if there is no such file."""
+    import networkx as nx
+
+    from morphofold.analysis.gyral_net import GyralScales
+
+    if not path.is_file():
+        return None
+    graph: nx.MultiGraph = nx.node_link_graph(json.loads(path.read_text(encoding="utf-8")), edges="edges")
+    if graph.graph["scales"] is not None:
+        graph.graph["scales"] = GyralScales(**graph.graph["scales"])
+    graph.graph["wavelength"] = _number(graph.graph["wavelength"])
+    for _, node in graph.nodes(data=True):
+        node.update({key: np.array(node[key], dtype=np.float64) for key in ("position", "normal")})
+        node["persistence"] = _number(node["persistence"])
+    for _, _, crest in graph.edges(data=True):
+        crest["polyline"] = np.array(crest["polyline"], dtype=np.float64)
+        crest["vertices"] = np.array(crest["vertices"], dtype=np.int64)
+    return graph
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
 
 
 def _write_label(path: Path, cortex: Cortex) -> None:
@@ -241,6 +290,7 @@ def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, 
         arms=own["arms"],
         parameters=dict(entry["parameters"]),
         notes=dict(entry["notes"]),
+        graph=_read_graph(folder / "graph" / f"{hemi}.json"),
     )
 
 

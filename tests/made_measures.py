@@ -68,7 +68,8 @@ def made_measures(hemi="lh", **options):
     ]  # fmt: skip
     arms = [
         {"hemi": hemi, "hinge": 0, "arm": k, "angle_deg": 120.0 * k, "length_mm": 8.0, "curvature_per_mm": 0.01,
-         "to_hinge": None, "altitude_mm": 4.0, "lowest_altitude_mm": 1.5, "blind": int(k == 2)} for k in range(3)
+         "to_hinge": None, "altitude_mm": 4.0, "lowest_altitude_mm": 1.5, "blind": int(k == 2), "crest": k}
+        for k in range(3)
     ]  # fmt: skip
     return Measures(
         cortex, scalars, maps, rows, hinges=hinges, arms=arms, parameters={"curvature_scale_mm": 3.0},

@@ -19,7 +19,7 @@ def star(*azimuths, length=10.0, normal=(0.0, 0.0, 1.0), blind=()):
         turn = np.radians(azimuth)
         end = length * np.array([np.cos(turn), np.sin(turn), 0.0])
         graph.add_node(k, position=end, vertex=0, degree=1, persistence=np.nan, **add)
-        graph.add_edge(0, k, polyline=np.linspace([0, 0, 0], end, 50), length=length, curvature=0.01 * k,
+        graph.add_edge(0, k, number=k - 1, polyline=np.linspace([0, 0, 0], end, 50), length=length, curvature=0.01 * k,
                        altitude=1.0, lowest=0.5, blind=k in blind)  # fmt: skip
     return graph
 
@@ -57,7 +57,7 @@ def test_a_loop_has_two_arms_and_an_edge_stored_the_other_way_is_turned():
     graph = star(0, 120)
     turn = np.linspace(0, 2 * np.pi, 80)
     ring = np.column_stack([-2 * (1 - np.cos(turn)) * 0.5, 2 * np.sin(turn), 0 * turn])
-    graph.add_edge(0, 0, polyline=ring, length=9.0, curvature=0.1, altitude=0.0, lowest=0.0, blind=False)
+    graph.add_edge(0, 0, number=7, polyline=ring, length=9.0, curvature=0.1, altitude=0.0, lowest=0.0, blind=False)
     graph.edges[0, 1, 0]["polyline"] = graph.edges[0, 1, 0]["polyline"][::-1]
     (hinge,) = hinges(graph)
     assert hinge.degree == 4

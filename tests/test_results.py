@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.analysis import gyral_graph, hinges
 from morphofold.io import read_cortex
 from morphofold.results import COLUMNS, read_analysis, strict_json, write_analysis
+from morphofold.ridges import regular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
 
 
 def refuse_constant(token):
@@ -51,6 +55,25 @@ def test_what_was_written_is_read_back(written):
         assert got.arms == want.arms
         assert [r["region"] for r in got.regions] == [r["region"] for r in want.regions]
         assert got.regions[1]["cortical_thickness_mm"] == want.regions[1]["cortical_thickness_mm"]
+
+
+def test_the_gyral_graph_comes_back_whole(tmp_path):
+    """Of a net with known hinges, and of a surface without folds."""
+    ridged, bare = ridged_net(regular_net("cube"), icosphere(4), 8.0), Surface(*icosphere(3, radius=50.0))
+    for graph in (gyral_graph(ridged), gyral_graph(bare)):
+        write_analysis([replace(made_measures(), graph=graph)], tmp_path / "out", report=False)
+        found = read_analysis(tmp_path / "out")[0].graph
+        assert found.graph["scales"] == graph.graph["scales"]
+        assert found.graph["wavelength"] == pytest.approx(graph.graph["wavelength"], nan_ok=True)
+        assert [hinge.shape for hinge in hinges(found)] == [hinge.shape for hinge in hinges(graph)]
+        assert list(found.nodes) == list(graph.nodes)
+        for node in graph:
+            np.testing.assert_allclose(found.nodes[node]["position"], graph.nodes[node]["position"], rtol=1e-6)
+        for (a, b, mine), (c, d, own) in zip(found.edges(data=True), graph.edges(data=True), strict=True):
+            assert (a, b, mine["number"], mine["length"]) == (c, d, own["number"], own["length"])
+            np.testing.assert_allclose(mine["polyline"], own["polyline"], rtol=1e-6, atol=1e-6)
+            np.testing.assert_array_equal(mine["vertices"], own["vertices"])
+    assert graph.graph["scales"] is None
 
 
 def test_json_is_strict_and_missing_values_are_null(written):

@@ -1,0 +1,52 @@
+"""The law of folding: terms that do not change with size, and a family that obeys it exactly."""
+
+import math
+
+import numpy as np
+import pytest
+from made_measures import made_measures
+
+from morphofold.analysis.scaling import shape_terms, shape_terms_of
+
+
+def test_a_family_that_obeys_the_law_has_one_k():
+    for exposed in (1e3, 2e4, 5e5):
+        for thickness in (1.0, 2.5):
+            total = 0.3 * exposed**1.25 / math.sqrt(thickness)
+            assert shape_terms(total, exposed, thickness).k == pytest.approx(0.3, rel=1e-12)
+
+
+def test_size_changes_I_alone_and_the_three_directions_are_at_right_angles():
+    one, other = shape_terms(9e4, 4e4, 2.5), shape_terms(9e4 * 7**2, 4e4 * 7**2, 2.5 * 7)
+    assert (other.k, other.K, other.S) == pytest.approx((one.k, one.K, one.S), rel=1e-12)
+    assert other.I - one.I == pytest.approx(6 * math.log10(7), rel=1e-12)
+    base = np.array([4.0, 4.5, 0.6])                                    # log A_total, log A_exposed, log T^2
+
+    def terms(x):
+        found = shape_terms(10 ** x[0], 10 ** x[1], 10 ** (x[2] / 2))
+        return np.array([found.K, found.I, found.S])
+
+    directions = np.array([terms(base + step) - terms(base) for step in np.eye(3)]).T
+    across = directions @ directions.T
+    np.testing.assert_allclose(across - np.diag(np.diag(across)), 0, atol=1e-9)
+
+
+def test_a_smooth_sphere_has_the_k_of_its_thickness():
+    """4 pi R^2 sqrt(T) / (4 pi R^2)^(5/4) = (T^2 / (4 pi R^2))^(1/4)."""
+    area = 4 * math.pi * 50**2
+    assert shape_terms(area, area, 2.0).k == pytest.approx((4 / area) ** 0.25, rel=1e-12)
+
+
+def test_measures_give_their_terms_or_none():
+    m = made_measures()
+    m.scalars.update(area_pial_mm2=9e4)
+    found = shape_terms_of(m)
+    assert (found.total, found.exposed, found.thickness) == (9e4, 9e4 / 1.25, 2.5)
+    m.scalars.update(gyrification_index=None)
+    assert shape_terms_of(m) is None
+
+
+@pytest.mark.parametrize("numbers", [(0, 1, 1), (1, -1, 1), (1, 1, math.nan)])
+def test_what_is_no_area_or_thickness_is_refused(numbers):
+    with pytest.raises(ValueError, match="must be a positive number"):
+        shape_terms(*numbers)
