@@ -1,0 +1,12 @@
+"""Model beside MRI: what the measures of several cortices say of each other (Figs. 8 and 9 of Razavi et al. 2015).
+
+Nothing here knows whether a ``Measures`` came from a simulation; ``cortex.origin`` and ``cortex.info`` are
+shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoretical line.
+"""
+
+from morphofold.comparison.side_by_side import Comparison, compare
+from morphofold.comparison.thickness import Cloud, Fit, Point, Theory, fit_line, thickness_cloud, wrinkling_wavelength
+
+__all__ = [
+    "Cloud", "Comparison", "Fit", "Point", "Theory", "compare", "fit_line", "thickness_cloud", "wrinkling_wavelength",
+]  # fmt: skip

@@ -1,0 +1,192 @@
+"""Three-hinge patterns of one group of surfaces beside those of another (Fig. 9 of Razavi et al. 2015)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.hinge_shapes import (
+    OF_A_NET,
+    HingeShapes,
+    TwoSample,
+    random_net,
+    shape_distance,
+    together,
+    two_sample,
+)
+
+Array = NDArray[np.float64]
+
+SHORTEST = 0.5          # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
+NET_HINGES = 2000
+PERMUTATIONS = 999
+
+
+@dataclass(frozen=True)
+class Match:
+    """A hinge and the one of the other group that is shaped most like it.
+
+    ``surface`` and ``hinge`` name the first, ``other_surface`` and ``other`` the second, by names of surfaces and the
+    numbers in their tables of hinges; ``pose`` lays the second on the first, see
+    :func:`morphofold.analysis.hinge_shapes.shape_distance`; ``kind`` is the shape of the first.
+    """
+
+    surface: str
+    hinge: int
+    other_surface: str
+    other: int
+    distance: float
+    pose: int
+    kind: str
+
+
+@dataclass(frozen=True)
+class NumberRow:
+    """One number of hinge shapes in two groups: medians, and the Kolmogorov-Smirnov distance of the distributions."""
+
+    number: str
+    median: float
+    other_median: float
+    ks: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Control:
+    """How near hinges of some source come to a hinge of the second group, by the angles and lengths of their arms.
+
+    ``median`` of the distances to the nearest; ``p``: how often a division at chance of these distances and those of
+    the first group differs as much in its means; 1 for the first group itself.
+    """
+
+    source: str
+    median: float
+    n: int
+    p: float
+
+
+@dataclass(frozen=True, eq=False)
+class HingeComparison:
+    """Hinges of group ``one`` beside those of group ``other``.
+
+    ``shape`` compares the distributions of whole shapes, ``numbers`` those of single numbers. ``matches`` has one entry
+    per hinge of ``one``, the nearest first. ``controls``: the first group, the second group itself (each hinge left out
+    in turn), and a net at chance.
+    """
+
+    one: str
+    other: str
+    shape: TwoSample
+    numbers: tuple[NumberRow, ...]
+    controls: tuple[Control, ...]
+    matches: tuple[Match, ...] = field(repr=False)
+
+
+def compare_hinges(
+    shapes: Mapping[str, HingeShapes], groups: Mapping[str, Sequence[str]], *, seed: int = 0
+) -> list[HingeComparison]:
+    """Every two groups, in their order; a group with fewer than two hinges of three arms is left out.
+
+    Parameters
+    ----------
+    shapes : mapping of surface name to HingeShapes
+    groups : mapping of group name to the names of its surfaces
+        No surface may be in two. Surfaces without shapes are passed over.
+    seed : int
+        Of permutations and of the net at chance.
+    """
+    members = {group: [name for name in names if name in shapes] for group, names in groups.items()}
+    held = {group: names for group, names in members.items() if sum(len(shapes[name]) for name in names) > 1}
+    return [
+        _compare(one, other, {n: shapes[n] for n in held[one]}, {n: shapes[n] for n in held[other]}, seed)
+        for one, other in combinations(held, 2)
+    ]
+
+
+def _compare(
+    one: str, other: str, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes], seed: int
+) -> HingeComparison:
+    a, b = together(list(mine.values())), together(list(theirs.values()))
+    pooled = np.concatenate([a, b])
+    across, _ = shape_distance(pooled, pooled)
+    return HingeComparison(
+        one, other, two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed), _numbers(mine, theirs),
+        _controls(one, other, a, b, theirs, seed), _matches(a, b, mine, theirs),
+    )  # fmt: skip
+
+
+def _numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
+    from scipy import stats
+
+    rows = []
+    ours, other = ([s.numbers() for s in group.values()] for group in (mine, theirs))
+    for key in ours[0]:
+        x, y = (np.concatenate([numbers[key] for numbers in group]) for group in (ours, other))
+        found = stats.ks_2samp(x, y)
+        medians = float(np.median(x)), float(np.median(y))
+        rows.append(NumberRow(key, *medians, float(found.statistic), float(found.pvalue)))
+    return tuple(rows)
+
+
+def _controls(
+    one: str, other: str, a: Array, b: Array, theirs: Mapping[str, HingeShapes], seed: int
+) -> tuple[Control, ...]:
+    per_area = float(np.mean([s.per_area for s in theirs.values()]))
+    net = random_net(NET_HINGES, shortest=SHORTEST, per_area=per_area, seed=seed)
+    within, _ = shape_distance(b, b, of=OF_A_NET)
+    np.fill_diagonal(within, np.inf)
+    nearest = {
+        one: shape_distance(a, b, of=OF_A_NET)[0].min(axis=1),
+        f"{other} itself": within.min(axis=1),
+        "net at chance": shape_distance(net, b, of=OF_A_NET)[0].min(axis=1),
+    }
+    first = nearest[one]
+    return tuple(
+        Control(name, float(np.median(d)), len(d), 1.0 if d is first else mean_difference(first, d, seed=seed))
+        for name, d in nearest.items()
+    )
+
+
+def mean_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
+    """p-value of the difference of the means of two samples (N,) and (M,), from divisions at chance, two-sided."""
+    pooled, n = np.concatenate([x, y]), len(x)
+    rng = np.random.default_rng(seed)
+
+    def difference(values: Array) -> float:
+        return abs(float(values[:n].mean() - values[n:].mean()))
+
+    found = difference(pooled)
+    as_much = sum(difference(rng.permutation(pooled)) >= found - 1e-12 for _ in range(permutations))
+    return (1 + as_much) / (1 + permutations)
+
+
+def _matches(
+    a: Array, b: Array, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]
+) -> tuple[Match, ...]:
+    distance, pose = shape_distance(a, b)
+    one, other = (
+        [(name, int(hinge), str(kind)) for name, s in group.items() for hinge, kind in zip(s.hinge, s.kinds)]
+        for group in (mine, theirs)
+    )
+    nearest = distance.argmin(axis=1)
+    found = [
+        Match(one[i][0], one[i][1], other[j][0], other[j][1], float(distance[i, j]), int(pose[i, j]), one[i][2])
+        for i, j in enumerate(nearest.tolist())
+    ]
+    return tuple(sorted(found, key=lambda match: match.distance))
+
+
+def examples(matches: Sequence[Match], count: int = 3) -> list[Match]:
+    """The best matches of different kinds, no hinge twice: as many of Y, T and V as there are, then the next best."""
+    chosen: list[Match] = []
+    for kinds in (True, False):
+        for match in matches:
+            new = (match.other_surface, match.other) not in {(m.other_surface, m.other) for m in chosen}
+            if len(chosen) < count and match not in chosen and new:
+                if not kinds or match.kind not in {m.kind for m in chosen}:
+                    chosen.append(match)
+    return sorted(chosen, key=lambda match: match.distance)

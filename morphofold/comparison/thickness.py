@@ -1,0 +1,147 @@
+"""Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, lines through them, and theory's lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.report.quantities import find
+
+
+@dataclass(frozen=True)
+class Point:
+    """Gyral against cortical thickness [mm] of one region, crest, bin of vertices or whole surface.
+
+    ``low`` and ``high`` are quartiles of the gyral thickness, where the point stands for many vertices.
+    """
+
+    cortical: float
+    gyral: float
+    label: str
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
+
+    The interval takes the points as independent, which neighbouring regions are not quite.
+    """
+
+    slope: float
+    slope_low: float
+    slope_high: float
+    intercept: float
+    r: float
+    p: float
+    n: int
+
+    @property
+    def sloped(self) -> bool:
+        """Whether the interval of the slope leaves out 0."""
+        return not self.slope_low <= 0 <= self.slope_high
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """The thickness points of one surface; ``kind`` is ``"region"``, ``"crest"`` or ``"whole"``."""
+
+    kind: str
+    points: tuple[Point, ...]
+    bins: tuple[Point, ...] = ()
+    fit: Fit | None = None
+
+
+@dataclass(frozen=True)
+class Theory:
+    """The wrinkling wavelength of a stiff film on a soft substrate, per film thickness [mm/mm]."""
+
+    mu_ratio: float
+    slope: float
+
+
+def wrinkling_wavelength(mu_ratio: float) -> Theory:
+    """Wavelength of linear wrinkling per film thickness, ``2 pi (mu_f / 3 mu_s)^(1/3)``.
+
+    Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004);
+    mu_f and mu_s are the shear moduli of film and substrate. 4.36 for equal stiffness; but this is the linear
+    theory of a thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
+    """
+    return Theory(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
+
+
+def thickness_cloud(measures: Measures) -> Cloud:
+    """Gyral against cortical thickness of one surface.
+
+    One point per region where there are regions with both thicknesses; else one per crest; else one for the
+    whole surface (median gyral, mean cortical thickness). Without regions, bins of vertices with equal counts
+    by cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or
+    crests, never to bins: their vertices are not independent.
+    """
+    for kind, rows, label in (("region", measures.regions, "region"), ("crest", measures.crests, "crest")):
+        points = tuple(
+            Point(
+                float(row["cortical_thickness_mm"]),
+                float(row["gyral_thickness_mm"]),
+                str(row.get(label, kind)),
+            )
+            for row in rows
+            if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
+        )
+        if points:
+            return Cloud(kind, points, () if kind == "region" else _bins(measures), fit_line(points))
+    gyral = measures.scalars.get("median_gyral_thickness_mm")
+    cortical = measures.scalars.get("mean_cortical_thickness_mm")
+    if not (_known(gyral) and _known(cortical)):
+        return Cloud("whole", ())
+    assert gyral is not None
+    assert cortical is not None
+    return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
+
+
+def _known(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point, ...]:
+    """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
+    cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
+    if cortical is None or gyral is None:
+        return ()
+    both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    count = min(at_most, len(both) // least)
+    if count < 2:
+        return ()
+    ordered = both[np.argsort(cortical[both], kind="stable")]
+    bins = []
+    for part in np.array_split(ordered, count):
+        low, middle, high = (float(q) for q in np.percentile(gyral[part], [25, 50, 75]))
+        label = f"{len(part)} vertices of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
+        bins.append(Point(float(np.median(cortical[part])), middle, label, low, high))
+    return tuple(bins)
+
+
+def fit_line(points: Sequence[Point]) -> Fit | None:
+    """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x."""
+    from scipy import stats
+
+    x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
+    if len(points) < 3 or np.ptp(x) == 0:
+        return None
+    line = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
+    slope = float(line.slope)
+    return Fit(
+        slope,
+        slope - half,
+        slope + half,
+        float(line.intercept),
+        float(line.rvalue),
+        float(line.pvalue),
+        len(points),
+    )
