@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from morphofold.analysis.gyrification import gyrification_index
     from morphofold.analysis.hinge_table import Arm, Hinge, hinges
     from morphofold.analysis.measures import Measures, measure
+    from morphofold.analysis.patterns import HingeShapes, hinge_shapes
     from morphofold.analysis.prominence import prominent_peaks
     from morphofold.analysis.regions import region_table
+    from morphofold.analysis.scaling import ShapeTerms, shape_terms
     from morphofold.analysis.sensitivity import hinge_sensitivity
     from morphofold.analysis.spectrum import Spectrum, power_spectrum
     from morphofold.analysis.thickness import GyralThickness, cortical_thickness, gyral_thickness
@@ -42,7 +44,9 @@ _PUBLIC = {
     "GyralScales": "gyral_net",
     "GyralThickness": "thickness",
     "Hinge": "hinge_table",
+    "HingeShapes": "patterns",
     "Measures": "measures",
+    "ShapeTerms": "scaling",
     "Spectrum": "spectrum",
     "cortical_thickness": "thickness",
     "crest_lines": "crest",
@@ -54,12 +58,14 @@ _PUBLIC = {
     "gyral_thickness": "thickness",
     "gyrification_index": "gyrification",
     "hinge_sensitivity": "sensitivity",
+    "hinge_shapes": "patterns",
     "hinges": "hinge_table",
     "local_gyrification_index": "closing",
     "measure": "measures",
     "power_spectrum": "spectrum",
     "prominent_peaks": "prominence",
     "region_table": "regions",
+    "shape_terms": "scaling",
     "sulcal_depth": "depth",
     "vertex_areas": "_mesh",
     "vertex_normals": "_mesh",
@@ -67,10 +73,11 @@ _PUBLIC = {
 }
 __all__ = [
     "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
-    "Measures", "Spectrum", "cortical_thickness", "crest_lines", "curvature", "euler_characteristic",
-    "folding_indices", "fractal_dimension", "gyral_graph", "gyral_thickness", "gyrification_index",
-    "hinge_sensitivity", "hinges", "local_gyrification_index", "measure", "power_spectrum", "prominent_peaks",
-    "region_table", "sulcal_depth", "vertex_areas", "vertex_normals", "wavelength",
+    "HingeShapes", "Measures", "ShapeTerms", "Spectrum", "cortical_thickness", "crest_lines", "curvature",
+    "euler_characteristic", "folding_indices", "fractal_dimension", "gyral_graph", "gyral_thickness",
+    "gyrification_index", "hinge_sensitivity", "hinge_shapes", "hinges", "local_gyrification_index", "measure",
+    "power_spectrum", "prominent_peaks", "region_table", "shape_terms", "sulcal_depth", "vertex_areas",
+    "vertex_normals", "wavelength",
 ]  # fmt: skip
 
 

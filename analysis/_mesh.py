@@ -19,7 +19,12 @@ Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
 
 
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
-    """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area."""
+    """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
+
+    Raises ``ValueError`` if a face names a vertex that is not there.
+    """
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):     # compiled code would read on
+        raise ValueError(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     found: Vectors = _face_vectors(verts, faces)
     return found
 

@@ -46,6 +46,10 @@ def box_counts(
     seed : int
         Of the offsets of the grids; the number for a size is the mean over eight.
 
+    Returns
+    -------
+    sizes, counts : (B,) float64
+
     Raises
     ------
     ValueError

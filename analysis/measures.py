@@ -35,7 +35,7 @@ class Measures:
     ``scalars`` holds every name of ``SCALARS`` (None where a value cannot be had; then ``notes`` says why
     under the same name). ``maps`` are per-vertex arrays (N,), NaN where undefined, convex positive.
     ``regions``, ``crests``, ``hinges`` and ``arms`` are tables: one dict per row. ``parameters`` are the
-    scales and options used. ``graph`` is the gyral graph; None for measures that were read from a folder.
+    scales and options used. ``graph`` is the gyral graph; None for measures read from a folder of an older version.
     """
 
     cortex: Cortex

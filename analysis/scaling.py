@@ -22,18 +22,19 @@ class ShapeTerms:
         Mean cortical thickness [mm].
     k : float
         ``total thickness^(1/2) / exposed^(5/4)``, without unit.
-    K, I, S : float
-        Decimal logarithms: of ``k``; of ``total exposed thickness^2``, the size; and of
-        ``total^(3/2) exposed^(3/4) / thickness^(9/2)``, the shape that remains. K and S do not change with size.
+    log_k, size, shape : float
+        Decimal logarithms: of ``k``; of ``total exposed thickness^2``; and of
+        ``total^(3/2) exposed^(3/4) / thickness^(9/2)``, what remains. The source calls them K, I and S. The first and
+        the last do not change with size.
     """
 
     total: float
     exposed: float
     thickness: float
     k: float
-    K: float
-    I: float
-    S: float
+    log_k: float
+    size: float
+    shape: float
 
 
 def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
@@ -42,27 +43,30 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
     Raises
     ------
     ValueError
-        If one is not a positive number.
+        If one is not a positive number, or ``exposed`` is more than ``total``: no closed surface has a larger hull.
 
     Notes
     -----
     The law ``A_total sqrt(T) = k A_exposed^(5/4)`` is that of Mota and Herculano-Houzel 2015 (Science 349, 74). In the
-    space of ``log A_total``, ``log A_exposed`` and ``log T^2`` it is a plane with the normal (1, -5/4, 1/4): K. I, the
-    direction (1, 1, 1), is that of growth without change of shape; S is normal to both (Wang and others 2021,
-    NeuroImage 226, 117546).
+    space of ``log A_total``, ``log A_exposed`` and ``log T^2`` it is a plane with the normal (1, -5/4, 1/4), ``log_k``;
+    (1, 1, 1), ``size``, is the direction of growth without change of shape; ``shape`` is at right angles to both
+    (Wang and others 2021, NeuroImage 226, 117546).
     """
     for name, value in (("total", total), ("exposed", exposed), ("thickness", thickness)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be a positive number, got {value!r}.")
+    if exposed > total * (1 + 1e-9):
+        raise ValueError(f"the exposed area {exposed:g} is larger than the total {total:g}; were they exchanged?")
     a, e, t = math.log10(total), math.log10(exposed), 2 * math.log10(thickness)
-    K = a - 5 / 4 * e + t / 4
-    return ShapeTerms(total, exposed, thickness, 10**K, K, a + e + t, 3 / 2 * a + 3 / 4 * e - 9 / 4 * t)
+    log_k = a - 5 / 4 * e + t / 4
+    return ShapeTerms(total, exposed, thickness, 10**log_k, log_k, a + e + t, 3 / 2 * a + 3 / 4 * e - 9 / 4 * t)
 
 
 def shape_terms_of(measures: Measures) -> ShapeTerms | None:
     """The terms of a measured cortex; None if it lacks one of the three numbers (it isn't closed, or has no thickness).
 
-    Areas are of the whole closed surfaces, the medial wall included; the exposed one is that of the convex hull.
+    Areas are of the whole closed surfaces, the medial wall included; the exposed one is that of the convex hull. The
+    thickness is the mean over the vertices of the cortex.
     """
     area, index, thickness = (
         measures.scalars.get(key) for key in ("area_pial_mm2", "gyrification_index", "mean_cortical_thickness_mm")

@@ -10,14 +10,14 @@ import csv
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import (
     atomic_folder,
     read_annotation,
@@ -30,9 +30,6 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.surface import Cortex
-
-if TYPE_CHECKING:
-    import networkx as nx
 
 COLUMNS = {
     "regions": REGION_COLUMNS,
@@ -152,58 +149,17 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
         write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
-        (folder / "graph" / f"{hemi}.json").write_text(_graph_text(m.graph), encoding="utf-8")
+        write_graph(folder / "graph" / f"{hemi}.json", m.graph)
     return {
         "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
         "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
         "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
         "maps": sorted(m.maps), "came_with": sorted(cortex.maps),
         "inflated": cortex.inflated is not None, "cortex_label": cortex.cortex is not None,
+        "graph": m.graph is not None,
         "annotation": None if cortex.regions is None else _file_word(cortex.regions.name),
         "files": list(cortex.files),
     }  # fmt: skip
-
-
-def _graph_text(graph: nx.MultiGraph) -> str:
-    """The gyral graph as node-link JSON, numbers with seven figures; of the scales their lengths by name."""
-    import networkx as nx
-
-    def short(value: Any) -> Any:
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            return [float(f"{x:.7g}") for x in value] if value.ndim == 1 else [short(row) for row in value]
-        return value
-
-    plain: nx.MultiGraph = nx.MultiGraph(**{**graph.graph, "scales": None})
-    if graph.graph["scales"] is not None:
-        plain.graph["scales"] = asdict(graph.graph["scales"])
-    plain.add_nodes_from((node, {k: short(v) for k, v in data.items()}) for node, data in graph.nodes(data=True))
-    plain.add_edges_from((a, b, {k: short(v) for k, v in data.items()}) for a, b, data in graph.edges(data=True))
-    return json.dumps(_plain(nx.node_link_data(plain, edges="edges")), allow_nan=False) + "\n"
-
-
-def _read_graph(path: Path) -> nx.MultiGraph | None:
-    """What :func:`_graph_text` wrote; None if there is no such file."""
-    import networkx as nx
-
-    from morphofold.analysis.gyral_net import GyralScales
-
-    if not path.is_file():
-        return None
-    graph: nx.MultiGraph = nx.node_link_graph(json.loads(path.read_text(encoding="utf-8")), edges="edges")
-    if graph.graph["scales"] is not None:
-        graph.graph["scales"] = GyralScales(**graph.graph["scales"])
-    graph.graph["wavelength"] = _number(graph.graph["wavelength"])
-    for _, node in graph.nodes(data=True):
-        node.update({key: np.array(node[key], dtype=np.float64) for key in ("position", "normal")})
-        node["persistence"] = _number(node["persistence"])
-    for _, _, crest in graph.edges(data=True):
-        crest["polyline"] = np.array(crest["polyline"], dtype=np.float64)
-        crest["vertices"] = np.array(crest["vertices"], dtype=np.int64)
-    return graph
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
 
 
 def _write_label(path: Path, cortex: Cortex) -> None:
@@ -290,7 +246,7 @@ def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, 
         arms=own["arms"],
         parameters=dict(entry["parameters"]),
         notes=dict(entry["notes"]),
-        graph=_read_graph(folder / "graph" / f"{hemi}.json"),
+        graph=read_graph(folder / "graph" / f"{hemi}.json", len(white.verts)) if entry.get("graph") else None,
     )
 
 

@@ -17,6 +17,17 @@ def vertex_areas(verts, faces):
     return area
 
 
+def face_vectors(verts, faces):
+    """Half the cross product of two sides of each triangle."""
+    a, b, c = (verts[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a) / 2
+
+
+def distance_to_planes(verts, planes):
+    """Least distance of each vertex to the planes (P, 4), all of them tried; n . x + d is below 0 inside."""
+    return np.maximum((-verts @ planes[:, :3].T - planes[:, 3]).min(axis=1), 0)
+
+
 def principal_curvatures(verts, normals, neighbours, i, scale, facing=0.2):
     """k1, k2 and the direction of k1 at vertex i, as ``morphofold.analysis.curvature`` defines them.
 

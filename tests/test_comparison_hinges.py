@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from test_hinge_shapes import made, mirrored, turned
+from test_patterns import made, mirrored, turned
 
-from morphofold.analysis.hinge_shapes import HingeShapes
+from morphofold.analysis.patterns import HingeShapes
 from morphofold.comparison.hinges import compare_hinges, examples, mean_difference
 
 

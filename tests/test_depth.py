@@ -3,13 +3,16 @@
 import numba
 import numpy as np
 import pytest
-from reference import distance_to_convex_hull
+from reference import distance_to_convex_hull, distance_to_planes
 from test_gyrification import box_with_a_hole
 
 from morphofold import shapes
 from morphofold.analysis import sulcal_depth
+from morphofold.analysis.gyrification import hull
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
+from morphofold.ridges import irregular_net, ridged_net
+from morphofold.shapes import icosphere
 
 
 def test_depth_is_zero_on_a_convex_surface(rng):
@@ -33,6 +36,20 @@ def test_depth_is_the_distance_to_the_nearest_point_of_the_hull(rng):
     want = distance_to_convex_hull(shape.verts, shape.verts[some])
     assert want.max() > 1
     assert np.allclose(sulcal_depth(shape.verts, shape.faces)[some], want, atol=1e-4)
+
+
+@pytest.mark.parametrize("surface", ["box", "few", "many"])
+def test_no_plane_of_the_hull_is_passed_over_in_error(surface):
+    """Fewer planes than a bundle has, fewer than a bundle of bundles, and many of them, no multiple of either."""
+    if surface == "box":
+        verts, faces = box_with_a_hole(0.4)
+    else:
+        ridged = ridged_net(irregular_net(20, 1), icosphere(2 if surface == "few" else 5), 9.0, height=9.0)
+        verts, faces = ridged.verts, ridged.faces
+    planes = hull(verts, faces).equations
+    few, most = {"box": (0, 16), "few": (17, 255), "many": (257, 10**6)}[surface]
+    assert few <= len(np.unique(np.round(planes, 12), axis=0)) <= most
+    np.testing.assert_allclose(sulcal_depth(verts, faces), distance_to_planes(verts, planes), atol=1e-10)
 
 
 def test_depth_scales_with_length_and_is_nan_at_an_unused_vertex():

@@ -11,12 +11,9 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.analysis import gyral_graph, hinges
+from morphofold.analysis import gyral_graph
 from morphofold.io import read_cortex
 from morphofold.results import COLUMNS, read_analysis, strict_json, write_analysis
-from morphofold.ridges import regular_net, ridged_net
-from morphofold.shapes import icosphere
-from morphofold.surface import Surface
 
 
 def refuse_constant(token):
@@ -57,23 +54,16 @@ def test_what_was_written_is_read_back(written):
         assert got.regions[1]["cortical_thickness_mm"] == want.regions[1]["cortical_thickness_mm"]
 
 
-def test_the_gyral_graph_comes_back_whole(tmp_path):
-    """Of a net with known hinges, and of a surface without folds."""
-    ridged, bare = ridged_net(regular_net("cube"), icosphere(4), 8.0), Surface(*icosphere(3, radius=50.0))
-    for graph in (gyral_graph(ridged), gyral_graph(bare)):
-        write_analysis([replace(made_measures(), graph=graph)], tmp_path / "out", report=False)
-        found = read_analysis(tmp_path / "out")[0].graph
-        assert found.graph["scales"] == graph.graph["scales"]
-        assert found.graph["wavelength"] == pytest.approx(graph.graph["wavelength"], nan_ok=True)
-        assert [hinge.shape for hinge in hinges(found)] == [hinge.shape for hinge in hinges(graph)]
-        assert list(found.nodes) == list(graph.nodes)
-        for node in graph:
-            np.testing.assert_allclose(found.nodes[node]["position"], graph.nodes[node]["position"], rtol=1e-6)
-        for (a, b, mine), (c, d, own) in zip(found.edges(data=True), graph.edges(data=True), strict=True):
-            assert (a, b, mine["number"], mine["length"]) == (c, d, own["number"], own["length"])
-            np.testing.assert_allclose(mine["polyline"], own["polyline"], rtol=1e-6, atol=1e-6)
-            np.testing.assert_array_equal(mine["vertices"], own["vertices"])
-    assert graph.graph["scales"] is None
+def test_the_gyral_graph_goes_with_an_analysis(tmp_path):
+    m = made_measures(level=4)
+    graph = gyral_graph(m.cortex.pial)
+    write_analysis([replace(m, graph=graph)], tmp_path / "with", report=False)
+    assert list(read_analysis(tmp_path / "with")[0].graph) == list(graph)
+    write_analysis([m], tmp_path / "without", report=False)
+    assert read_analysis(tmp_path / "without")[0].graph is None
+    (tmp_path / "with" / "graph" / "lh.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"lh\.json: missing from the analysis. Analyze anew."):
+        read_analysis(tmp_path / "with")
 
 
 def test_json_is_strict_and_missing_values_are_null(written):

@@ -16,19 +16,26 @@ def test_a_family_that_obeys_the_law_has_one_k():
             assert shape_terms(total, exposed, thickness).k == pytest.approx(0.3, rel=1e-12)
 
 
-def test_size_changes_I_alone_and_the_three_directions_are_at_right_angles():
+def test_size_changes_size_alone_and_the_three_directions_are_at_right_angles():
     one, other = shape_terms(9e4, 4e4, 2.5), shape_terms(9e4 * 7**2, 4e4 * 7**2, 2.5 * 7)
-    assert (other.k, other.K, other.S) == pytest.approx((one.k, one.K, one.S), rel=1e-12)
-    assert other.I - one.I == pytest.approx(6 * math.log10(7), rel=1e-12)
-    base = np.array([4.0, 4.5, 0.6])                                    # log A_total, log A_exposed, log T^2
+    assert (other.k, other.log_k, other.shape) == pytest.approx((one.k, one.log_k, one.shape), rel=1e-12)
+    assert other.size - one.size == pytest.approx(6 * math.log10(7), rel=1e-12)
+    base = np.array([4.8, 4.5, 0.6])                                    # log A_total, log A_exposed, log T^2
 
     def terms(x):
         found = shape_terms(10 ** x[0], 10 ** x[1], 10 ** (x[2] / 2))
-        return np.array([found.K, found.I, found.S])
+        return np.array([found.log_k, found.size, found.shape])
 
-    directions = np.array([terms(base + step) - terms(base) for step in np.eye(3)]).T
+    directions = np.array([terms(base + step / 10) - terms(base) for step in np.eye(3)]).T
     across = directions @ directions.T
     np.testing.assert_allclose(across - np.diag(np.diag(across)), 0, atol=1e-9)
+
+
+def test_terms_by_hand():
+    """Areas 10^5 and 10^4 mm^2, 10 mm thick: logarithms 5, 4 and (of the square) 2."""
+    found = shape_terms(1e5, 1e4, 10.0)
+    assert (found.log_k, found.size, found.shape) == pytest.approx((0.5, 11.0, 6.0), abs=1e-12)
+    assert found.k == pytest.approx(math.sqrt(10))
 
 
 def test_a_smooth_sphere_has_the_k_of_its_thickness():
@@ -50,3 +57,8 @@ def test_measures_give_their_terms_or_none():
 def test_what_is_no_area_or_thickness_is_refused(numbers):
     with pytest.raises(ValueError, match="must be a positive number"):
         shape_terms(*numbers)
+
+
+def test_areas_that_were_exchanged_are_refused():
+    with pytest.raises(ValueError, match="exposed area 90000 is larger than the total 40000; were they exchanged"):
+        shape_terms(4e4, 9e4, 2.5)

@@ -1,0 +1,96 @@
+"""The gyral graph on disk: back as it was, and files that are none refused by name."""
+
+import json
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from morphofold.analysis import gyral_graph, hinges
+from morphofold.graph_file import read_graph, write_graph
+from morphofold.ridges import regular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
+
+@pytest.fixture(scope="module")
+def ridged():
+    surface = ridged_net(regular_net("cube"), icosphere(4), 8.0)
+    return surface, gyral_graph(surface)
+
+
+def same(a, b):
+    return np.allclose(a, b, rtol=1e-6, atol=1e-6, equal_nan=True) if not isinstance(a, str) else a == b
+
+
+def test_a_graph_comes_back_with_all_it_had(ridged, tmp_path):
+    surface, graph = ridged
+    write_graph(tmp_path / "lh.json", graph)
+    found = read_graph(tmp_path / "lh.json", len(surface.verts))
+    assert found.graph["scales"] == graph.graph["scales"]
+    assert found.graph.keys() == graph.graph.keys()
+    assert list(found.nodes) == list(graph.nodes)
+    for node, data in graph.nodes(data=True):
+        assert found.nodes[node].keys() == data.keys()
+        assert all(same(found.nodes[node][key], value) for key, value in data.items())
+    for (a, b, mine), (c, d, own) in zip(found.edges(data=True), graph.edges(data=True), strict=True):
+        assert (a, b, mine.keys()) == (c, d, own.keys())
+        assert all(same(mine[key], value) for key, value in own.items())
+    assert [h.shape for h in hinges(found)] == [h.shape for h in hinges(graph)]
+    theirs = nx.node_link_graph(json.loads((tmp_path / "lh.json").read_text()), edges="edges")
+    assert nx.is_isomorphic(theirs, graph)
+
+
+def test_a_graph_without_folds_comes_back(tmp_path):
+    sphere = Surface(*icosphere(3, radius=50.0))
+    write_graph(tmp_path / "lh.json", gyral_graph(sphere))
+    found = read_graph(tmp_path / "lh.json", len(sphere.verts))
+    assert len(found) == 0
+    assert found.graph["scales"] is None
+    assert np.isnan(found.graph["wavelength"])
+
+
+def put(path, value):
+    """A change of the file: the entry at ``path`` becomes ``value``, or goes if that is ``put``."""
+
+    def change(data):
+        *way, last = path
+        for step in way:
+            data = data[step]
+        if value is put:
+            del data[last]
+        else:
+            data[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        put(["directed"], True), put(["multigraph"], False), put(["nodes"], [1, 2]), put(["edges"], None),
+        put(["graph", "scales"], "broad"), put(["graph", "scales", "width"], put), put(["graph", "edge"], None),
+        put(["nodes", 0, "vertex"], 10**9), put(["nodes", 0, "position"], [0.0, None, 1.0]),
+        put(["nodes", 0, "persistence"], "x"), put(["nodes", 0, "normal"], put), put(["edges", 0, "polyline"], []),
+        put(["edges", 0, "polyline"], [["a"]]), put(["edges", 0, "polyline", 0], [1.0]),
+        put(["edges", 0, "vertices", 0], 10**30), put(["edges", 0, "vertices", 0], -1),
+        put(["edges", 0, "number"], put), put(["edges", 0, "length"], None),
+    ],
+)  # fmt: skip
+def test_a_file_that_was_changed_is_refused(ridged, tmp_path, change):
+    surface, graph = ridged
+    path = tmp_path / "lh.json"
+    write_graph(path, graph)
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=r"lh.json: not a gyral graph as .*Analyze anew"):
+        read_graph(path, len(surface.verts))
+
+
+@pytest.mark.parametrize("text", ["", "null", "[]", '"x"', '{"nodes": [', "[" * 100_000, "\udcff"])
+def test_what_is_no_graph_is_refused(tmp_path, text):
+    path = tmp_path / "lh.json"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(ValueError, match=r"lh\.json: not a gyral graph"):
+        read_graph(path, 9)

@@ -1,0 +1,252 @@
+"""Shapes of hinges: what does not change them, and statistics on samples whose answer is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_measures import made_measures
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from morphofold.analysis import measure
+from morphofold.analysis.gyri import gyral_graph
+from morphofold.analysis.patterns import (
+    OF_A_NET,
+    HingeShapes,
+    hinge_shapes,
+    random_net,
+    shape_distance,
+    two_sample,
+)
+from morphofold.ridges import irregular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.surface import Cortex, Surface
+
+
+def made(count, rng, *, even=0.25):
+    """Features of hinges at chance, angles adding up to a turn."""
+    angle = 2 * np.pi / 3 + even * rng.standard_normal((count, 3))
+    angle *= 2 * np.pi / angle.sum(axis=1, keepdims=True)
+    others = [rng.normal(mean, 0.3, (count, 3)) for mean in (0.6, 0.4, 0.8)]
+    return np.stack([angle, *others], axis=2)
+
+
+def turned(features, by):
+    return np.roll(features, -by, axis=1)
+
+
+def mirrored(features):
+    """The arms the other way round; the angle after an arm is then the one that was before it."""
+    other = features[:, [0, 2, 1]].copy()
+    other[:, :, 0] = features[:, [2, 1, 0], 0]
+    return other
+
+
+def test_a_hinge_is_itself_however_turned_or_mirrored(rng):
+    features = made(30, rng)
+    turns = [turned(features, by) for by in range(3)]
+    for k, other in enumerate([*turns, *map(mirrored, turns)]):
+        distance, pose = shape_distance(features, other)
+        np.testing.assert_allclose(np.diag(distance), 0, atol=1e-12)
+        assert (distance + np.eye(30) > 1e-3).all()
+        assert len(set(np.diag(pose).tolist())) == 1
+        assert (np.diag(pose) >= 3).all() == (k >= 3)
+
+
+def test_the_pose_lays_the_second_hinge_on_the_first_and_the_distance_is_what_is_left(rng):
+    a, b = made(8, rng), made(9, rng)
+    distance, pose = shape_distance(a, b)
+    for i in range(8):
+        for j in range(9):
+            laid = b[j : j + 1]
+            if pose[i, j] >= 3:                                         # the arm that comes first, then the other sense
+                laid = mirrored(turned(laid, pose[i, j] - 3))
+            else:
+                laid = turned(laid, pose[i, j])
+            assert np.sqrt(np.mean((a[i] - laid[0]) ** 2)) == pytest.approx(distance[i, j], rel=1e-12)
+
+
+def test_shapes_are_those_of_the_tables():
+    """Two hinges of three arms, one of them without mean curvature on two arms, and one of four."""
+    m = made_measures()
+    arm = {"hemi": "lh", "curvature_per_mm": 0.05, "angle_deg": 90.0, "length_mm": 16.0}
+    rows = [
+        {**arm, "hinge": h, "arm": k, "crest": k + 3 * (h == 4)} for h, n in ((2, 3), (4, 3), (7, 4)) for k in range(n)
+    ]
+    rows[0].update(angle_deg=180.0, length_mm=8.0 * np.e)
+    bent = {0: 0.1, 1: 0.2, 2: 0.3, 3: None, 4: None, 5: 0.5}
+    m = replace(
+        m, arms=rows, crests=[{"crest": k, "mean_H_per_mm": h} for k, h in bent.items()],
+        hinges=[{"hinge": h, "degree": n, "shape": kind} for h, n, kind in ((2, 3, "T"), (4, 3, "Y"), (7, 4, "X"))],
+        parameters={"graph_width_mm": 8.0}, maps={**m.maps, "area": np.full(m.cortex.n_vertices, 0.5)},
+    )  # fmt: skip
+    found = hinge_shapes(m)
+    assert found.hinge.tolist() == [2, 4]
+    assert found.kinds.tolist() == ["T", "Y"]
+    np.testing.assert_allclose(found.features[0], [
+        [np.pi, 1.0, 0.4, 0.8], [np.pi / 2, np.log(2), 0.4, 1.6], [np.pi / 2, np.log(2), 0.4, 2.4],
+    ], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(found.features[1, :, 3], 4.0)
+    cortex = np.isfinite(m.maps["H"]).sum()
+    assert 0 < cortex < m.cortex.n_vertices
+    assert found.per_area == pytest.approx(3 * 64 / (0.5 * cortex))
+    lost = replace(m, crests=[{"crest": k, "mean_H_per_mm": None if k > 2 else 0.1} for k in bent])
+    assert hinge_shapes(lost).hinge.tolist() == [2]
+    with pytest.raises(ValueError, match=r"its arms do not say which crests they are. Analyze it anew."):
+        hinge_shapes(replace(m, arms=[{k: v for k, v in row.items() if k != "crest"} for row in rows]))
+
+
+def test_a_mirrored_net_and_a_net_of_another_size_have_the_same_shapes():
+    """Through the whole measuring room: a ridged sphere, its mirror image, twice the size, turned."""
+    ridged = ridged_net(irregular_net(12, 3, shortest=0.25), icosphere(5), 7.0)
+    turn = Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
+    verts, faces = ridged.verts, ridged.faces
+    others = {"mirrored": (verts * [-1, 1, 1], faces[:, ::-1], 7.0), "larger": (2 * verts @ turn.T, faces, 14.0)}
+    own = shapes_of(ridged, 7.0)
+    assert len(own) == 20
+    for v, f, width in others.values():
+        other = shapes_of(Surface(v, f), width)
+        distance, _ = shape_distance(own.features, other.features)
+        nearest = distance.argmin(axis=1)
+        assert sorted(nearest.tolist()) == list(range(20))
+        assert distance.min(axis=1).max() < 0.2 * np.median(distance)   # the mesh, turned, is another one
+        assert other.per_area == pytest.approx(own.per_area, rel=1e-6)
+        np.testing.assert_array_equal(other.kinds[nearest], own.kinds)
+
+
+def shapes_of(surface, width):
+    white = Surface(surface.verts, surface.faces)
+    pial = Surface(1.028 * surface.verts, surface.faces)
+    found = hinge_shapes(measure(Cortex(white, pial), gyral_width=width))
+    assert isinstance(found, HingeShapes)
+    return found
+
+
+def test_planted_matches_are_found_among_others(rng):
+    """Copies of 10 shapes, turned, mirrored and a little changed, hidden among 200 others."""
+    wanted, crowd = made(10, rng), made(200, rng)
+    copies = np.concatenate([mirrored(turned(wanted[k : k + 1], k % 3)) for k in range(10)])
+    copies[:, :, 1:] += 0.01 * rng.standard_normal(copies[:, :, 1:].shape)
+    distance, _ = shape_distance(wanted, np.concatenate([crowd, copies]))
+    np.testing.assert_array_equal(distance.argmin(axis=1), 200 + np.arange(10))
+
+
+def test_equal_samples_are_told_apart_as_often_as_chance_does_and_shifted_ones_always():
+    ps = []
+    for seed in range(60):
+        pooled = made(60, np.random.default_rng(seed))
+        ps.append(two_sample(shape_distance(pooled, pooled)[0], 30, permutations=99, seed=seed).p)
+    assert 0.3 < np.mean(ps) < 0.7                              # uniform
+    assert np.mean(np.array(ps) <= 0.05) < 0.15
+    rng = np.random.default_rng(1)
+    longer = made(30, rng)
+    longer[:, :, 1] += 0.3
+    pooled = np.concatenate([made(30, rng), longer])
+    found = two_sample(shape_distance(pooled, pooled)[0], 30)
+    assert found.p == 0.001
+    assert (found.n, found.m) == (30, 30)
+
+
+def test_the_statistic_is_the_energy_distance(rng):
+    x, y = rng.normal(0, 1, 12), rng.normal(0.7, 2, 9)
+    pooled = np.concatenate([x, y])
+    found = two_sample(np.abs(pooled[:, None] - pooled), 12, permutations=9)
+    assert found.statistic == pytest.approx(stats.energy_distance(x, y) ** 2, rel=1e-12)
+
+
+def test_a_sample_and_its_copy_have_no_distance(rng):
+    one = made(20, rng)
+    pooled = np.concatenate([one, turned(one, 1)])
+    found = two_sample(shape_distance(pooled, pooled)[0], 20)
+    assert found.statistic == pytest.approx(0, abs=1e-12)
+    assert found.p == 1.0
+
+
+@pytest.mark.parametrize("worse", [np.nan, np.inf, 7.0])
+def test_what_is_no_matrix_of_distances_is_refused(worse):
+    distance = np.ones((4, 4)) - np.eye(4)
+    distance[0, 1] = worse
+    with pytest.raises(ValueError, match="distance must be finite and symmetric"):
+        two_sample(distance, 2)
+
+
+@pytest.mark.parametrize("of", [(), ("angel",)])
+def test_features_that_are_none_are_refused(rng, of):
+    with pytest.raises(ValueError, match="of must name some of angle, length, curvature, sharpness"):
+        shape_distance(made(2, rng), made(2, rng), of=of)
+
+
+@pytest.mark.parametrize("n", [0, 4])
+def test_a_sample_without_hinges_is_refused(n):
+    with pytest.raises(ValueError, match=f"two samples are needed, got {n} of 4"):
+        two_sample(np.zeros((4, 4)), n)
+
+
+def test_a_net_at_chance_has_the_angles_of_poisson_voronoi_cells():
+    """Mean 120 degrees, standard deviation 29.4, density 4/(3 pi) sin A (sin A - A cos A).
+
+    (Miles 1970, Mathematical Biosciences 6: the angles at a vertex are 180 degrees less those of a random triangle in
+    a circle, weighed by its area.)
+    """
+    features = random_net(4000, shortest=0.0, per_area=0.1, seed=4)
+    assert len(features) == 4000
+    angle = features[:, :, 0]
+    np.testing.assert_allclose(angle.sum(axis=1), 2 * np.pi, atol=1e-9)
+    a = np.linspace(0, np.pi, 2001)
+    density = 4 / (3 * np.pi) * np.sin(a) * (np.sin(a) - a * np.cos(a))
+    assert np.trapezoid(density, a) == pytest.approx(1, abs=1e-5)
+    assert np.trapezoid(density * a, a) == pytest.approx(2 * np.pi / 3, abs=1e-5)
+    expected = np.trapezoid(density * (a - 2 * np.pi / 3) ** 2, a) ** 0.5
+    assert np.degrees(expected) == pytest.approx(29.4, abs=0.05)
+    assert np.std(angle) == pytest.approx(expected, rel=0.02)
+    side = 1 / np.sqrt(0.1)                                     # of a square per hinge, in gyral widths
+    assert np.exp(features[:, :, 1]).mean() == pytest.approx(side * np.sqrt(2) * 2 / 3, rel=0.02)
+
+
+def test_arms_of_a_net_go_with_their_angles():
+    """From the net itself, hinge by hinge: from each arm counter-clockwise to the next."""
+    features, net = random_net(30, shortest=0.0, per_area=0.1, seed=2), irregular_net(17, 2, rounds=0)
+    width = np.sqrt(0.1 * 4 * np.pi / len(net.nodes))
+    for node, own in enumerate(features):
+        here = net.nodes[node]
+        for k in range(3):
+            length, after = np.exp(own[[k, (k + 1) % 3], 1]) * width
+            mine, other = (
+                next(b if a == node else a for (a, b), far in zip(net.arcs.tolist(), net.lengths)
+                     if node in (a, b) and far == pytest.approx(wanted, rel=1e-9)) for wanted in (length, after)
+            )  # fmt: skip
+            u, v = (net.nodes[b] - (net.nodes[b] @ here) * here for b in (mine, other))
+            turn = np.arctan2(np.cross(u, v) @ here, u @ v) % (2 * np.pi)
+            assert own[k, 0] == pytest.approx(turn, abs=1e-6)
+
+
+def test_a_net_without_short_arms_has_as_many_hinges_as_asked():
+    """Two hinges that a short arm joins count as one, which has four arms and is not given."""
+    for per_area in (0.05, 0.1):
+        features = random_net(4000, shortest=0.5, per_area=per_area, seed=4)
+        arms = np.exp(features[:, :, 1])
+        assert arms.min() >= 0.5
+        dense = random_net(4000, shortest=0.0, per_area=per_area, seed=4)
+        scale = np.exp(np.median(dense[:, :, 1]))
+        assert 0.9 < np.median(arms) / scale < 1.35
+        assert 0.6 * 4000 < len(features) < 4000
+    with pytest.raises(ValueError, match="leave no room for arms of 3 widths"):
+        random_net(100, shortest=3.0, per_area=0.1)
+    with pytest.raises(ValueError, match="a net needs positive numbers"):
+        random_net(100, shortest=0.5, per_area=0.0)
+
+
+def test_nets_are_compared_by_what_they_have(rng):
+    net = random_net(40, shortest=0.0, per_area=0.1)
+    distance, _ = shape_distance(net, net, of=OF_A_NET)
+    assert (np.diag(distance) == 0).all()
+    with pytest.raises(ValueError, match="must be finite numbers for every arm; compare by angle, length"):
+        shape_distance(net, net)
+
+
+def test_a_surface_without_a_net_has_no_shapes():
+    sphere = icosphere(3, radius=50.0)
+    graph = gyral_graph(Surface(*sphere))
+    assert len(graph) == 0
+    shell = Cortex(Surface(sphere[0] * 0.95, sphere[1]), Surface(*sphere))
+    assert hinge_shapes(measure(shell)) is None
