@@ -204,16 +204,20 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     if not 0 < n < size:
         raise ValueError(f"two samples are needed, got {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
-    inside = np.stack([first, *(rng.permutation(first) for _ in range(permutations))])
-    energy = np.array([_energy(distance, mine) for mine in inside])
-    as_much = np.count_nonzero(energy[1:] >= energy[0] - 1e-12)
-    return TwoSample(float(energy[0]), float(1 + as_much) / (1 + permutations), n, size - n)
+    energy = _energy(distance, first[None])[0]
+    drawn = np.array([rng.permutation(first) for _ in range(permutations)])
+    as_much = np.count_nonzero(_energy(distance, drawn) >= energy - 1e-12)
+    return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
 
 
-def _energy(distance: Array, first: NDArray[np.bool_]) -> float:
-    rows = distance[first]
-    across, mine = rows[:, ~first], rows[:, first]
-    return float(2 * across.mean() - mine.mean() - distance[~first][:, ~first].mean())
+def _energy(distance: Array, first: NDArray[np.bool_]) -> Array:
+    """Of each division (D, N) into the first sample and the second."""
+    mine = first.astype(np.float64)
+    rows, n = mine @ distance, first[0].sum()
+    m, within = first.shape[1] - n, np.sum(rows * mine, axis=1)
+    across = rows.sum(axis=1) - within
+    beyond = distance.sum() - 2 * across - within
+    return np.asarray(2 * across / (n * m) - within / n**2 - beyond / m**2)
 
 
 def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) -> Array:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
     "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
+    "thickness_file_mm",
 )  # fmt: skip
 LEAST_CONTOUR = 2.0     # in median gyral widths: about 20 mm on an adult brain, one fold
 
@@ -36,7 +37,7 @@ def region_table(
         With ``regions``; without them the table is empty.
     maps : mapping of str to (N,) float64
         ``area`` [mm^2], by default measured on the white surface; ``cortical_thickness`` and ``gyral_thickness``
-        [mm], NaN where undefined. What is missing leaves its column None.
+        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says. What is missing leaves its column None.
     gyral : GyralThickness, optional
         Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
     graph : networkx.MultiGraph, optional
@@ -49,9 +50,9 @@ def region_table(
         white areas; ``cortical_thickness_mm`` and ``_sd_mm`` are the plain mean and standard deviation (over n,
         not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
         makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
-        (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold. None where
-        there is nothing to average. Vertices without a region, and labels such as ``unknown`` and
-        ``corpuscallosum``, make no row.
+        (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold; ``thickness_file_mm`` the mean
+        of what the file says. None where there is nothing to average. Vertices without a region, and labels such as
+        ``unknown`` and ``corpuscallosum``, make no row.
 
     Raises
     ------
@@ -84,6 +85,8 @@ def region_table(
             row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):
             row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
+        if len(told := _known(maps.get("thickness_file"), at)):
+            row.update(thickness_file_mm=float(told.mean()))
         if np.isfinite(across):
             row.update(gyral_thickness_mm=across)
         rows.append(row)

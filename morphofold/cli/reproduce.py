@@ -15,12 +15,14 @@ FIGURES = {
     "fig5": "a sphere folding, six stages (simulation)",
     "fig6": "thin, normal and thick cortex, three stages (simulations)",
     "fig7": "shear moduli 1, 2 and 4 to 1, three stages (simulations)",
+    "fig8": "gyral against cortical thickness of brains and models (MRI, simulations)",
+    "fig9": "three-hinge patterns of models and of a person (MRI, simulations)",
 }
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     shown = "; ".join(f"{name}: {words}" for name, words in FIGURES.items())
-    parser.add_argument("figures", metavar="FIGURE", nargs="+", help=shown)
+    parser.add_argument("figures", metavar="FIGURE", nargs="+", help=f"{shown}; or all")
     parser.add_argument(
         "-o", "--out", metavar="DIR", default="reproduce",
         help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
@@ -31,7 +33,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    figures = list(dict.fromkeys(args.figures))
+    figures = list(FIGURES) if "all" in args.figures else list(dict.fromkeys(args.figures))
     for name in figures:
         if name not in FIGURES:
             raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from morphofold.analysis import Measures
     from morphofold.cli.progress import Tell
     from morphofold.sim.run import Simulation
+    from morphofold.surface import Cortex
 
 SIMULATIONS = "simulations"
 
@@ -28,6 +30,7 @@ class Runs:
 
         check_threads(threads)
         self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
+        self._measured: dict[str, Measures] = {}
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         from morphofold.io import atomic_folder
@@ -47,6 +50,14 @@ class Runs:
                 )  # fmt: skip
             except UnstableError as error:
                 raise UnstableError(f"{name}: {error}", error.sound) from error         # which of many
+
+    def measure(self, name: str, cortex: Cortex) -> Measures:
+        from morphofold.analysis import measure
+
+        if name not in self._measured:
+            with self.telling(f"measure {name}") as tell:
+                self._measured[name] = measure(cortex, progress=lambda what, share: tell(share, what))
+        return self._measured[name]
 
     def telling(self, words: str) -> AbstractContextManager[Tell]:
         from morphofold.cli.progress import progress

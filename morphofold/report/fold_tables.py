@@ -53,12 +53,12 @@ def fold_rows(simulation: Simulation, progress: Callable[[float, str], None] = l
     and ``note`` says why.
     """
     scene = simulation.scene
-    reference, expected = simulation.cortex(1.0), _expected(scene)
+    reference, theory = simulation.cortex(1.0), expected(scene)
     stages = [g for g in simulation.stages if g > 1]
     rows = []
     for k, g in enumerate(stages):
         progress(k / len(stages), f"g = {g:.2f}")
-        rows.append({**_body(scene), "growth": g, **measured(reference, simulation.cortex(g)), **expected})
+        rows.append({**_body(scene), "growth": g, **measured(reference, simulation.cortex(g)), **theory})
     progress(1.0, "done")
     return rows
 
@@ -96,7 +96,7 @@ def measured(reference: Cortex, cortex: Cortex) -> Row:
 
 
 def _body(scene: Scene) -> Row:
-    geometry, material = _sphere(scene), scene.material
+    geometry, material = sphere(scene), scene.material
     return {
         "scene": scene.name, "level": scene.accuracy.level, "portion": geometry.portion,
         "thickness_mm": geometry.cortex_thickness, "T_over_C": geometry.cortex_thickness / geometry.radius,
@@ -104,9 +104,9 @@ def _body(scene: Scene) -> Row:
     }  # fmt: skip
 
 
-def _expected(scene: Scene) -> Row:
+def expected(scene: Scene) -> Row:
     """First wrinkles by linear stability of the smooth sphere, and by the formula for a stiff film."""
-    geometry, material = _sphere(scene), scene.material
+    geometry, material = sphere(scene), scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     found = _first_wrinkles(T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C)
     return {
@@ -127,7 +127,8 @@ def film_wavelength(thickness: float, mu_ratio: float) -> float:
     return 2 * math.pi * thickness * (mu_ratio / 3) ** (1 / 3)
 
 
-def _sphere(scene: Scene) -> Any:
+def sphere(scene: Scene) -> Any:
+    """The sphere of a scene; ``ValueError`` if its body is another."""
     if scene.geometry.shape != "sphere":
         raise ValueError(f"{scene.name}: is a {scene.geometry.shape}, its folds have no sphere to be counted on.")
     return scene.geometry

@@ -58,21 +58,21 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     if pose >= 3:
         frame[1] *= -1
     white = measures.cortex.white
-    rgb, thick = shaded(measures.maps["sulcal_depth"]), 0.14 * width
-    own = [crest["polyline"] for *_, crest in graph.edges(number, data=True)]
-    others = [crest["polyline"] for *_, crest in graph.edges(data=True)]
-    for lines, colour in ((others, OTHERS), (own, OWN)):
-        paint_lines(rgb, white.verts, lines, max(1.6 * mean_edge_length(white.verts, white.faces), thick), colour)
-    place = (white.verts - hinge.position) @ frame.T
-    graph_of_edges = edge_graph(white.verts, white.faces)
-    near = np.isfinite(dijkstra(graph_of_edges, indices=hinge.vertex, limit=DETOUR * REACH * width))
+    edges = edge_graph(white.verts, white.faces)
+    near = np.isfinite(dijkstra(edges, indices=hinge.vertex, limit=DETOUR * REACH * width))
     faces = white.faces[near[white.faces].all(axis=1)]
     kept = np.unique(faces)
     faces = np.searchsorted(kept, faces)
+    rgb, verts = shaded(measures.maps["sulcal_depth"])[kept], white.verts[kept]
+    thick = max(1.6 * mean_edge_length(white.verts, white.faces), 0.14 * width)
+    own = [crest["polyline"] for *_, crest in graph.edges(number, data=True)]
+    others = [crest["polyline"] for *_, crest in graph.edges(data=True)]
+    for lines, colour in ((others, OTHERS), (own, OWN)):
+        paint_lines(rgb, verts, lines, thick, colour)
     faces = faces[:, ::-1] if pose >= 3 else faces
     bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])              # of no face: they put the hinge into the middle
-    verts = np.concatenate([place[kept] @ _tipped().T, bounds])
-    return Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh", np.concatenate([rgb[kept], rgb[:2]]))
+    verts = np.concatenate([(verts - hinge.position) @ (_tipped() @ frame).T, bounds])
+    return Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh", np.concatenate([rgb, rgb[:2]]))
 
 
 def _tipped() -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from morphofold.report.paper_compare import reproduce_fig8, reproduce_fig9
 from morphofold.report.paper_folds import reproduce_fig5, reproduce_fig6, reproduce_fig7
 from morphofold.report.paper_runs import Runs
 from morphofold.report.paper_theory import reproduce_fig3, reproduce_fig4
@@ -14,5 +15,5 @@ from morphofold.report.paper_theory import reproduce_fig3, reproduce_fig4
 #: for the simulations that it needs
 REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
     "fig3": reproduce_fig3, "fig4": reproduce_fig4, "fig5": reproduce_fig5, "fig6": reproduce_fig6,
-    "fig7": reproduce_fig7,
+    "fig7": reproduce_fig7, "fig8": reproduce_fig8, "fig9": reproduce_fig9,
 }  # fmt: skip

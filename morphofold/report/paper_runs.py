@@ -6,16 +6,21 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
+from morphofold.analysis import Measures
 from morphofold.sim.run import Simulation
+from morphofold.surface import Cortex
 
 Tell = Callable[[float, str], None]
 
 
 class Runs(Protocol):
-    """What figures ask for: simulations, and someone to tell of long work."""
+    """What figures ask for: simulations, measures, and someone to tell of long work."""
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         """The simulation of a built-in scene, with settings put over it, under a name of its own; grown if need be."""
+
+    def measure(self, name: str, cortex: Cortex) -> Measures:
+        """All measures of a cortex, under a name of its own; those of a name that was measured before are kept."""
 
     def telling(self, words: str) -> AbstractContextManager[Tell]:
         """Someone who is told the share done, 0 to 1, and a few words, of the work that ``words`` name."""

@@ -1,0 +1,298 @@
+"""Figs. 8 and 9 of Razavi et al. (2015): gyral thickness and three-hinge patterns of model and MRI, side by side.
+
+The models are the bodies of Fig. 6 at g = 2. MRI is the average brain and the individual that come with the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis import Measures, hinge_shapes
+from morphofold.analysis.line import Line, line
+from morphofold.analysis.patterns import HingeShapes, random_net
+from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges, examples
+from morphofold.io import read_cortex, sample_path
+from morphofold.report.colours import rgb_of
+from morphofold.report.figures import Picture, Row, figure
+from morphofold.report.fold_tables import expected, film_wavelength, sphere
+from morphofold.report.hinge_pictures import hinge_pairs
+from morphofold.report.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.net_picture import shaded
+from morphofold.report.paper_folds import grown
+from morphofold.report.paper_runs import Runs, told
+from morphofold.report.png import png_bytes
+from morphofold.report.quantities import Quantity
+from morphofold.results import write_table
+from morphofold.sim.scene import Scene
+from morphofold.sim.theory import deformed_radius
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GROWTH = 2.0
+MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
+HEMIS = ("lh", "rh")
+PRE, POST = "#d55e00", "#0072b2"
+MARKED = {"precentral": PRE, "postcentral": POST}
+SHORT = {"precentral": "PreCG", "postcentral": "PostCG"}
+FITS = (
+    "points", "n", "slope", "slope_low", "slope_high", "robust_slope", "robust_low", "robust_high", "intercept_mm", "r",
+)  # fmt: skip
+COLUMNS = {
+    "n": "regions, crests or bodies",
+    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %, the "
+    "points taken as independent",
+    "robust_slope": "median over pairs of points, with its bounds by a bootstrap over them",
+    "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
+}
+
+
+def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig8a.png, fig8b.png and fig8.tsv into ``folder``; what an index should say of them."""
+    models, simulations = _models(runs)
+    brains = _brains(runs, "fsaverage5")
+    people = _brains(runs, "S1")
+    (folder / "fig8a.png").write_bytes(png_bytes(annotation(brains["fsaverage5 lh"])))
+    rows = fit_rows(models, brains, people)
+    write_table(folder / "fig8.tsv", list(rows[0]), rows)
+    save(thickness_figure(models, brains, people, [s.scene for s in simulations]), folder / "fig8b.png")
+    return {
+        "shows": "gyri of the average brain, and gyral against cortical thickness: regions of brains, bodies of Fig. 6",
+        "files": ["fig8a.png", "fig8b.png", "fig8.tsv"],
+        "columns": COLUMNS,
+        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "simulations": [told(simulation) for simulation in simulations],
+    }
+
+
+def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig9a.png, fig9b.png and fig9.tsv into ``folder``; what an index should say of them."""
+    models, simulations = _models(runs)
+    people = _brains(runs, "S1")
+    shapes = {name: s for name, m in {**models, **people}.items() if (s := hinge_shapes(m)) is not None}
+    (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
+    chosen = hinge_pairs(examples(found.matches), {**models, **people}, (found.one, found.other))
+    (folder / "fig9a.png").write_bytes(png_bytes(chosen))
+    save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
+    write_table(folder / "fig9.tsv", list(asdict(found.matches[0])), [asdict(match) for match in found.matches])
+    return {
+        "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
+        "files": ["fig9a.png", "fig9b.png", "fig9.tsv"],
+        "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
+                    "sharpness in gyral widths; pose 3 and more: mirrored"},
+        "hinges": hinge_numbers(found, shapes),
+        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "simulations": [told(simulation) for simulation in simulations],
+    }  # fmt: skip
+
+
+def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
+    simulations = [grown(scene, runs) for scene in MODELS.values()]
+    return {n: runs.measure(n, s.cortex(GROWTH)) for n, s in zip(MODELS, simulations)}, simulations
+
+
+def _brains(runs: Runs, name: str) -> dict[str, Measures]:
+    """Measures of the hemispheres of a sample that there are."""
+    sides = [hemi for hemi in HEMIS if name != "S1" or hemi == "lh"]
+    cortices = {f"{name} {hemi}": read_cortex(sample_path(name), hemi=hemi) for hemi in sides}
+    return {called: runs.measure(called, cortex) for called, cortex in cortices.items()}
+
+
+def annotation(measures: Measures) -> Picture:
+    """The pial surface from all sides, precentral and postcentral gyrus in colours."""
+    cortex = measures.cortex
+    if cortex.regions is None:
+        raise ValueError(f"{cortex.name}: has no regions, so no gyrus can be marked. Name a cortex with an annotation.")
+    rgb = shaded(measures.maps["sulcal_depth"])
+    for name, colour in MARKED.items():
+        inside = cortex.regions.labels == cortex.regions.names.index(name)
+        rgb[inside] = np.round(0.35 * rgb[inside] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)
+    row = Row(f"{cortex.name}, {cortex.hemi}", cortex.pial, np.full(cortex.n_vertices, np.nan), cortex.hemi, rgb)
+    legend = [(f"{SHORT[name]}, {name} gyrus", colour) for name, colour in MARKED.items()]
+    return figure([row], Quantity("regions", "Gyri of the average brain"), (0.0, 1.0), legend=legend)
+
+
+# gyral against cortical thickness ---------------------------------------------------------------------------
+
+
+def region_points(measures: Measures, key: str = "cortical_thickness_mm") -> dict[str, tuple[float, float]]:
+    """Cortical and gyral thickness [mm] of each region that has both."""
+    return {
+        row["region"]: (float(row[key]), float(row["gyral_thickness_mm"]))
+        for row in measures.regions
+        if row.get(key) is not None and row.get("gyral_thickness_mm") is not None
+    }
+
+
+def crest_points(measures: Measures) -> np.ndarray:
+    """Cortical and gyral thickness (P, 2) [mm] of the crests that have both."""
+    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in measures.crests]
+    return np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
+
+
+def whole(measures: Measures) -> tuple[float, float]:
+    """Mean cortical and median gyral thickness of a surface [mm]."""
+    s = measures.scalars
+    return float(s["mean_cortical_thickness_mm"] or np.nan), float(s["median_gyral_thickness_mm"] or np.nan)
+
+
+def fit_rows(
+    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures]
+) -> list[dict[str, Any]]:
+    """Lines through the regions of brains, the crests of a person and of each body, and through the bodies."""
+    rows = []
+    for name, m in brains.items():
+        for key, of in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
+            points = np.array(list(region_points(m, key).values())).reshape(-1, 2)
+            rows.append(_fit(name, f"regions, thickness of {of}", points, m))
+    for name, m in {**people, **models}.items():
+        rows.append(_fit(name, "crests", crest_points(m), m))
+    rows.append(_fit("models", "bodies", np.array([whole(m) for m in models.values()]), None))
+    return rows
+
+
+def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
+    x, y = points.T
+    row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
+    row["gyral_over_cortical"] = float(y.mean() / x.mean()) if m is None else whole(m)[1] / whole(m)[0]
+    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return row
+    found = line(x, y)
+    low, high = _interval(x, y, found)
+    return row | {
+        "slope": found.slope, "slope_low": low, "slope_high": high, "robust_slope": found.robust,
+        "robust_low": found.low, "robust_high": found.high, "intercept_mm": found.intercept, "r": found.r,
+    }  # fmt: skip
+
+
+def _interval(x: np.ndarray, y: np.ndarray, found: Line) -> tuple[float, float]:
+    """95 % interval of the least-squares slope."""
+    from scipy import stats
+
+    fitted = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(x) - 2) * fitted.stderr)
+    return found.slope - half, found.slope + half
+
+
+def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
+    """Thickness of the cortex and wavelength of the first wrinkles (S, 2) [mm] of bilayer spheres, as they stand then.
+
+    Linear stability of the whole sphere (:func:`morphofold.sim.theory.bifurcation`), carried from the reference to the
+    deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are stretched by
+    c / C.
+    """
+    rows = []
+    for scene in scenes:
+        theory, C, T = expected(scene), sphere(scene).radius, sphere(scene).cortex_thickness
+        c = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
+        rows.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
+    return np.array(rows)
+
+
+def thickness_figure(
+    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures],
+    scenes: Sequence[Scene],
+) -> Figure:  # fmt: skip
+    """Regions of brains, bodies, and both: gyral against cortical thickness."""
+    ratio = scenes[0].material.mu_ratio
+    with new_figure(13.2, 5.4, 1, 3) as (plot, ((left, middle, right),)):
+        entries: dict[str, Any] = {}
+        for k, m in enumerate(brains.values()):
+            key = "thickness_file_mm" if region_points(m, "thickness_file_mm") else "cortical_thickness_mm"
+            regions = region_points(m, key)
+            style = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": "", "markersize": 5}
+            x, y = np.array(list(regions.values())).reshape(-1, 2).T
+            left.plot(x, y, **style)
+            _straight(left, x, y, color=style["color"])
+            for region in MARKED:
+                if region in regions:
+                    left.plot(*regions[region], marker=style["marker"], color=MARKED[region], markersize=9, zorder=3)
+                    words, below = f"{SHORT[region]} {m.cortex.hemi}", -12 * (k % 2)
+                    left.annotate(words, regions[region], xytext=(8, 2 + below), textcoords="offset points", fontsize=9)
+        left.set_title("regions of brains", loc="left")
+        at = np.array([whole(m) for m in models.values()])
+        for k, (name, m) in enumerate(models.items()):
+            style = {"color": line_style(k)["color"], "marker": "D", "linestyle": "", "markersize": 8}
+            entries[f"model, {name}"] = style
+            middle.plot(*crest_points(m).T, ".", color=style["color"], alpha=0.25, markersize=4)
+            middle.plot(*at[k], **style, zorder=3)
+            right.plot(*at[k], **style, zorder=3)
+        _straight(middle, *at.T, color=BLACK)
+        entries["line through points of its colour"] = {"color": BLACK, "linewidth": 1.5}
+        film, onset = np.array([0.0, 1.12 * at[:, 0].max()]), onset_line(scenes)
+        for ax in (middle, right):
+            entries["film formula, wavelength"] = {"color": GREY, "linestyle": (0, (6, 2))}
+            ax.plot(film, film_wavelength(1.0, ratio) * film, **entries["film formula, wavelength"])
+            entries["first wrinkles, wavelength"] = {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))}
+            ax.plot(*onset.T, **entries["first wrinkles, wavelength"])
+        middle.set_title(f"models, g = {GROWTH:g}, crests and medians", loc="left")
+        for k, (name, m) in enumerate({**brains, **people}.items()):
+            style = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": "", "markersize": 8}
+            entries[name] = style
+            right.plot(*whole(m), **style)
+        top = right.get_ylim()[1]
+        for slope in (2.5, 4.0):
+            x = np.array([0.0, min(film[1], top / slope)])
+            right.plot(x, slope * x, color="#cccccc", linewidth=1, zorder=0)
+            right.annotate(f"{slope:g} times", (x[1], slope * x[1]), color=GREY, ha="right", va="bottom", fontsize=9)
+        right.set_title("medians of both", loc="left")
+        for ax in (left, middle, right):
+            ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]")
+            ax.set_ylim(0, None)
+        middle.set_xlim(0, None)
+        right.set_xlim(0, None)
+        legend_of_figure(plot, entries, left, columns=4)
+    return plot
+
+
+def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
+    if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
+        found = line(x, y)
+        ends = np.array([x.min(), x.max()])
+        ax.plot(ends, found.intercept + found.slope * ends, linewidth=1.5, **style)
+
+
+# three-hinge patterns ---------------------------------------------------------------------------------------
+
+
+def hinge_numbers(found: HingeComparison, shapes: Mapping[str, HingeShapes]) -> dict[str, Any]:
+    """What an index says of the hinges: numbers per area, the two-sample test, the numbers of shapes, the controls."""
+    return {
+        "per_gyral_width_squared": {name: s.per_area for name, s in shapes.items()},
+        "gyral_width_mm": {name: s.width for name, s in shapes.items()},
+        "energy_distance": asdict(found.shape),
+        "numbers": [asdict(row) for row in found.numbers],
+        "distance_to_nearest": [asdict(control) for control in found.controls],
+    }
+
+
+def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
+    """Cumulative distributions of the numbers of hinge shapes, for each surface, and of a net at chance."""
+    per_area = float(np.mean([shapes[name].per_area for name in people]))
+    net = random_net(2000, shortest=SHORTEST, per_area=per_area)
+    chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, per_area).numbers()
+    keys = list(chance)
+    with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):
+        entries: dict[str, Any] = {}
+        for k, name in enumerate([*models, *people]):
+            entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
+            for ax, key in zip(axes[0], keys):
+                _cumulative(ax, shapes[name].numbers()[key], entries[name])
+        entries["net at chance"] = {"color": GREY, "linewidth": 1.2}
+        for ax, key in zip(axes[0], keys):
+            _cumulative(ax, chance[key], entries["net at chance"])
+            ax.set(xlabel=key)
+        axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
+        legend_of_figure(plot, entries, axes[0][0], columns=6)
+    return plot
+
+
+def _cumulative(ax: Axes, values: np.ndarray, style: Mapping[str, Any]) -> None:
+    if np.isfinite(values).all() and len(values):
+        ax.plot(np.sort(values), (np.arange(len(values)) + 0.5) / len(values), **style)

@@ -1,0 +1,124 @@
+"""Figs. 8 and 9: lines through points on a line, waves that keep the cortex's volume, patches in their own frame."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_measures import made_measures
+from made_simulations import MadeRuns, made_simulation
+
+from morphofold.analysis import hinges, measure
+from morphofold.analysis.speed import folded_ball
+from morphofold.comparison.hinges import compare_hinges, examples
+from morphofold.report import paper_compare, paper_folds
+from morphofold.report.hinge_pictures import REACH, TILT, hinge_pairs, hinge_patch
+from morphofold.sim.scene_file import load_scene
+from morphofold.surface import Regions
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A folded ball, its front half precentral, its back half postcentral."""
+    cortex = folded_ball(4000)
+    labels = (cortex.pial.verts[:, 1] < 0).astype(np.int64)
+    colours = np.full((2, 3), 90, dtype=np.uint8)
+    return measure(replace(cortex, regions=Regions(labels, ("precentral", "postcentral"), colours)))
+
+
+def test_lines_are_those_of_points_on_lines():
+    brain = made_measures(regions=True)                                 # gyral = 1 + 3 cortical thickness
+    for row, t in zip(brain.regions, (2.0, 2.5, 3.5)):
+        row["thickness_file_mm"] = 2 * t
+    crests = [{"cortical_thickness_mm": t, "gyral_thickness_mm": 5 - t} for t in (1.0, 2.0, 2.5)]
+    person = replace(made_measures(), crests=[*crests, {"cortical_thickness_mm": None, "gyral_thickness_mm": 1.0}])
+    models = {}
+    for t in (2.0, 4.0, 6.0):
+        m = made_measures()
+        m.scalars.update(mean_cortical_thickness_mm=t, median_gyral_thickness_mm=2.5 * t)
+        models[f"T = {t:g}"] = m
+    rows = {(r["surface"], r["points"]): r for r in paper_compare.fit_rows(models, {"avg": brain}, {"S": person})}
+    own, file = (rows["avg", f"regions, thickness of its {of}"] for of in ("surfaces", "file"))
+    assert (own["slope"], own["intercept_mm"], own["r"], own["n"]) == pytest.approx((3, 1, 1, 3))
+    assert (file["slope"], file["intercept_mm"]) == pytest.approx((1.5, 1))
+    assert (own["slope_low"], own["slope_high"]) == pytest.approx((3, 3), abs=1e-6)
+    assert own["gyral_over_cortical"] == 10.0 / 2.5
+    assert (rows["S", "crests"]["slope"], rows["S", "crests"]["n"]) == pytest.approx((-1, 3))
+    bodies = rows["models", "bodies"]
+    assert (bodies["slope"], bodies["intercept_mm"], bodies["gyral_over_cortical"]) == pytest.approx((2.5, 0, 2.5))
+    assert rows["T = 2", "crests"]["slope"] is None                     # it has no crests
+
+
+def test_the_first_wrinkles_stand_on_a_cortex_of_the_volume_that_grew():
+    scenes = [load_scene(name) for name in ("fig6-thin", "fig6-thick")]
+    for scene, (t, wave) in zip(scenes, paper_compare.onset_line(scenes), strict=True):
+        C, T = 50.0, scene.geometry.cortex_thickness
+        theory = paper_compare.expected(scene)
+        c = C - T + t
+        assert c**3 - (C - T) ** 3 == pytest.approx(theory["theory_g"] ** 3 * (C**3 - (C - T) ** 3), rel=1e-9)
+        degree = theory["theory_degree"]
+        assert wave == pytest.approx(2 * np.pi * c / np.sqrt(degree * (degree + 1)), rel=1e-9)
+
+
+def test_a_patch_lies_in_the_frame_of_its_hinge(ball):
+    (hinge, *_) = (h for h in hinges(ball.graph) if h.degree == 3)
+    width = ball.graph.graph["scales"].width
+    for pose in range(6):
+        patch = hinge_patch(ball, hinge.node, pose)
+        verts = patch.surface.verts[:-2]                                # the last two belong to no face
+        assert np.linalg.norm(verts, axis=1).min() < 0.2                # the hinge is the origin
+        assert np.linalg.norm(verts, axis=1).max() < 1.15 * REACH
+        back = np.radians(TILT)
+        flat = verts @ np.array([[1, 0, 0], [0, np.cos(back), np.sin(back)], [0, -np.sin(back), np.cos(back)]])
+        arm = np.array(hinge.arms[pose % 3].direction) * width          # a width along the arm, in the patch: (1, 0, 0)
+        tip = np.argmin(np.linalg.norm(ball.cortex.white.verts - hinge.position - arm, axis=1))
+        away = ball.cortex.white.verts[tip] - np.array(hinge.position)
+        nearest = np.linalg.norm(flat - [1, 0, 0], axis=1).min()
+        assert nearest == pytest.approx(np.linalg.norm(away - arm) / width, abs=1e-6)
+    one, other = (hinge_patch(ball, hinge.node, pose).surface for pose in (0, 3))
+    assert np.abs(one.verts[:-2, 0] - other.verts[:-2, 0]).max() < 1e-9     # mirrored across the first arm
+    np.testing.assert_array_equal(one.faces, other.faces[:, ::-1])
+
+
+def test_a_hinge_that_is_not_there_is_refused(ball):
+    with pytest.raises(ValueError, match=r"has no gyral graph with a hinge 99999. Measure the cortex again."):
+        hinge_patch(ball, 99999)
+    with pytest.raises(ValueError, match="has no gyral graph with a hinge 0"):
+        hinge_patch(replace(ball, graph=None), 0)
+
+
+def test_pairs_are_drawn_in_columns(ball):
+    shapes = paper_compare.hinge_shapes(ball)
+    (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
+    assert found.shape.p == 1.0
+    three = examples(found.matches)
+    picture = hinge_pairs(three, {"a": ball, "b": ball}, ("model", "MRI"), backend="raster")
+    half = (picture.shape[0] - 28) // 2
+    upper, lower = picture[16 : 16 + half - 30, 120:], picture[16 + half : 16 + 2 * half - 30, 120:]
+    assert (upper != 255).mean() > 0.1
+    np.testing.assert_array_equal(upper, lower)                         # each hinge is its own match
+
+
+def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 2.0))
+    grown, asked = {}, []
+
+    def grow(name, scene, settings):
+        return grown.get(name) or grown.setdefault(name, made_simulation(tmp_path / name, scene, settings))
+
+    runs = MadeRuns(grow)
+    runs.measure = lambda name, cortex: asked.append(name) or ball
+    eight = paper_compare.reproduce_fig8(tmp_path, runs)
+    nine = paper_compare.reproduce_fig9(tmp_path, runs)
+    for entry in (eight, nine):
+        assert all((tmp_path / file).stat().st_size > 100 for file in entry["files"])
+        assert len(entry["simulations"]) == 3
+    assert {"T = 1 mm", "T = 2 mm", "T = 3 mm", "S1 lh", "fsaverage5 lh", "fsaverage5 rh"} == set(asked)
+    with (tmp_path / "fig9.tsv").open() as file:
+        matches = list(csv.DictReader(file, delimiter="\t"))
+    assert len(matches) == 3 * len(paper_compare.hinge_shapes(ball))
+    assert all(float(row["distance"]) < 1e-6 and row["hinge"] == row["other"] for row in matches)
+    assert nine["hinges"]["energy_distance"]["p"] == 1.0
+    per_area = nine["hinges"]["per_gyral_width_squared"]
+    assert len(set(per_area.values())) == 1
