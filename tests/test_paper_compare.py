@@ -13,6 +13,7 @@ from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report import paper_compare, paper_folds
 from morphofold.report.hinge_pictures import REACH, TILT, hinge_pairs, hinge_patch
+from morphofold.report.markdown import read_rows
 from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Regions
 
@@ -119,6 +120,9 @@ def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
         matches = list(csv.DictReader(file, delimiter="\t"))
     assert len(matches) == 3 * len(paper_compare.hinge_shapes(ball))
     assert all(float(row["distance"]) < 1e-6 and row["hinge"] == row["other"] for row in matches)
-    assert nine["hinges"]["energy_distance"]["p"] == 1.0
-    per_area = nine["hinges"]["per_gyral_width_squared"]
-    assert len(set(per_area.values())) == 1
+    rows = {name: read_rows(tmp_path / f"fig9-{name}.tsv") for name in ("surfaces", "numbers", "nearest")}
+    assert {row["per_width_squared"] for row in rows["surfaces"]} == {rows["surfaces"][0]["per_width_squared"]}
+    for row in rows["surfaces"]:
+        assert row["per_cm_squared"] * row["width_mm"] ** 2 == pytest.approx(100 * row["per_width_squared"], rel=1e-6)
+    assert [row["p"] for row in rows["numbers"]] == [1] * 6
+    assert [row["source"] for row in rows["nearest"]] == ["model", "MRI itself", "net at chance"]

@@ -80,13 +80,15 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     chosen = hinge_pairs(examples(found.matches), {**models, **people}, (found.one, found.other))
     (folder / "fig9a.png").write_bytes(png_bytes(chosen))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
-    write_table(folder / "fig9.tsv", list(asdict(found.matches[0])), [asdict(match) for match in found.matches])
+    tables = hinge_tables(found, {**models, **people}, shapes)
+    tables["fig9.tsv"] = [asdict(match) for match in found.matches]
+    for name, rows in tables.items():
+        write_table(folder / name, list(rows[0]), rows)
     return {
         "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
-        "files": ["fig9a.png", "fig9b.png", "fig9.tsv"],
+        "files": ["fig9a.png", "fig9b.png", *tables],
         "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
                     "sharpness in gyral widths; pose 3 and more: mirrored"},
-        "hinges": hinge_numbers(found, shapes),
         "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
         "simulations": [told(simulation) for simulation in simulations],
     }  # fmt: skip
@@ -261,14 +263,28 @@ def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
 # three-hinge patterns ---------------------------------------------------------------------------------------
 
 
-def hinge_numbers(found: HingeComparison, shapes: Mapping[str, HingeShapes]) -> dict[str, Any]:
-    """What an index says of the hinges: numbers per area, the two-sample test, the numbers of shapes, the controls."""
+def hinge_tables(
+    found: HingeComparison, measures: Mapping[str, Measures], shapes: Mapping[str, HingeShapes]
+) -> dict[str, list[dict[str, Any]]]:
+    """By the name of their file: how dense hinges are, their numbers in both groups, and how near they find their like.
+
+    The first row of the numbers is the whole shape: its energy distance in place of the Kolmogorov-Smirnov distance.
+    """
+    dense = [
+        {
+            "surface": name, "hinges": measures[name].scalars["n_hinges"], "three_armed": len(s), "width_mm": s.width,
+            "per_width_squared": s.per_area, "per_cm_squared": 100 * s.per_area / s.width**2,
+        }
+        for name, s in shapes.items()
+    ]  # fmt: skip
+    shape = found.shape
+    whole_shape = {
+        "number": "shape", "median": None, "other_median": None, "ks": None, "energy": shape.statistic, "p": shape.p,
+    }  # fmt: skip
     return {
-        "per_gyral_width_squared": {name: s.per_area for name, s in shapes.items()},
-        "gyral_width_mm": {name: s.width for name, s in shapes.items()},
-        "energy_distance": asdict(found.shape),
-        "numbers": [asdict(row) for row in found.numbers],
-        "distance_to_nearest": [asdict(control) for control in found.controls],
+        "fig9-surfaces.tsv": dense,
+        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None} for row in found.numbers)],
+        "fig9-nearest.tsv": [asdict(control) for control in found.controls],
     }
 
 

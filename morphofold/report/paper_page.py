@@ -46,7 +46,9 @@ def write_page(out: Path, page: Path) -> list[str]:
     for name in renewed:
         tables = {file: read_rows(out / file) for file in figures[name]["files"] if file.endswith(".tsv")}
         text = between_marks(text, name, [*PARTS[name](tables), health(figures[name]["simulations"])], page)
-        _halve(out / f"{name}.png", page.parent / f"{name}.png")
+        for file in figures[name]["files"]:
+            if file.endswith(".png"):
+                _halve(out / file, page.parent / file)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return renewed
@@ -98,6 +100,46 @@ def _fig7(tables: dict[str, list[Row]]) -> list[str]:
         _image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
         _columns(rows, FIG7), _first(rows, FIG7),
     ]  # fmt: skip
+
+
+def _fig8(tables: dict[str, list[Row]]) -> list[str]:
+    how = {
+        "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}", "robust_slope": "{:.2f}",
+        "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}", "r": "{:.2f}",
+        "gyral_over_cortical": "{:.2f}",
+    }  # fmt: skip
+    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t"]
+    lines = [
+        [row["surface"], row["points"], *(number(row[key], form) for key, form in how.items())]
+        for row in tables["fig8.tsv"]
+    ]
+    return [
+        _image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
+        _image("fig8b", "gyral against cortical thickness of brains and models"),
+        table(heads, lines),
+    ]
+
+
+def _fig9(tables: dict[str, list[Row]]) -> list[str]:
+    dense = [
+        [row["surface"], f"{row['hinges']:.0f}", f"{row['three_armed']:.0f}", f"{row['width_mm']:.2f}",
+         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}"] for row in tables["fig9-surfaces.tsv"]
+    ]  # fmt: skip
+    numbers = [
+        [row["number"], *(number(row[key], "{:.3g}") for key in ("median", "other_median", "ks", "energy", "p"))]
+        for row in tables["fig9-numbers.tsv"]
+    ]
+    nearest = [
+        [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
+        for row in tables["fig9-nearest.tsv"]
+    ]
+    return [
+        _image("fig9a", "three-hinge patterns of models, above those of a person"),
+        _image("fig9b", "distributions of the numbers of hinge shapes"),
+        table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²"], dense),
+        table(["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"], numbers),
+        table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
+    ]
 
 
 def _image(name: str, words: str) -> str:
@@ -178,7 +220,8 @@ def _halve(source: Path, target: Path) -> None:
 
 #: figure -> what stands between its marks, but for the health of its simulations, from its tables
 PARTS: dict[str, Callable[[dict[str, list[Row]]], list[str]]] = {
-    "fig3": _fig3, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7,
+    "fig3": _fig3, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8,
+    "fig9": _fig9,
 }  # fmt: skip
 
 if __name__ == "__main__":
