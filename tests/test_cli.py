@@ -118,6 +118,8 @@ def test_compare_refuses_what_is_no_analysis(here, capsys):
     refused(capsys, ["compare", "a=nowhere", "-o", "out"], "nowhere")
     refused(capsys, ["compare", "justaname", "-o", "out"], "NAME=DIR")
     refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "twice")
+    for group in ("model", "=a", "model=a,,b"):
+        refused(capsys, ["compare", "a=empty", "-o", "out", "--group", group], "GROUP=NAME,NAME")
     assert not (here / "out").exists()
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.analysis import measure
+from morphofold.analysis.speed import folded_ball
 from morphofold.comparison import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
 
 
@@ -133,3 +135,58 @@ def test_a_comparison_is_plain_json_and_says_what_is_missing():
     result = compare({"a": made_measures()})
     assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["names"] == ["a"]
     assert any("Hinges were not counted" in note for note in result.notes)
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """A folded ball, as a left and a right hemisphere."""
+    ball = folded_ball(4000)
+    return [measure(replace(ball, hemi=hemi)) for hemi in ("lh", "rh")]
+
+
+def test_hinges_of_groups_are_compared_and_those_of_each_name_without_groups(balls):
+    alone = compare({"a": balls, "b": balls[0]})
+    assert alone.groups == {"a": ("a lh", "a rh"), "b": ("b",)}
+    (found,) = alone.hinges
+    assert (found.one, found.other, found.shape.n, found.shape.m) == ("a", "b", 2 * found.shape.m, found.shape.m)
+    assert found.shape.p == 1.0                                         # two copies and one
+    grouped = compare({"a": balls[0], "b": balls[0], "c": balls[1]}, groups={"model": ["a"], "MRI": ["c"]})
+    assert [(h.one, h.other) for h in grouped.hinges] == [("model", "MRI")]
+    assert compare({"a": balls[0]}).hinges == ()
+    assert compare({"a": made_measures(), "b": balls[0]}).hinges == ()  # one has no net
+
+
+def test_the_law_of_folding_is_told_of_closed_surfaces(balls):
+    found = compare({"a": balls[0], "b": made_measures()})
+    assert found.folding[0].exposed == pytest.approx(
+        balls[0].scalars["area_pial_mm2"] / balls[0].scalars["gyrification_index"]
+    )
+    assert found.folding[1] is None
+    json.dumps(found.to_dict())
+
+
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        ({"model": ["a"], "MRI": ["d"]}, "a group names 'd', which is not among a, b"),
+        ({"model": ["a"], "MRI": ["a", "b"]}, "'a' is in two groups"),
+    ],
+)
+def test_groups_without_meaning_are_refused(groups, message):
+    with pytest.raises(ValueError, match=message):
+        compare({"a": made_measures(), "b": made_measures()}, groups=groups)
+
+
+def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path, monkeypatch):
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    page = compare({"a<b>": balls[0], "c": balls[1]}).report(tmp_path / "out")
+    text = page.read_text(encoding="utf-8")
+    assert "<h2>Three-hinge patterns</h2>" in text
+    assert "a&lt;b&gt; and c" in text
+    assert "a<b>" not in text
+    assert "are not told apart" in text
+    assert "<h2>The law of folding</h2>" in text
+    assert (tmp_path / "out" / "figures" / "hinges-1.png").is_file()
+    content = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert content["hinges"][0]["shape"]["p"] == 1.0
+    assert content["folding"]["c"]["k"] == pytest.approx(content["folding"]["a<b>"]["k"])

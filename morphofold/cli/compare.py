@@ -9,6 +9,10 @@ from pathlib import Path
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("analyses", metavar="NAME=DIR", nargs="+", help="a folder that analyze wrote, and its name")
     parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder (default: comparison)")
+    parser.add_argument(
+        "--group", metavar="GROUP=NAME,NAME", action="append", default=[],
+        help="pool the hinges of these, and compare them with those of other groups; once per group",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
@@ -26,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
         if name in named:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
+    groups = dict(_group(item) for item in args.group) or None
     refuse_overlap(Path(args.out), [Path(folder) for folder in named.values()])
     with progress("compare", args.quiet) as tell:
         measures = {}
@@ -33,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             tell(0.3 * i / len(named), f"reading {name}")
             measures[name] = read_analysis(folder)
         tell(0.3, "drawing")
-        comparison = compare(measures)
+        comparison = compare(measures, groups=groups)
         page = comparison.report(args.out)
         tell(1.0, "done")
     if args.json:
@@ -45,3 +50,10 @@ def run(args: argparse.Namespace) -> int:
             print(f"{row['measure']}: {values}")
     print(f"-> {page}")
     return 0
+
+
+def _group(item: str) -> tuple[str, list[str]]:
+    group, equals, names = item.partition("=")
+    if not equals or not group or not all(names.split(",")):
+        raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
+    return group, names.split(",")

@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.patterns import hinge_shapes
+from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
+from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, wrinkling_wavelength
 from morphofold.report.plots import number
 from morphofold.report.quantities import RATIO
@@ -26,8 +29,10 @@ class Comparison:
     """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
 
     ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
-    ``theory`` are lines for each ratio of stiffness that occurs. ``notes`` say what was left out, ``cautions``
-    which scales and options differ between the surfaces.
+    ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group; ``hinges``
+    has what every two of them say of each other's three-hinge patterns. ``folding`` are the terms of the law of
+    folding, None for a surface that isn't closed. ``notes`` say what was left out, ``cautions`` which scales and
+    options differ between the surfaces.
     """
 
     names: tuple[str, ...]
@@ -35,6 +40,9 @@ class Comparison:
     table: tuple[dict[str, Any], ...] = field(repr=False)
     clouds: tuple[Cloud, ...] = field(repr=False)
     theory: tuple[Theory, ...] = ()
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
+    folding: tuple[ShapeTerms | None, ...] = ()
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
 
@@ -45,6 +53,9 @@ class Comparison:
             "table": [dict(row) for row in self.table],
             "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
             "theory": [asdict(line) for line in self.theory],
+            "groups": {group: list(names) for group, names in self.groups.items()},
+            "hinges": [asdict(found) for found in self.hinges],
+            "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
             "notes": list(self.notes),
             "cautions": list(self.cautions),
         }
@@ -72,7 +83,10 @@ class Comparison:
         return Path(out) / "report.html"
 
 
-def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None) -> Comparison:
+def compare(
+    surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None, seed: int = 0,
+) -> Comparison:  # fmt: skip
     """Put the measures of several cortices side by side.
 
     Parameters
@@ -82,6 +96,11 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
     mu_ratio : float, optional
         Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there
         is, and 1 if there is none.
+    groups : mapping of group to names of ``surfaces``, optional
+        Whose hinges are pooled and compared with those of other groups, in this order; None: each name is a group.
+        Names in no group are compared in everything else.
+    seed : int
+        Of permutations.
 
     Returns
     -------
@@ -90,9 +109,12 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
     Raises
     ------
     ValueError
-        If there is nothing to compare, two surfaces end up with one name, or ``mu_ratio`` is not positive.
+        If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, or a group
+        names what is not there or is in another.
     """
     named = _named(surfaces)
+    grouped = _grouped(surfaces, groups)
+    shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
     notes = [
         f"{name}: {what} ({why})"
         for name, m in named.items()
@@ -114,9 +136,28 @@ def compare(surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: 
         table=tuple(_table(named)),
         clouds=clouds,
         theory=tuple(wrinkling_wavelength(mu) for mu in _ratios(named, mu_ratio)),
+        groups=grouped,
+        hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
+        folding=tuple(shape_terms_of(m) for m in named.values()),
         notes=tuple(notes),
         cautions=tuple(_cautions(named)),
     )
+
+
+def _grouped(
+    surfaces: Mapping[str, Measures | Sequence[Measures]], groups: Mapping[str, Sequence[str]] | None
+) -> dict[str, tuple[str, ...]]:
+    """Names of the surfaces, hemispheres apart, of each group."""
+    full = {name: tuple(_named({name: entry})) for name, entry in surfaces.items()}
+    if groups is None:
+        return full
+    asked = [name for names in groups.values() for name in names]
+    for name in asked:
+        if name not in full:
+            raise ValueError(f"a group names {name!r}, which is not among {', '.join(full)}.")
+        if asked.count(name) > 1:
+            raise ValueError(f"{name!r} is in two groups; hinges can't be compared with themselves.")
+    return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
 
 
 def _named(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> dict[str, Measures]:

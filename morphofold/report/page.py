@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
+from morphofold.comparison.hinges import examples
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Picture, Row, figure, renderer, safe_name
+from morphofold.report.hinge_pictures import hinge_pairs
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import png_bytes
@@ -86,6 +88,8 @@ def _write(
         charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
         maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
+        hinges=comparison.hinges, pairs=_pairs(path.parent / "figures", comparison),
+        folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
@@ -163,6 +167,19 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     nets = [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]
     if nets:
         pictures.append(_saved(folder / "gyral_net.png", net_figure(nets), "Net of gyral crests, and its hinges", None))
+    return pictures
+
+
+def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
+    """Write ``folder/hinges-1.png`` and so on: pairs of hinges of every two groups whose surfaces have their graph."""
+    measures = dict(zip(comparison.names, comparison.measures))
+    pictures = []
+    for k, found in enumerate(comparison.hinges, start=1):
+        chosen = [m for m in examples(found.matches) if measures[m.surface].graph and measures[m.other_surface].graph]
+        if chosen:
+            image = hinge_pairs(chosen, measures, (found.one, found.other))
+            title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
+            pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
     return pictures
 
 
