@@ -1,0 +1,106 @@
+"""Growth beside morphology: the numbers of one body as it grows, and the growth at which they are those of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.patterns import hinge_shapes
+from morphofold.analysis.scaling import shape_terms_of
+
+Array = NDArray[np.float64]
+
+
+def _over(one: str, other: str) -> Callable[[Measures], float | None]:
+    def ratio(m: Measures) -> float | None:
+        a, b = m.scalars.get(one), m.scalars.get(other)
+        return None if a is None or not b else a / b
+
+    return ratio
+
+
+def _k(m: Measures) -> float | None:
+    terms = shape_terms_of(m)
+    return None if terms is None else terms.k
+
+
+def _hinges(m: Measures) -> float | None:
+    shapes = hinge_shapes(m)
+    return None if shapes is None else shapes.per_area
+
+
+#: numbers without unit, so that bodies of any size can be laid beside each other
+NUMBERS: dict[str, Callable[[Measures], float | None]] = {
+    "gyrification index": lambda m: m.scalars.get("gyrification_index"),
+    "k of the law of folding": _k,
+    "hinges per square of the gyral width": _hinges,
+    "gyral over cortical thickness": _over("median_gyral_thickness_mm", "mean_cortical_thickness_mm"),
+    "wavelength over cortical thickness": _over("wavelength_mm", "mean_cortical_thickness_mm"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class GrowthCurve:
+    """Numbers of a body over its growth.
+
+    Attributes
+    ----------
+    name : str
+    growth : (G,) float64
+        Growth stretches, ascending.
+    numbers : mapping of str to (G,) float64
+        Those of :data:`NUMBERS`; NaN where a stage doesn't have one (it isn't folded yet).
+    """
+
+    name: str
+    growth: Array
+    numbers: Mapping[str, Array] = field(repr=False)
+
+
+def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
+    """The curve of stages of one body, which say their growth as ``cortex.info["g"]``.
+
+    Raises
+    ------
+    ValueError
+        If a stage says no growth, two say the same, or there are fewer than two.
+    """
+    if len(stages) < 2:
+        raise ValueError(f"{name}: growth needs two stages at least, got {len(stages)}.")
+    if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
+        raise ValueError(f"{name}: {missing[0]} does not say its growth; only stages of a simulation do.")
+    stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
+    growth = np.array([float(m.cortex.info["g"]) for m in stages])
+    if (np.diff(growth) == 0).any():
+        raise ValueError(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
+    numbers = {
+        key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
+        for key, of in NUMBERS.items()
+    }
+    return GrowthCurve(name, growth, numbers)
+
+
+def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[float]]:
+    """The growths at which each number of the curve is that of another cortex, straight lines between the stages.
+
+    Returns
+    -------
+    dict of str to list of float
+        Ascending; empty where the curve never has that number, or the cortex has none.
+    """
+    return {key: _crossings(curve.growth, curve.numbers[key], of(measures)) for key, of in NUMBERS.items()}
+
+
+def _crossings(growth: Array, values: Array, wanted: float | None) -> list[float]:
+    if wanted is None:
+        return []
+    known = np.isfinite(values)
+    g, above = growth[known], values[known] - wanted
+    found = [float(at) for at, off in zip(g, above) if off == 0]
+    for k in np.flatnonzero(above[:-1] * above[1:] < 0):
+        found.append(float(g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])))
+    return sorted(found)
