@@ -43,7 +43,7 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
     Raises
     ------
     ValueError
-        If one is not a positive number, or ``exposed`` is more than ``total``: no closed surface has a larger hull.
+        If one is not a positive number.
 
     Notes
     -----
@@ -55,8 +55,6 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
     for name, value in (("total", total), ("exposed", exposed), ("thickness", thickness)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be a positive number, got {value!r}.")
-    if exposed > total * (1 + 1e-9):
-        raise ValueError(f"the exposed area {exposed:g} is larger than the total {total:g}; were they exchanged?")
     a, e, t = math.log10(total), math.log10(exposed), 2 * math.log10(thickness)
     log_k = a - 5 / 4 * e + t / 4
     return ShapeTerms(total, exposed, thickness, 10**log_k, log_k, a + e + t, 3 / 2 * a + 3 / 4 * e - 9 / 4 * t)

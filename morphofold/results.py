@@ -207,6 +207,42 @@ def read_analysis(folder: str | Path) -> list[Measures]:
         ) from error
 
 
+def read_stages(folder: str | Path) -> list[Measures]:
+    """The analyses of the stages of one simulation: those in ``folder``/g1.20 and so on, in the order of their growth.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If one cannot be understood, or has two hemispheres.
+    """
+    folder = Path(folder)
+    parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
+    if not parts:
+        raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
+    stages = []
+    for part in parts:
+        found = read_analysis(part)
+        if len(found) != 1:
+            raise ValueError(f"{part}: has two hemispheres, so it is no stage of a simulation.")
+        stages += found
+    return stages
+
+
+def is_analysis_of(folder: str | Path, cortex: Cortex) -> bool:
+    """Whether ``folder`` holds what this version wrote of the very files of ``cortex``."""
+    import morphofold
+
+    try:
+        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+        known = {row["path"]: row["sha256"] for row in summary["inputs"]}
+        made_by = summary["morphofold"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # there is none, or none to be relied on
+        return False
+    return made_by == morphofold.__version__ and known == {r["path"]: r["sha256"] for r in input_records(cortex.files)}
+
+
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
     hemi = entry["hemi"]
     if hemi not in ("lh", "rh"):  # it becomes part of file names below

@@ -141,6 +141,30 @@ def test_compare_puts_two_analyses_side_by_side(here, capsys):
     assert (here / "both" / "report.html").stat().st_size > 10_000
 
 
+def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
+    """Two copies of the simulated sample as stages; one that changed is measured anew."""
+    for g in ("g1.80", "g2.00"):
+        stage = here / "sim" / "stages" / g
+        shutil.copytree(sample_path("simulated"), stage)
+        info = json.loads((stage / "stage.json").read_text())
+        (stage / "stage.json").write_text(json.dumps({**info, "g": float(g[1:])}))
+    assert main(["analyze", "sim", "--stages", "-q", "-o", "grown"]) == 0
+    assert "2 stages, 0 of them measured before" in capsys.readouterr().out
+    (here / "grown" / "g2.00" / "summary.json").unlink()
+    assert main(["analyze", "sim", "--stages", "-q", "-o", "grown"]) == 0
+    assert "2 stages, 1 of them measured before" in capsys.readouterr().out
+    assert main([*pair(here), "--no-report"]) == 0
+    capsys.readouterr()
+    refused(capsys, ["compare", "a=out", "--growth", "body", "-o", "both"], "NAME=DIR")
+    refused(capsys, ["compare", "a=out", "--growth", "body=out", "-o", "both"], "holds no stages")
+    refused(capsys, ["analyze", "out", "--stages", "-o", "more"], "has no stages")
+    refused(capsys, ["analyze", "sim", "--stages", "--hemi", "lh"], "--stages takes a simulation folder")
+    assert main(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"]) == 0
+    told = capsys.readouterr().out
+    content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
+    assert content["growth"]["body"]["growth"] == [1.8, 2.0]
+
+
 def test_no_command_writes_over_what_it_reads(here, capsys):
     assert main([*pair(here), "--no-report"]) == 0
     assert main(["analyze", "out", "-q", "--no-report", "-o", "other"]) == 0

@@ -190,3 +190,21 @@ def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path
     content = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert content["hinges"][0]["shape"]["p"] == 1.0
     assert content["folding"]["c"]["k"] == pytest.approx(content["folding"]["a<b>"]["k"])
+
+
+def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_path, monkeypatch):
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    stages = []
+    for g, index in ((1.0, 1.0), (1.5, 2.0), (2.0, 3.0)):
+        m = made_measures(info={"g": g})
+        m.scalars.update(gyrification_index=index)
+        stages.append(m)
+    brain = made_measures()
+    brain.scalars.update(gyrification_index=2.5)
+    found = compare({"brain": brain}, growth={"<body>": stages})
+    assert found.to_dict()["growth"]["<body>"]["as"]["brain"]["gyrification index"] == pytest.approx([1.75])
+    text = found.report(tmp_path / "out").read_text(encoding="utf-8")
+    assert "<h2>Growth beside morphology</h2>" in text
+    assert "<td>&lt;body&gt;</td><td>1.75</td>" in text
+    assert "<body>," not in text
+    assert "Growth beside morphology" not in compare({"brain": brain}).report(tmp_path / "out").read_text()

@@ -24,7 +24,7 @@ def test_a_brain_is_met_where_the_lines_between_stages_have_its_number():
     met = matching_growth(curve, stage(None, index=2.6, gyral=8.0))
     assert met["gyrification index"] == pytest.approx([1.8])
     assert met["gyral over cortical thickness"] == []                   # 2 is never reached
-    assert met["hinges per square of the gyral width"] == []            # nobody has a net
+    assert met["hinges per gyral width²"] == []            # nobody has a net
     assert set(met) == set(NUMBERS)
 
 

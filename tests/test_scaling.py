@@ -57,8 +57,3 @@ def test_measures_give_their_terms_or_none():
 def test_what_is_no_area_or_thickness_is_refused(numbers):
     with pytest.raises(ValueError, match="must be a positive number"):
         shape_terms(*numbers)
-
-
-def test_areas_that_were_exchanged_are_refused():
-    with pytest.raises(ValueError, match="exposed area 90000 is larger than the total 40000; were they exchanged"):
-        shape_terms(4e4, 9e4, 2.5)

@@ -13,6 +13,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
     parser.add_argument("--curvature-scale", type=float, metavar="MM", help="radius of curvature neighbourhoods")
+    parser.add_argument(
+        "--stages", action="store_true",
+        help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
+        "an earlier run measured of the same files stays",
+    )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
     parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
@@ -32,6 +37,8 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("name either INPUT, or --white and --pial.")
     if args.input is None and (args.white is None or args.pial is None):
         raise ValueError("--white and --pial go together; the other one is missing.")
+    if args.stages:
+        return _stages(args)
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
@@ -66,6 +73,43 @@ def run(args: argparse.Namespace) -> int:
         if "simulation" in m.notes:
             print(f"warning: {m.notes['simulation']}")
     print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
+    return 0
+
+
+def _stages(args: argparse.Namespace) -> int:
+    """Analyses of all stages of a simulation, those that are there already left as they are."""
+    from morphofold.analysis.measures import measure
+    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.progress import progress
+    from morphofold.io import atomic_folder, read_cortex
+    from morphofold.results import is_analysis_of, write_analysis
+
+    if args.input is None or args.hemi is not None or args.json:
+        raise ValueError("--stages takes a simulation folder as INPUT, and neither --hemi nor --json.")
+    folder = Path(args.input)
+    places = sorted((folder / "stages").glob("g*"))
+    if not places:
+        raise ValueError(f"{folder}: has no stages. Name a folder that `morphofold simulate` wrote.")
+    called = args.name or folder.resolve().name
+    out = Path(args.out or f"{writable_name(called)}-growth")
+    refuse_overlap(out, [folder])
+    if not out.is_dir() or not any(out.iterdir()):
+        with atomic_folder(out):                                        # marks it as ours
+            pass
+    args.on_interrupt = " Run it again to go on."
+    done = 0
+    with progress(called, args.quiet) as tell:
+        for i, place in enumerate(places):
+            cortex = read_cortex(place, hemi="lh", name=args.name)
+            share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
+            if is_analysis_of(out / place.name, cortex):
+                done += 1
+                continue
+            found = measure(cortex, curvature_scale=args.curvature_scale, progress=share)
+            asked = {"hemi": None, "name": args.name, "curvature_scale_mm": args.curvature_scale}
+            write_analysis([found], out / place.name, parameters=asked, report=False)
+        tell(1.0, "done")
+    print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
 
 

@@ -13,6 +13,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--group", metavar="GROUP=NAME,NAME", action="append", default=[],
         help="pool the hinges of these, and compare them with those of other groups; once per group",
     )  # fmt: skip
+    parser.add_argument(
+        "--growth", metavar="NAME=DIR", action="append", default=[],
+        help="a folder that analyze --stages wrote: draw its numbers over growth; once per body",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
@@ -20,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
-    from morphofold.results import read_analysis
+    from morphofold.results import read_analysis, read_stages
 
     named: dict[str, str] = {}
     for item in args.analyses:
@@ -31,14 +35,16 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
     groups = dict(_group(item) for item in args.group) or None
-    refuse_overlap(Path(args.out), [Path(folder) for folder in named.values()])
+    grown = dict(_body(item) for item in args.growth)
+    refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):
             tell(0.3 * i / len(named), f"reading {name}")
             measures[name] = read_analysis(folder)
+        stages = {name: read_stages(folder) for name, folder in grown.items()}
         tell(0.3, "drawing")
-        comparison = compare(measures, groups=groups)
+        comparison = compare(measures, groups=groups, growth=stages)
         page = comparison.report(args.out)
         tell(1.0, "done")
     if args.json:
@@ -57,3 +63,10 @@ def _group(item: str) -> tuple[str, list[str]]:
     if not equals or not group or not all(names.split(",")):
         raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
     return group, names.split(",")
+
+
+def _body(item: str) -> tuple[str, str]:
+    name, equals, folder = item.partition("=")
+    if not equals or not name or not folder:
+        raise ValueError(f"--growth {item!r} must read NAME=DIR, for example fig5=fig5-growth.")
+    return name, folder

@@ -37,7 +37,7 @@ def _hinges(m: Measures) -> float | None:
 NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),
     "k of the law of folding": _k,
-    "hinges per square of the gyral width": _hinges,
+    "hinges per gyral width²": _hinges,
     "gyral over cortical thickness": _over("median_gyral_thickness_mm", "mean_cortical_thickness_mm"),
     "wavelength over cortical thickness": _over("wavelength_mm", "mean_cortical_thickness_mm"),
 }

@@ -18,6 +18,7 @@ import numpy as np
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.patterns import hinge_shapes
 from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
+from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, wrinkling_wavelength
 from morphofold.report.plots import number
@@ -31,8 +32,8 @@ class Comparison:
     ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
     ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group; ``hinges``
     has what every two of them say of each other's three-hinge patterns. ``folding`` are the terms of the law of
-    folding, None for a surface that isn't closed. ``notes`` say what was left out, ``cautions`` which scales and
-    options differ between the surfaces.
+    folding, None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow. ``notes`` say what was
+    left out, ``cautions`` which scales and options differ between the surfaces.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class Comparison:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
     folding: tuple[ShapeTerms | None, ...] = ()
+    growth: tuple[GrowthCurve, ...] = ()
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
 
@@ -55,9 +57,18 @@ class Comparison:
             "theory": [asdict(line) for line in self.theory],
             "groups": {group: list(names) for group, names in self.groups.items()},
             "hinges": [asdict(found) for found in self.hinges],
+            "growth": {c.name: self._met(c) for c in self.growth},
             "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
             "notes": list(self.notes),
             "cautions": list(self.cautions),
+        }
+
+    def _met(self, curve: GrowthCurve) -> dict[str, Any]:
+        """A curve as plain values, with the growths at which it has the numbers of each surface."""
+        return {
+            "growth": curve.growth.tolist(),
+            "numbers": {key: [_plain(x) for x in values.tolist()] for key, values in curve.numbers.items()},
+            "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
         }
 
     def report(self, out: str | Path) -> Path:
@@ -85,7 +96,8 @@ class Comparison:
 
 def compare(
     surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None,
-    groups: Mapping[str, Sequence[str]] | None = None, seed: int = 0,
+    groups: Mapping[str, Sequence[str]] | None = None, growth: Mapping[str, Sequence[Measures]] | None = None,
+    seed: int = 0,
 ) -> Comparison:  # fmt: skip
     """Put the measures of several cortices side by side.
 
@@ -99,6 +111,8 @@ def compare(
     groups : mapping of group to names of ``surfaces``, optional
         Whose hinges are pooled and compared with those of other groups, in this order; None: each name is a group.
         Names in no group are compared in everything else.
+    growth : mapping of name to stages of one body, optional
+        Their numbers are drawn over growth, those of ``surfaces`` beside them.
     seed : int
         Of permutations.
 
@@ -110,7 +124,7 @@ def compare(
     ------
     ValueError
         If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, or a group
-        names what is not there or is in another.
+        names what is not there or is in another, or stages do not say their growth.
     """
     named = _named(surfaces)
     grouped = _grouped(surfaces, groups)
@@ -139,6 +153,7 @@ def compare(
         groups=grouped,
         hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
         folding=tuple(shape_terms_of(m) for m in named.values()),
+        growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
         notes=tuple(notes),
         cautions=tuple(_cautions(named)),
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.comparison.growth import matching_growth
 from morphofold.report.plots import number
 from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
 
@@ -87,6 +88,17 @@ def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
         for e, c in zip(entries, comparison.clouds)
         if c.points
     ]
+
+
+def met(comparison: Comparison) -> Rows:
+    """At which growth each number of a growing body is that of each surface."""
+    rows = []
+    for curve in comparison.growth:
+        found = [matching_growth(curve, m) for m in comparison.measures]
+        for key in curve.numbers:
+            cells = [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in found]
+            rows.append({"curve": curve.name, "number": key, "values": cells})
+    return rows
 
 
 def left_out(entries: Sequence[Entry]) -> Rows:

@@ -11,7 +11,6 @@ Row = dict[str, Any]
 #: columns of tables that stay text
 WORDS = (
     "scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number",
-    "surface", "points", "other_surface", "kind",
 )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
+from morphofold.comparison.growth import NUMBERS
 from morphofold.comparison.hinges import examples
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
@@ -89,7 +90,8 @@ def _write(
         maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
         hinges=comparison.hinges, pairs=_pairs(path.parent / "figures", comparison),
-        folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
+        growth=comparison.growth, growth_charts=_growth_charts(entries, comparison),
+        met=contents.met(comparison), folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
@@ -204,6 +206,15 @@ def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
         what, _ = shown[key]
         series = [(e.name, a, areas[e.name], e.colour, e.dash) for e, a in _having(entries, key)]
         charts.append(plots.histograms(series, what.label, what.unit))
+    return [chart for chart in charts if chart is not None]
+
+
+def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
+    charts = []
+    for key, of in NUMBERS.items() if comparison.growth else ():
+        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
+        others = [(e.name, value, e.colour, e.dash) for e in entries if (value := of(e.measures)) is not None]
+        charts.append(plots.growth_chart(key, curves, others))
     return [chart for chart in charts if chart is not None]
 
 

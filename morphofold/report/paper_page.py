@@ -15,11 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.io import atomic_file
+from morphofold.report import markdown
 from morphofold.report.markdown import Row, between_marks, health, number, read_rows, table
 from morphofold.report.paper_folds import FIG5, FIG6, FIG7, Column
 from morphofold.report.paper_theory import ONE_D, THREE_D
 from morphofold.report.png import png_bytes
 
+#: columns of the figures' tables that stay text
+WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
 #: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
 FOLDS = {
     "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
@@ -44,7 +47,7 @@ def write_page(out: Path, page: Path) -> list[str]:
     text = page.read_text(encoding="utf-8")
     renewed = [name for name in figures if name in PARTS]
     for name in renewed:
-        tables = {file: read_rows(out / file) for file in figures[name]["files"] if file.endswith(".tsv")}
+        tables = {file: read_rows(out / file, WORDS) for file in figures[name]["files"] if file.endswith(".tsv")}
         text = between_marks(text, name, [*PARTS[name](tables), health(figures[name]["simulations"])], page)
         for file in figures[name]["files"]:
             if file.endswith(".png"):

@@ -193,3 +193,39 @@ def _draw_cloud(axes: Axes, cloud: dict[str, Any]) -> None:
     for p in points:
         title = f"{name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm"
         add(p, "point", title, marker=cloud["marker"], big=len(points) == 1)
+
+
+def growth_chart(
+    label: str, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], others: Sequence[tuple[str, float, str, str]]
+) -> Markup | None:
+    """A number over growth, black, with the number of other surfaces as level lines in their colours.
+
+    Parameters
+    ----------
+    label : str
+        What the number is.
+    curves : sequence of (name, growth (G,), values (G,))
+        NaN values are left out.
+    others : sequence of (name, value, colour, dash)
+
+    Returns
+    -------
+    svg : Markup, or None if no curve has a value.
+    """
+    known = [(name, g[np.isfinite(v)], v[np.isfinite(v)]) for name, g, v in curves if np.isfinite(v).any()]
+    if not known:
+        return None
+    g = np.concatenate([g for _, g, _ in known])
+    top = 1.12 * max([float(v.max()) for _, _, v in known] + [value for _, value, *_ in others])
+    axes = Axes((float(g.min()) - 0.02, float(g.max()) + 0.02), (0.0, top))
+    for _, value, colour, dash in others:
+        d = axes.path(axes.x, (value, value))
+        axes.items.append({"kind": "fit", "d": d, "colour": colour, "dash": dash, "faint": False})
+    for name, at, values in known:
+        axes.items.append({"kind": "theory", "d": axes.path(at, values), "title": name})
+        for x, y in zip(at.tolist(), values.tolist()):
+            axes.items.append({
+                "kind": "point", "colour": "#1a1a1a", "title": f"{name}, g = {x:.2f}: {number(y)}", "marker": "circle",
+                "big": False, "x": float(axes.px(x)), "y": float(axes.py(y)),
+            })  # fmt: skip
+    return axes.render("growth g", label, f"{label} over growth")
