@@ -230,17 +230,18 @@ def read_stages(folder: str | Path) -> list[Measures]:
     return stages
 
 
-def is_analysis_of(folder: str | Path, cortex: Cortex) -> bool:
-    """Whether ``folder`` holds what this version wrote of the very files of ``cortex``."""
+def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
+    """Whether ``folder`` holds what this version wrote of the very files of ``cortex``, with these parameters."""
     import morphofold
 
     try:
         summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
         known = {row["path"]: row["sha256"] for row in summary["inputs"]}
-        made_by = summary["morphofold"]
+        made_by, with_which = summary["morphofold"], summary["parameters"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # there is none, or none to be relied on
         return False
-    return made_by == morphofold.__version__ and known == {r["path"]: r["sha256"] for r in input_records(cortex.files)}
+    files = {row["path"]: row["sha256"] for row in input_records(cortex.files)}
+    return (made_by, with_which, known) == (morphofold.__version__, dict(parameters), files)
 
 
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:

@@ -120,6 +120,7 @@ def test_compare_refuses_what_is_no_analysis(here, capsys):
     refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "twice")
     for group in ("model", "=a", "model=a,,b"):
         refused(capsys, ["compare", "a=empty", "-o", "out", "--group", group], "GROUP=NAME,NAME")
+    refused(capsys, ["compare", "a=empty", "-o", "out", "--group", "m=a", "--group", "m=b"], "--group", "twice")
     assert not (here / "out").exists()
 
 
@@ -142,7 +143,7 @@ def test_compare_puts_two_analyses_side_by_side(here, capsys):
 
 
 def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
-    """Two copies of the simulated sample as stages; one that changed is measured anew."""
+    """Two copies of the simulated sample as stages; what is missing or was measured otherwise is measured anew."""
     for g in ("g1.80", "g2.00"):
         stage = here / "sim" / "stages" / g
         shutil.copytree(sample_path("simulated"), stage)
@@ -153,6 +154,8 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     (here / "grown" / "g2.00" / "summary.json").unlink()
     assert main(["analyze", "sim", "--stages", "-q", "-o", "grown"]) == 0
     assert "2 stages, 1 of them measured before" in capsys.readouterr().out
+    assert main(["analyze", "sim", "--stages", "-q", "-o", "grown", "--curvature-scale", "6"]) == 0
+    assert "2 stages, 0 of them measured before" in capsys.readouterr().out
     assert main([*pair(here), "--no-report"]) == 0
     capsys.readouterr()
     refused(capsys, ["compare", "a=out", "--growth", "body", "-o", "both"], "NAME=DIR")

@@ -222,14 +222,16 @@ def test_arms_of_a_net_go_with_their_angles():
 
 def test_a_net_without_short_arms_has_as_many_hinges_as_asked():
     """Two hinges that a short arm joins count as one, which has four arms and is not given."""
+    net = irregular_net(2002, 4, rounds=0)
     for per_area in (0.05, 0.1):
         features = random_net(4000, shortest=0.5, per_area=per_area, seed=4)
-        arms = np.exp(features[:, :, 1])
-        assert arms.min() >= 0.5
-        dense = random_net(4000, shortest=0.0, per_area=per_area, seed=4)
-        scale = np.exp(np.median(dense[:, :, 1]))
-        assert 0.9 < np.median(arms) / scale < 1.35
-        assert 0.6 * 4000 < len(features) < 4000
+        assert features[:, :, 1].min() >= np.log(0.5)
+        whole = random_net(4000, shortest=0.0, per_area=per_area, seed=4)
+        (same,) = np.flatnonzero((whole[:, :, 0] == features[0, :, 0]).all(axis=1))
+        width = np.sqrt(per_area * 4 * np.pi / 4000) * np.exp(whole[same, 0, 1] - features[0, 0, 1])    # [rad]
+        counted = 4000 - np.count_nonzero(net.lengths < 0.5 * width)
+        assert counted * width**2 / (4 * np.pi) == pytest.approx(per_area, rel=1e-6)
+        assert counted < 4000
     with pytest.raises(ValueError, match="leave no room for arms of 3 widths"):
         random_net(100, shortest=3.0, per_area=0.1)
     with pytest.raises(ValueError, match="a net needs positive numbers"):

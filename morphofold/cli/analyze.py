@@ -102,11 +102,11 @@ def _stages(args: argparse.Namespace) -> int:
         for i, place in enumerate(places):
             cortex = read_cortex(place, hemi="lh", name=args.name)
             share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
-            if is_analysis_of(out / place.name, cortex):
+            asked = {"hemi": None, "name": args.name, "curvature_scale_mm": args.curvature_scale}
+            if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
             found = measure(cortex, curvature_scale=args.curvature_scale, progress=share)
-            asked = {"hemi": None, "name": args.name, "curvature_scale_mm": args.curvature_scale}
             write_analysis([found], out / place.name, parameters=asked, report=False)
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +35,8 @@ def run(args: argparse.Namespace) -> int:
         if name in named:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
-    groups = dict(_group(item) for item in args.group) or None
-    grown = dict(_body(item) for item in args.growth)
+    groups = _by_name("--group", [_group(item) for item in args.group]) or None
+    grown = _by_name("--growth", [_body(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
     with progress("compare", args.quiet) as tell:
         measures = {}
@@ -56,6 +57,13 @@ def run(args: argparse.Namespace) -> int:
             print(f"{row['measure']}: {values}")
     print(f"-> {page}")
     return 0
+
+
+def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; say it once.")
+    return found
 
 
 def _group(item: str) -> tuple[str, list[str]]:

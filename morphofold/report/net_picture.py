@@ -30,7 +30,7 @@ def net_row(measures: Measures, name: str) -> Row:
     """The white surface of measures with their net, sulci darker; they must have a graph."""
     cortex, graph = measures.cortex, measures.graph
     if graph is None:
-        raise ValueError(f"{name}: measures that were read from a folder have no graph. Measure the cortex again.")
+        raise ValueError(f"{name}: measures of an older analysis have no graph. Measure the cortex again.")
     verts = cortex.white.verts
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, hinge_shapes
-from morphofold.analysis.line import Line, line
+from morphofold.analysis.line import line
 from morphofold.analysis.patterns import HingeShapes, random_net
+from morphofold.comparison import Point, fit_line
 from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges, examples
 from morphofold.io import read_cortex, sample_path
 from morphofold.report.colours import rgb_of
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 GROWTH = 2.0
 MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
-HEMIS = ("lh", "rh")
+SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
 PRE, POST = "#d55e00", "#0072b2"
 MARKED = {"precentral": PRE, "postcentral": POST}
 SHORT = {"precentral": "PreCG", "postcentral": "PostCG"}
@@ -101,8 +102,7 @@ def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
 
 def _brains(runs: Runs, name: str) -> dict[str, Measures]:
     """Measures of the hemispheres of a sample that there are."""
-    sides = [hemi for hemi in HEMIS if name != "S1" or hemi == "lh"]
-    cortices = {f"{name} {hemi}": read_cortex(sample_path(name), hemi=hemi) for hemi in sides}
+    cortices = {f"{name} {hemi}": read_cortex(sample_path(name), hemi=hemi) for hemi in SAMPLES[name]}
     return {called: runs.measure(called, cortex) for called, cortex in cortices.items()}
 
 
@@ -163,23 +163,14 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     x, y = points.T
     row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
     row["gyral_over_cortical"] = float(y.mean() / x.mean()) if m is None else whole(m)[1] / whole(m)[0]
-    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+    fit = fit_line([Point(float(t), float(w), "") for t, w in points])
+    if fit is None or np.ptp(y) == 0:
         return row
     found = line(x, y)
-    low, high = _interval(x, y, found)
     return row | {
-        "slope": found.slope, "slope_low": low, "slope_high": high, "robust_slope": found.robust,
-        "robust_low": found.low, "robust_high": found.high, "intercept_mm": found.intercept, "r": found.r,
+        "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": found.robust,
+        "robust_low": found.low, "robust_high": found.high, "intercept_mm": fit.intercept, "r": fit.r,
     }  # fmt: skip
-
-
-def _interval(x: np.ndarray, y: np.ndarray, found: Line) -> tuple[float, float]:
-    """95 % interval of the least-squares slope."""
-    from scipy import stats
-
-    fitted = stats.linregress(x, y)
-    half = float(stats.t.ppf(0.975, len(x) - 2) * fitted.stderr)
-    return found.slope - half, found.slope + half
 
 
 def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
