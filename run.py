@@ -48,7 +48,10 @@ def set_up() -> int:
     for command in (
         [*pip, "--target", ".tools", "uv"],
         [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, ".venv"],
-        [uv, "pip", "install", "--quiet", "--python", python, "-c", "constraints.txt", "-e", ".[test]"],
+        [
+            *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
+            *["-c", "constraints.txt", "-e", ".[test]"],
+        ],
     ):
         code = call(command)
         if code:

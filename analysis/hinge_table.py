@@ -115,12 +115,12 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
     """
     if graph.graph["scales"] is None:
         return []
-    width = graph.graph["scales"].width
-    return [_hinge(graph, node, width) for node, degree in graph.degree() if degree > 2]
+    return [hinge_at(graph, node) for node, degree in graph.degree() if degree > 2]
 
 
-def _hinge(graph: nx.MultiGraph, node: int, width: float) -> Hinge:
-    data = graph.nodes[node]
+def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
+    """The hinge at a node of a gyral graph where three crests or more meet."""
+    data, width = graph.nodes[node], graph.graph["scales"].width
     here, normal = data["position"], data["normal"]
     found = []
     for a, b, crest in graph.edges(node, data=True):

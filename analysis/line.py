@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 DRAWS = 2000
 CONFIDENCE = 0.95
@@ -31,7 +35,7 @@ class Line:
     high: float
 
 
-def line(x: NDArray[np.float64], y: NDArray[np.float64], seed: int = 0) -> Line:
+def line(x: Array, y: Array, seed: int = 0) -> Line:
     """Line through points (N,), (N,), three at least, that differ in x and in y.
 
     The robust slope is that of Theil and Sen (Sen 1968, JASA 63). Its bounds are quantiles over 2000 draws of N points
@@ -48,12 +52,15 @@ def line(x: NDArray[np.float64], y: NDArray[np.float64], seed: int = 0) -> Line:
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
     drawn = np.random.default_rng(seed).integers(len(x), size=(DRAWS, len(x)))
-    slopes = _pair_slopes(x[drawn], y[drawn])
+    times = np.stack([np.bincount(draw, minlength=len(x)) for draw in drawn])
+    pairs = _pairs(x, y)
+    slopes = _median_slopes(*pairs, times)
     tail = 50 * (1 - CONFIDENCE)
     low, high = np.percentile(slopes[np.isfinite(slopes)], [tail, 100 - tail])
+    robust = _median_slopes(*pairs, np.ones((1, len(x)), dtype=np.int64))
     return Line(
         len(x), slope, float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),
-        float(_pair_slopes(x[None], y[None])[0]), float(low), float(high),
+        float(robust[0]), float(low), float(high),
     )  # fmt: skip
 
 
@@ -71,12 +78,32 @@ def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str
     )
 
 
-def _pair_slopes(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median slope of the pairs of points that differ in x, of each row of (D, N); NaN where none do."""
-    i, j = np.triu_indices(x.shape[1], 1)
-    run, rise = x[:, j] - x[:, i], y[:, j] - y[:, i]
-    slopes = np.sort(np.divide(rise, run, out=np.full(run.shape, np.nan), where=run != 0), axis=1)      # NaN come last
-    known = np.isfinite(slopes).sum(axis=1)
-    row, low, high = np.arange(len(x)), np.maximum(known - 1, 0) // 2, known // 2
-    middle: NDArray[np.float64] = 0.5 * (slopes[row, low] + slopes[row, np.minimum(high, slopes.shape[1] - 1)])
-    return np.where(known > 0, middle, np.nan)
+def _pairs(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
+    """Slopes of the pairs of points that differ in x, ascending, and the two points of each."""
+    i, j = np.triu_indices(len(x), 1)
+    i, j = i[x[i] != x[j]], j[x[i] != x[j]]
+    slopes = (y[j] - y[i]) / (x[j] - x[i])
+    order = np.argsort(slopes, kind="stable")
+    return slopes[order], i[order], j[order]
+
+
+@njit(cache=True)
+def _median_slopes(slopes, i, j, times):
+    """Median slope over pairs where point k counts times[d, k] times, for each row of (D, N); NaN if no pair counts.
+
+    Pairs of a draw are the pairs of all points, each as often as the product of its ends, so nothing is sorted again.
+    """
+    found = np.full(len(times), np.nan)
+    for d in range(len(times)):
+        total = 0
+        for p in range(len(slopes)):
+            total += times[d, i[p]] * times[d, j[p]]
+        passed, low = 0, np.nan
+        for p in range(len(slopes)):
+            passed += times[d, i[p]] * times[d, j[p]]
+            if np.isnan(low) and 2 * passed >= total:
+                low = slopes[p]
+            if 2 * passed > total:
+                found[d] = 0.5 * (low + slopes[p])
+                break
+    return found

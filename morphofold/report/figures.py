@@ -1,17 +1,18 @@
 """Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
 
-pyvista draws the surfaces where a GL library exists. Where none does, its first picture kills the process, so
-one is tried in a child process; if that fails, ``raster`` draws instead. Titles, rulers and colour bars are
-ours either way, so the two kinds of picture are laid out alike.
+pyvista draws the surfaces on a graphics card. Where there is none, ``raster`` draws the same picture, three times as
+fast as GL in software and with the same bytes on every machine; where there is no GL library at all the first picture
+by GL would kill the process, so a child process asks. Titles, rulers and colour bars are ours either way.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
-import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -30,36 +31,41 @@ Picture = NDArray[np.uint8]  # (height, width, 3)
 
 VIEWS = ("lateral", "medial", "top", "bottom")
 _PROBE = """
-import pyvista as pv
-p = pv.Plotter(off_screen=True, window_size=(32, 32))
-p.add_mesh(pv.Sphere(), color="red")
-raise SystemExit(0 if p.screenshot(return_img=True).std() > 1 else 3)
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+window = vtkRenderWindow()
+window.SetOffScreenRendering(1)
+window.SetSize(32, 32)
+window.Render()
+print(window.ReportCapabilities())
 """
-_ADVICE = (
-    "Pictures are drawn by the software renderer: no GL library answers here. "
-    "For pyvista's, apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri."
-)
+IN_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
+
+
+@cache
+def graphics() -> str:
+    """Name of what answers to GL, as it says itself, found once per process; empty if nothing does."""
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    try:
+        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=60, text=True)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    found = re.search(r"OpenGL renderer string:\s*(\S.*)", trial.stdout) if trial.returncode == 0 else None
+    return found[1].strip() if found else ""
 
 
 @cache
 def renderer() -> str:
-    """``"pyvista"`` or ``"raster"``, found once per process; a warning says what would help in the second case.
+    """``"pyvista"`` if a graphics card answers, else ``"raster"``.
 
     ``MORPHOFOLD_RENDERER`` set to one of the two names decides without a trial.
     """
     wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
     if wanted in ("pyvista", "raster"):
         return wanted
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=60)
-    except (OSError, subprocess.TimeoutExpired):
-        trial = None
-    if trial is not None and trial.returncode == 0:
-        return "pyvista"
-    warnings.warn(_ADVICE, stacklevel=2)
-    return "raster"
+    card = graphics().lower()
+    return "pyvista" if card and not any(word in card for word in IN_SOFTWARE) else "raster"
 
 
 def camera(view: str, hemi: str) -> NDArray[np.float64]:
@@ -92,24 +98,38 @@ class Row:
     rgb: NDArray[np.uint8] | None = None
 
 
+Looks = dict[tuple[Any, ...], Any]  # what was seen of which surface, from where
+
+
 def draw(
-    row: Row,
-    views: Sequence[str],
-    what: Quantity,
-    limits: tuple[float, float],
-    size: tuple[int, int],
-    half_height: float,
-    backend: str | None = None,
-) -> list[Picture]:
-    """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm."""
+    row: Row, views: Sequence[str], what: Quantity, limits: tuple[float, float], size: tuple[int, int],
+    half_height: float, backend: str | None = None, looks: Looks | None = None,
+) -> list[Picture]:  # fmt: skip
+    """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
+
+    ``looks`` keeps what is seen of a surface; a next picture of the same surface that gets it only has to be coloured.
+    """
+    looks = {} if looks is None else looks
     verts, faces = row.surface.verts, row.surface.faces
     points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    normals = vertex_normals(points, faces)
     rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
+    mine = (row.surface,)                                               # as a key it also keeps the surface alive
+    if mine not in looks:
+        looks[mine] = vertex_normals(points, faces)
+    normals = looks[mine]
     cameras = [camera(view, row.hemi) for view in views]
     if (backend or renderer()) == "pyvista":
         return _pyvista(points, normals, faces, rgb, cameras, size, half_height)
-    return [raster.render(points @ c.T, normals @ c.T, faces, rgb, size, half_height) for c in cameras]
+
+    def picture(turned: NDArray[np.float64]) -> Picture:
+        place = (row.surface, turned.tobytes(), size, half_height)
+        if place not in looks:
+            looks[place] = raster.look(points @ turned.T, faces, size, half_height)
+        seen: raster.Seen = looks[place]
+        return seen.coloured(normals @ turned.T, rgb)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:                    # the kernels let go of the interpreter
+        return list(pool.map(picture, cameras))
 
 
 def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
@@ -151,10 +171,10 @@ def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Pi
 
 def figure(
     rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
-    width: int = 1520, backend: str | None = None, legend: Sequence[tuple[str, str]] = (),
+    width: int = 1520, backend: str | None = None, legend: Sequence[tuple[str, str]] = (), looks: Looks | None = None,
 ) -> Picture:  # fmt: skip
     """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``:
-    words and the colour ("#d55e00") of each."""
+    words and the colour ("#d55e00") of each. ``looks`` is that of :func:`draw`."""
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
     gap, edge, head, foot, label = 24, 20, 72, 112, 30
     per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
@@ -169,7 +189,7 @@ def figure(
         write(canvas, row.name, (edge, top), 17)
         top += label
         wide = int(columns.max())
-        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend)
+        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend, looks)
         for left, column, picture in zip(lefts, columns, pictures):
             cut = (wide - column) // 2
             canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
-from morphofold.analysis import Measures, hinges
+from morphofold.analysis import Measures
 from morphofold.analysis._mesh import mean_edge_length
+from morphofold.analysis.hinge_table import hinge_at
 from morphofold.analysis.smooth import DETOUR, edge_graph
 from morphofold.comparison.hinges import Match
 from morphofold.report.figures import Picture, Row, draw, write
@@ -48,9 +49,9 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         If there is no graph, or no such hinge in it.
     """
     graph = measures.graph
-    if graph is None or number not in graph:
+    if graph is None or number not in graph or graph.degree(number) < 3:
         raise ValueError(f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again.")
-    (hinge,) = (h for h in hinges(graph) if h.node == number)
+    hinge = hinge_at(graph, number)
     width = graph.graph["scales"].width
     normal = np.asarray(graph.nodes[number]["normal"])
     right = np.array(hinge.arms[pose % 3].direction)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from morphofold.comparison.growth import NUMBERS
 from morphofold.comparison.hinges import examples
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
-from morphofold.report.figures import Picture, Row, figure, renderer, safe_name
+from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.hinge_pictures import hinge_pairs
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
@@ -162,14 +163,17 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
-    for key in (k for k in MAIN if k in shown):
-        what, limits = shown[key]
-        rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
-        pictures.append(_saved(folder / f"{safe_name(key)}.png", figure(rows, what, limits), what.title, limits))
-    nets = [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]
-    if nets:
-        pictures.append(_saved(folder / "gyral_net.png", net_figure(nets), "Net of gyral crests, and its hinges", None))
-    return pictures
+    looks: Looks = {}
+    with ThreadPoolExecutor(1) as writer:                               # packs one picture while the next is drawn
+        for key in (k for k in MAIN if k in shown):
+            what, limits = shown[key]
+            rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
+            image = figure(rows, what, limits, looks=looks)
+            pictures.append(writer.submit(_saved, folder / f"{safe_name(key)}.png", image, what.title, limits))
+        if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
+            title = "Net of gyral crests, and its hinges"
+            pictures.append(writer.submit(_saved, folder / "gyral_net.png", net_figure(nets), title, None))
+    return [picture.result() for picture in pictures]
 
 
 def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:

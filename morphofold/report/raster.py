@@ -1,19 +1,20 @@
 """A small software renderer: smooth-shaded triangles through a z-buffer, no graphics library needed.
 
-Slower than a graphics card and good enough. One thread and one order of triangles, so the same picture, bit
+Slower than a graphics card and good enough. One thread per picture and one order of triangles, so the same picture, bit
 for bit, on every run.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rasterise(xyz, faces, width, height):
     """The nearest triangle behind each pixel.
 
@@ -26,14 +27,14 @@ def rasterise(xyz, faces, width, height):
 
     Returns
     -------
-    face : (height, width) int64
+    face : (height, width) int32
         Index of the face seen, -1 where there is none.
-    b0, b1 : (height, width) float64
+    b0, b1 : (height, width) float32
         Barycentric weights of the face's first two corners there.
     """
-    face = np.full((height, width), -1, dtype=np.int64)
+    face = np.full((height, width), -1, dtype=np.int32)
     depth = np.full((height, width), -np.inf)
-    b0, b1 = np.zeros((height, width)), np.zeros((height, width))
+    b0, b1 = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.float32)
     for f in range(len(faces)):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         ax, ay, az = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -67,18 +68,21 @@ KEY = tuple(np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75]))
 GLEAM = tuple(np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94]))  # halfway from it to the viewer
 
 
-@njit(cache=True)
-def paint(face, b0, b1, faces, normals, colours):
-    """Colours 0..1 (height, width, 3) of what ``rasterise`` saw, lit as in the viewer; white where it saw nothing.
+@njit(cache=True, nogil=True)
+def paint(face, b0, b1, faces, normals, colours, oversample):
+    """Colours (height, width, 3) of what ``rasterise`` saw, lit as in the viewer; white where it saw nothing.
 
-    A key light from the upper left, a fill from the viewer, a little gleam. Open surfaces show their inside.
+    A key light from the upper left, a fill from the viewer, a little gleam. Open surfaces show their inside. The
+    picture is ``oversample`` times smaller each way than what was seen, each pixel a mean.
     """
-    height, width = face.shape
-    image = np.ones((height, width, 3))
-    for y in range(height):
-        for x in range(width):
+    height, width = face.shape[0] // oversample, face.shape[1] // oversample
+    image = np.zeros((height, width, 3))
+    for y in range(face.shape[0]):
+        for x in range(face.shape[1]):
             f = face[y, x]
             if f < 0:
+                for c in range(3):
+                    image[y // oversample, x // oversample, c] += 1.0
                 continue
             i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
             u, v = b0[y, x], b1[y, x]
@@ -94,27 +98,21 @@ def paint(face, b0, b1, faces, normals, colours):
             light = 0.26 + 0.44 * key + 0.36 * nz
             for c in range(3):
                 base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0
-                image[y, x, c] = min(base * light + 0.06 * gleam, 1.0)
-    return image
+                image[y // oversample, x // oversample, c] += min(base * light + 0.06 * gleam, 1.0)
+    return np.round(image * (255.0 / oversample**2)).astype(np.uint8)
 
 
-def render(
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    colours: NDArray[np.uint8],
-    size: tuple[int, int],
-    half_height: float,
+def look(
+    points: NDArray[np.float64], faces: NDArray[np.int64], size: tuple[int, int], half_height: float,
     oversample: int = 2,
-) -> NDArray[np.uint8]:
-    """Picture (height, width, 3) of a surface seen from +z, x to the right, y up, no perspective, on white.
+) -> Seen:  # fmt: skip
+    """What is seen of a surface from +z, x to the right, y up, no perspective.
 
     Parameters
     ----------
-    points, normals : (N, 3)
-        Already turned into the camera's axes and centred [mm]; unit normals.
+    points : (N, 3)
+        Already turned into the camera's axes and centred [mm].
     faces : (M, 3)
-    colours : (N, 3) uint8
     size : (width, height) in pixels
     half_height : float
         Half the height of the picture [mm].
@@ -126,6 +124,19 @@ def render(
     xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
     faces = np.ascontiguousarray(faces)
     face, b0, b1 = rasterise(xyz, faces, width, height)
-    image = paint(face, b0, b1, faces, np.ascontiguousarray(normals), colours)
-    image = image.reshape(size[1], oversample, size[0], oversample, 3).mean(axis=(1, 3))
-    return np.round(255 * image).astype(np.uint8)
+    return Seen(face, b0, b1, faces, oversample)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The triangle and the place in it behind each pixel of a picture, before it is coloured."""
+
+    face: NDArray[np.int32]
+    b0: NDArray[np.float32]
+    b1: NDArray[np.float32]
+    faces: NDArray[np.int64]
+    oversample: int
+
+    def coloured(self, normals: NDArray[np.float64], colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
+        return paint(self.face, self.b0, self.b1, self.faces, np.ascontiguousarray(normals), colours, self.oversample)
