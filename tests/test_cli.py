@@ -121,6 +121,7 @@ def test_compare_refuses_what_is_no_analysis(here, capsys):
     for group in ("model", "=a", "model=a,,b"):
         refused(capsys, ["compare", "a=empty", "-o", "out", "--group", group], "GROUP=NAME,NAME")
     refused(capsys, ["compare", "a=empty", "-o", "out", "--group", "m=a", "--group", "m=b"], "--group", "twice")
+    refused(capsys, ["compare", "a=empty", "-o", "out", "--colour", "0072b2"], "NAME=RRGGBB")
     assert not (here / "out").exists()
 
 
@@ -135,10 +136,11 @@ def test_compare_refuses_a_damaged_analysis(here, capsys):
 
 def test_compare_puts_two_analyses_side_by_side(here, capsys):
     assert main([*pair(here), "--no-report"]) == 0
-    assert main(["compare", "one=out", "two=out", "-q", "--json", "-o", "both"]) == 0
+    assert main(["compare", "one=out", "two=out", "--colour", "two=a0b0c0", "-q", "--json", "-o", "both"]) == 0
     told = capsys.readouterr().out
     content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
     assert content["names"] == ["one", "two"]
+    assert content["colours"]["two"] == "#a0b0c0"
     assert (here / "both" / "report.html").stat().st_size > 10_000
 
 

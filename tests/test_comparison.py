@@ -177,6 +177,31 @@ def test_groups_without_meaning_are_refused(groups, message):
         compare({"a": made_measures(), "b": made_measures()}, groups=groups)
 
 
+def test_colours_are_those_of_groups_unless_asked_otherwise():
+    pair, one = [made_measures("lh"), made_measures("rh")], made_measures()
+    plain = compare({"S1": pair, "a": one}).colours
+    assert plain["S1 lh"] == plain["S1 rh"] != plain["a"]
+    grouped = {"surfaces": {"S1": pair, "a": one, "b": one}, "groups": {"model": ["a", "b"]}}
+    found = compare(**grouped).colours
+    assert list(found) == ["S1 lh", "S1 rh", "a", "b"]
+    assert found["a"] == found["b"] != found["S1 lh"] == found["S1 rh"]
+    asked = compare(**grouped, colours={"b": "#00AA00", "model": "#111111", "S1": "#222222", "S1 rh": "#333333"}).colours
+    assert asked == {"S1 lh": "#222222", "S1 rh": "#333333", "a": "#111111", "b": "#00aa00"}
+
+
+@pytest.mark.parametrize(
+    ("colours", "message"),
+    [
+        ({"c": "#000000"}, "a colour is given to 'c', which is not among a, b"),
+        ({"a": "red"}, "'red' is no colour for a; write it as red, green and blue, such as #0072b2"),
+        ({"a": '#000000"/><script>'}, "is no colour for a"),
+    ],
+)
+def test_colours_that_are_none_are_refused(colours, message):
+    with pytest.raises(ValueError, match=message):
+        compare({"a": made_measures(), "b": made_measures()}, colours=colours)
+
+
 def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path, monkeypatch):
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     page = compare({"a<b>": balls[0], "c": balls[1]}).report(tmp_path / "out")

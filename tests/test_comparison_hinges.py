@@ -60,7 +60,7 @@ def test_one_law_is_not_told_apart_and_chance_is():
 def test_examples_are_the_best_of_each_kind_and_no_hinge_twice(rng):
     own = made(9, rng)
     (found,) = compare_hinges({"m": shapes(own), "s": shapes(made(30, rng))}, {"model": ["m"], "MRI": ["s"]})
-    three = examples(found.matches)
+    three = examples(found.matches, 3)
     assert {match.kind for match in three} == {"Y", "T", "V"}
     for kind in "YTV":
         best = next(match for match in found.matches if match.kind == kind)
@@ -68,6 +68,7 @@ def test_examples_are_the_best_of_each_kind_and_no_hinge_twice(rng):
         assert chosen == best or best.other in {match.other for match in three}
     assert len({match.other for match in three}) == 3
     assert len(examples(found.matches[:2])) <= 2
+    assert len(examples(found.matches)) == len({match.other for match in examples(found.matches)}) == 6
 
 
 def test_means_differ_as_often_as_chance_has_it():

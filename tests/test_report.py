@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from made_measures import made_cortex, made_measures
 
+from morphofold.analysis.scaling import shape_terms
 from morphofold.comparison import Point, compare, fit_line
 from morphofold.report import colours, figures, pack, page, plots, raster
 from morphofold.report.page import analysis_report
@@ -236,6 +237,21 @@ def test_a_fit_with_no_slope_to_speak_of_is_faint():
     points = [Point(x, y, "p") for x, y in ((1, 5), (2, 9), (3, 4), (4, 8))]
     cloud = {"name": "a", "colour": "#000000", "marker": "circle", "dash": "", "points": points, "bins": ()}
     assert 'class="fit faint"' in str(plots.thickness_plot([{**cloud, "fit": fit_line(points)}], []))
+
+
+def test_surfaces_lie_on_the_line_of_their_k_and_bodies_move_towards_larger_ones():
+    one = shape_terms(0.3 * 40_000**1.25 / 2**0.5, 40_000, 2.0)
+    assert one.k == pytest.approx(0.3)
+    path = [shape_terms(a, 30_000, 2.0) for a in (40_000, 80_000)]
+    svg = str(plots.folding_plot([("one", one, "#000000", "circle")], [("body", path)]))
+    level = re.search(r'class="level" d="M([^"]+)"><title>k = 0.3</title>', svg)[1]
+    ends = np.array([[float(v) for v in p.split(",")] for p in level.split("L")])
+    x, y = (float(v) for v in re.search(r'<circle cx="([\d.]+)" cy="([\d.]+)"', svg).groups())
+    assert beside(ends, x) == pytest.approx(y, abs=0.2)
+    (x0, y0), (x1, y1) = drawn_line(svg, "theory")
+    assert x0 == x1 < x
+    assert y1 < y0                                                      # up
+    assert plots.folding_plot([], []) is None
 
 
 def test_the_weighted_median_is_the_middle_of_the_weight():
@@ -566,6 +582,7 @@ def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
     assert [[(s[0], s[4]) for s in chart] for chart in series] == [
         *[[("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])]] * 3,
         [("a", plots.DASHES[0]), ("c", plots.DASHES[2])],
+        [("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])],        # gyral over cortical thickness
     ]
     keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
     assert keys == [*plots.DASHES[:3]] * 2                                 # in the legends of fits and of curves

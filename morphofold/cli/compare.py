@@ -18,6 +18,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--growth", metavar="NAME=DIR", action="append", default=[],
         help="a folder that analyze --stages wrote: draw its numbers over growth; once per body",
     )  # fmt: skip
+    parser.add_argument(
+        "--colour", metavar="NAME=RRGGBB", action="append", default=[],
+        help="colour of an analysis or a group, as 0072b2; once per colour (default: one per group)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
@@ -36,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
     groups = _by_name("--group", [_group(item) for item in args.group]) or None
+    colours = _by_name("--colour", [_colour(item) for item in args.colour])
     grown = _by_name("--growth", [_body(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
     with progress("compare", args.quiet) as tell:
@@ -45,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
             measures[name] = read_analysis(folder)
         stages = {name: read_stages(folder) for name, folder in grown.items()}
         tell(0.3, "drawing")
-        comparison = compare(measures, groups=groups, growth=stages)
+        comparison = compare(measures, groups=groups, growth=stages, colours=colours)
         page = comparison.report(args.out)
         tell(1.0, "done")
     if args.json:
@@ -71,6 +76,13 @@ def _group(item: str) -> tuple[str, list[str]]:
     if not equals or not group or not all(names.split(",")):
         raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
     return group, names.split(",")
+
+
+def _colour(item: str) -> tuple[str, str]:
+    name, equals, colour = item.rpartition("=")
+    if not equals or not name:
+        raise ValueError(f"--colour {item!r} must read NAME=RRGGBB, for example model=0072b2.")
+    return name, "#" + colour.removeprefix("#")
 
 
 def _body(item: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.patterns import hinge_shapes
-from morphofold.analysis.scaling import shape_terms_of
+from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 
 Array = NDArray[np.float64]
 
@@ -54,11 +54,14 @@ class GrowthCurve:
         Growth stretches, ascending.
     numbers : mapping of str to (G,) float64
         Those of :data:`NUMBERS`; NaN where a stage doesn't have one (it isn't folded yet).
+    folding : (G,) tuple of ShapeTerms or None
+        Terms of the law of folding at each stage.
     """
 
     name: str
     growth: Array
     numbers: Mapping[str, Array] = field(repr=False)
+    folding: tuple[ShapeTerms | None, ...] = field(default=(), repr=False)
 
 
 def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
@@ -81,7 +84,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
         key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
         for key, of in NUMBERS.items()
     }
-    return GrowthCurve(name, growth, numbers)
+    return GrowthCurve(name, growth, numbers, tuple(shape_terms_of(m) for m in stages))
 
 
 def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[float]]:

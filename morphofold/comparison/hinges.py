@@ -180,7 +180,7 @@ def _matches(
     return tuple(sorted(found, key=lambda match: match.distance))
 
 
-def examples(matches: Sequence[Match], count: int = 3) -> list[Match]:
+def examples(matches: Sequence[Match], count: int = 6) -> list[Match]:
     """The best matches of different kinds, no hinge twice: as many of Y, T and V as there are, then the next best."""
     chosen: list[Match] = []
     for kinds in (True, False):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,6 +22,7 @@ from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, wrinkling_wavelength
+from morphofold.report.colours import CATEGORICAL
 from morphofold.report.plots import number
 from morphofold.report.quantities import RATIO
 
@@ -30,8 +32,9 @@ class Comparison:
     """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
 
     ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
-    ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group; ``hinges``
-    has what every two of them say of each other's three-hinge patterns. ``folding`` are the terms of the law of
+    ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group and
+    ``colours`` the colour of each name, "#0072b2", that of its group unless it was given one. ``hinges`` has what every
+    two groups say of each other's three-hinge patterns. ``folding`` are the terms of the law of
     folding, None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow. ``notes`` say what was
     left out, ``cautions`` which scales and options differ between the surfaces.
     """
@@ -42,6 +45,7 @@ class Comparison:
     clouds: tuple[Cloud, ...] = field(repr=False)
     theory: tuple[Theory, ...] = ()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    colours: Mapping[str, str] = field(default_factory=dict)
     hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
     folding: tuple[ShapeTerms | None, ...] = ()
     growth: tuple[GrowthCurve, ...] = ()
@@ -56,6 +60,7 @@ class Comparison:
             "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
             "theory": [asdict(line) for line in self.theory],
             "groups": {group: list(names) for group, names in self.groups.items()},
+            "colours": dict(self.colours),
             "hinges": [asdict(found) for found in self.hinges],
             "growth": {c.name: self._met(c) for c in self.growth},
             "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
@@ -97,7 +102,7 @@ class Comparison:
 def compare(
     surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None,
     groups: Mapping[str, Sequence[str]] | None = None, growth: Mapping[str, Sequence[Measures]] | None = None,
-    seed: int = 0,
+    colours: Mapping[str, str] | None = None, seed: int = 0,
 ) -> Comparison:  # fmt: skip
     """Put the measures of several cortices side by side.
 
@@ -113,6 +118,8 @@ def compare(
         Names in no group are compared in everything else.
     growth : mapping of name to stages of one body, optional
         Their numbers are drawn over growth, those of ``surfaces`` beside them.
+    colours : mapping of a name or group to a colour such as "#0072b2", optional
+        Those of names go before those of their groups; None: one for each group.
     seed : int
         Of permutations.
 
@@ -124,7 +131,7 @@ def compare(
     ------
     ValueError
         If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, or a group
-        names what is not there or is in another, or stages do not say their growth.
+        names what is not there or is in another, or stages do not say their growth, or a colour is none or of nothing.
     """
     named = _named(surfaces)
     grouped = _grouped(surfaces, groups)
@@ -151,6 +158,7 @@ def compare(
         clouds=clouds,
         theory=tuple(wrinkling_wavelength(mu) for mu in _ratios(named, mu_ratio)),
         groups=grouped,
+        colours=_coloured(surfaces, grouped, colours or {}),
         hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
         folding=tuple(shape_terms_of(m) for m in named.values()),
         growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
@@ -173,6 +181,27 @@ def _grouped(
         if asked.count(name) > 1:
             raise ValueError(f"{name!r} is in two groups; hinges can't be compared with themselves.")
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
+
+
+def _coloured(
+    surfaces: Mapping[str, Measures | Sequence[Measures]], groups: Mapping[str, tuple[str, ...]],
+    asked: Mapping[str, str],
+) -> dict[str, str]:  # fmt: skip
+    """A colour for each surface, hemispheres apart: what was asked for it, or for its group, or the next of ours."""
+    full = {name: tuple(_named({name: entry})) for name, entry in surfaces.items()}
+    each = {name: (name,) for names in full.values() for name in names}
+    grouped = {name for names in groups.values() for name in names}
+    families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
+    colours = {n: CATEGORICAL[k % len(CATEGORICAL)] for k, names in enumerate(families) for n in names}
+    for name, colour in asked.items():
+        if name not in {*groups, *full, *each}:
+            raise ValueError(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
+        if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
+            raise ValueError(f"{colour!r} is no colour for {name}; write it as red, green and blue, such as #0072b2.")
+    for known in (groups, full, each):
+        for name in [name for name in asked if name in known]:
+            colours.update(dict.fromkeys(known[name], asked[name].lower()))
+    return {name: colours[name] for name in each}
 
 
 def _named(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> dict[str, Measures]:

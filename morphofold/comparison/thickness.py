@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.analysis.line import line
 from morphofold.analysis.measures import Measures
 from morphofold.report.quantities import find
 
@@ -30,7 +31,9 @@ class Point:
 class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
-    The interval takes the points as independent, which neighbouring regions are not quite.
+    The interval takes the points as independent, which neighbouring regions are not quite. ``robust`` is the median of
+    the slopes of all pairs of points, its bounds from a bootstrap over the points
+    (:func:`morphofold.analysis.line.line`); 0 where all gyral thicknesses are alike.
     """
 
     slope: float
@@ -40,6 +43,9 @@ class Fit:
     r: float
     p: float
     n: int
+    robust: float
+    robust_low: float
+    robust_high: float
 
     @property
     def sloped(self) -> bool:
@@ -133,15 +139,14 @@ def fit_line(points: Sequence[Point]) -> Fit | None:
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < 3 or np.ptp(x) == 0:
         return None
-    line = stats.linregress(x, y)
-    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
-    slope = float(line.slope)
+    found = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
+    slope = float(found.slope)
+    robust = (0.0, 0.0, 0.0)
+    if np.ptp(y) > 0:
+        pairs = line(x, y)
+        robust = (pairs.robust, pairs.low, pairs.high)
     return Fit(
-        slope,
-        slope - half,
-        slope + half,
-        float(line.intercept),
-        float(line.rvalue),
-        float(line.pvalue),
-        len(points),
-    )
+        slope, slope - half, slope + half, float(found.intercept), float(found.rvalue), float(found.pvalue),
+        len(points), *robust,
+    )  # fmt: skip

@@ -38,13 +38,14 @@ class Entry:
     colour: str
     marker: str = "circle"
     dash: str = ""
+    group: str = ""
 
     @property
     def kind(self) -> str:
         """One line about the surface, for below its name."""
         cortex = self.measures.cortex
         side = "" if cortex.origin == "simulation" else cortex.hemi
-        facts = [cortex.origin if cortex.origin != "files" else "", cortex.name, side]
+        facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
         if "g" in cortex.info:
             facts.append(f"growth {_word(cortex.info['g'])}")
         return " · ".join(f for f in facts if f)

@@ -1,4 +1,4 @@
-"""Three-hinge patterns in pairs: patches of white surface about two hinges, crests in red, each in its own frame."""
+"""Three-hinge patterns in pairs: patches of pial surface about two hinges, crests in red, each in its own frame."""
 
 from __future__ import annotations
 
@@ -6,27 +6,33 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures
 from morphofold.analysis._mesh import mean_edge_length
 from morphofold.analysis.hinge_table import hinge_at
-from morphofold.analysis.smooth import DETOUR, edge_graph
 from morphofold.comparison.hinges import Match
 from morphofold.report.figures import Picture, Row, draw, write
 from morphofold.report.net_picture import paint_lines, shaded
 from morphofold.report.quantities import Quantity
-from morphofold.surface import Surface
+from morphofold.surface import Faces, Surface
 
 OWN, OTHERS = "#c8102e", "#e8a5a0"      # crests of the hinge, and the others
-REACH = 2.2                             # radius of a patch along the surface, in gyral widths
+REACH = 2.0                             # radius of a patch, in gyral widths
+LINE = 0.16                             # breadth of a crest, in gyral widths
+FINER = 2                               # halvings of edges, so that lines are smooth
 TILT = 25.0                             # degrees by which a patch is tipped back, so that its height is seen
 PANEL, WORDS = 330, 30  # pixels
 NOTHING = Quantity("patch", "Patch")
 
 
 def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
-    """White surface within 2.2 gyral widths along it of a hinge, in gyral widths; its own crests red, others pale.
+    """Pial surface within two gyral widths of a hinge, as far as it hangs together, in gyral widths.
+
+    The hinge's own crests are red, others pale. They run on the white surface, and are drawn where the pial one has the
+    same vertices.
 
     Parameters
     ----------
@@ -51,29 +57,63 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     graph = measures.graph
     if graph is None or number not in graph or graph.degree(number) < 3:
         raise ValueError(f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again.")
-    hinge = hinge_at(graph, number)
-    width = graph.graph["scales"].width
+    from trimesh.remesh import subdivide
+
+    hinge, width = hinge_at(graph, number), graph.graph["scales"].width
     normal = np.asarray(graph.nodes[number]["normal"])
     right = np.array(hinge.arms[pose % 3].direction)
     frame = np.stack([right, np.cross(normal, right), normal]) / width
     if pose >= 3:
         frame[1] *= -1
-    white = measures.cortex.white
-    edges = edge_graph(white.verts, white.faces)
-    near = np.isfinite(dijkstra(edges, indices=hinge.vertex, limit=DETOUR * REACH * width))
-    faces = white.faces[near[white.faces].all(axis=1)]
-    kept = np.unique(faces)
-    faces = np.searchsorted(kept, faces)
-    rgb, verts = shaded(measures.maps["sulcal_depth"])[kept], white.verts[kept]
-    thick = max(1.6 * mean_edge_length(white.verts, white.faces), 0.14 * width)
-    own = [crest["polyline"] for *_, crest in graph.edges(number, data=True)]
-    others = [crest["polyline"] for *_, crest in graph.edges(data=True)]
-    for lines, colour in ((others, OTHERS), (own, OWN)):
-        paint_lines(rgb, verts, lines, thick, colour)
+    pial = measures.cortex.pial
+    verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tipped() @ frame).T
+    kept, faces = _connected(pial.faces[(np.linalg.norm(verts, axis=1) < REACH)[pial.faces].all(axis=1)], hinge.vertex)
+    white, edge = cKDTree(measures.cortex.white.verts[kept]), mean_edge_length(pial.verts, pial.faces)
+
+    def carried(at: int | None) -> list[NDArray[np.float64]]:
+        lines = [crest["polyline"] for *_, crest in graph.edges(at, data=True)]
+        return [part for line in lines for part in _carried(line, white, verts[kept], edge)]
+
+    grey = shaded(measures.maps["sulcal_depth"])[kept].astype(np.float64)
+    fine, look = verts[kept], {"grey": grey}
+    for _ in range(FINER):
+        fine, faces, look = subdivide(fine, faces, vertex_attributes=look)
+    rgb = np.round(look["grey"]).astype(np.uint8)
+    paint_lines(rgb, fine, carried(None), LINE, OTHERS)
+    paint_lines(rgb, fine, carried(number), LINE, OWN)
     faces = faces[:, ::-1] if pose >= 3 else faces
     bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])              # of no face: they put the hinge into the middle
-    verts = np.concatenate([(verts - hinge.position) @ (_tipped() @ frame).T, bounds])
-    return Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh", np.concatenate([rgb, rgb[:2]]))
+    fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
+    return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
+
+
+def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
+    """The vertices that faces (M, 3) join to one of them, and the faces between those."""
+    names, ends = np.unique(faces, return_inverse=True)
+    faces = ends.reshape(-1, 3)
+    joined = coo_matrix((np.ones(2 * len(faces)), (faces[:, :2].ravel(), faces[:, 1:].ravel())), (len(names),) * 2)
+    part = connected_components(joined)[1]
+    faces = faces[part[faces[:, 0]] == part[np.searchsorted(names, vertex)]]
+    kept, ends = np.unique(faces, return_inverse=True)
+    return names[kept], ends.reshape(-1, 3)
+
+
+def _carried(
+    line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
+) -> list[NDArray[np.float64]]:
+    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, along ``verts`` in their place.
+
+    Going from vertex to vertex it zigzags; that is smoothed away, the ends of each part stay.
+    """
+    far, nearest = white.query(line, distance_upper_bound=edge)
+    inside = np.flatnonzero(np.isfinite(far))
+    parts = []
+    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+        part = verts[nearest[run]]
+        for _ in range(4 if len(part) > 2 else 0):
+            part = np.concatenate([part[:1], (part[:-2] + 2 * part[1:-1] + part[2:]) / 4, part[-1:]])
+        parts += [part] if len(part) > 1 else []
+    return parts
 
 
 def _tipped() -> NDArray[np.float64]:

@@ -69,10 +69,7 @@ def comparison_report(comparison: Comparison, folder: str | Path, *, inputs: Inp
 def _write(
     comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_regions: bool = False
 ) -> Path:
-    entries = [
-        Entry(name, m, *(choice[i % len(choice)] for choice in (colours.CATEGORICAL, plots.MARKERS, plots.DASHES)))
-        for i, (name, m) in enumerate(zip(comparison.names, comparison.measures))
-    ]
+    entries = _entries(comparison)
     shown = _shown(entries)
     thinned = [thin(e.measures.cortex) for e in entries]
     pictures = _pictures(path.parent / "figures", entries, thinned, shown)
@@ -92,11 +89,24 @@ def _write(
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
         hinges=comparison.hinges, pairs=_pairs(path.parent / "figures", comparison),
         growth=comparison.growth, growth_charts=_growth_charts(entries, comparison),
-        met=contents.met(comparison), folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
+        met=contents.met(comparison), law=_law(entries, comparison), ratio=_ratio(entries),
+        folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path
+
+
+def _entries(comparison: Comparison) -> list[Entry]:
+    """What each surface is called and drawn like; a group that is one subject says nothing new."""
+    held = {name: group for group, names in comparison.groups.items() for name in names}
+    entries = []
+    for k, (name, m) in enumerate(zip(comparison.names, comparison.measures)):
+        group = held.get(name, "")
+        told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
+        marker, dash = (choice[k % len(choice)] for choice in (plots.MARKERS, plots.DASHES))
+        entries.append(Entry(name, m, comparison.colours[name], marker, dash, told))
+    return entries
 
 
 def _sha256(script: str) -> str:
@@ -220,6 +230,25 @@ def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Mar
         others = [(e.name, value, e.colour, e.dash) for e in entries if (value := of(e.measures)) is not None]
         charts.append(plots.growth_chart(key, curves, others))
     return [chart for chart in charts if chart is not None]
+
+
+def _law(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
+    terms = [(e.name, t, e.colour, e.marker) for e, t in zip(entries, comparison.folding) if t is not None]
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    return plots.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
+
+
+def _ratio(entries: Sequence[Entry]) -> Markup | None:
+    """Distribution of gyral over cortical thickness where there are both, and cortex at least half as thick as usual."""
+    series = []
+    for e in entries:
+        cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
+        if cortical is not None and gyral is not None:
+            cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
+            ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
+            areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
+            series.append((e.name, ratio, areas, e.colour, e.dash))
+    return plots.histograms(series, "Gyral over cortical thickness", "")
 
 
 def _scatter(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:

@@ -166,10 +166,9 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     fit = fit_line([Point(float(t), float(w), "") for t, w in points])
     if fit is None or np.ptp(y) == 0:
         return row
-    found = line(x, y)
     return row | {
-        "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": found.robust,
-        "robust_low": found.low, "robust_high": found.high, "intercept_mm": fit.intercept, "r": fit.r,
+        "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": fit.robust,
+        "robust_low": fit.robust_low, "robust_high": fit.robust_high, "intercept_mm": fit.intercept, "r": fit.r,
     }  # fmt: skip
 
 

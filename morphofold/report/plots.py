@@ -195,6 +195,49 @@ def _draw_cloud(axes: Axes, cloud: dict[str, Any]) -> None:
         add(p, "point", title, marker=cloud["marker"], big=len(points) == 1)
 
 
+def folding_plot(
+    surfaces: Sequence[tuple[str, Any, str, str]], paths: Sequence[tuple[str, Sequence[Any]]]
+) -> Markup | None:
+    """The law of folding: decimal logarithms of total area times root thickness over exposed area, lines of equal k.
+
+    Parameters
+    ----------
+    surfaces : sequence of (name, ShapeTerms, colour, marker)
+    paths : sequence of (name, sequence of ShapeTerms)
+        Bodies as they grow, drawn dashed.
+
+    Returns
+    -------
+    svg : Markup, or None if there is no surface.
+    """
+    if not surfaces:
+        return None
+
+    def place(t: Any) -> tuple[float, float]:
+        return float(np.log10(t.exposed)), float(np.log10(t.total * np.sqrt(t.thickness)))
+
+    every = np.array([place(t) for t in [*(t for _, t, *_ in surfaces), *(t for _, path in paths for t in path)]])
+    (x0, y0), (x1, y1) = every.min(axis=0) - 0.06, every.max(axis=0) + 0.06
+    axes = Axes((float(x0), float(x1)), (float(y0), float(y1)), width=880, height=400, margin=(14, 60, 46, 58))
+    for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
+        ends = np.array([max(x0, (y0 - np.log10(k)) / 1.25), min(x1, (y1 - np.log10(k)) / 1.25)])
+        if ends[1] - ends[0] > 0.02:
+            axes.items.append({"kind": "level", "d": axes.path(ends, 1.25 * ends + np.log10(k)), "title": f"k = {k:g}"})
+            at = float(axes.px(ends[1])) + 4, float(axes.py(1.25 * ends[1] + np.log10(k))) + 4
+            axes.items.append({"kind": "text", "x": at[0], "y": at[1], "text": f"k = {k:g}"})
+    for name, path in paths:
+        d = axes.path(*np.array([place(t) for t in path]).T)
+        axes.items.append({"kind": "theory", "d": d, "title": name})
+    for name, t, colour, marker in surfaces:
+        x, y = place(t)
+        axes.items.append({
+            "kind": "point", "colour": colour, "title": f"{name}: k = {number(t.k)}", "marker": marker, "big": True,
+            "x": float(axes.px(x)), "y": float(axes.py(y)),
+        })  # fmt: skip
+    labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm^2.5]"
+    return axes.render(*labels, "The law of folding")
+
+
 def growth_chart(
     label: str, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], others: Sequence[tuple[str, float, str, str]]
 ) -> Markup | None:
