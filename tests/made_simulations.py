@@ -59,6 +59,7 @@ def settle(path):
     """The numbers of an index without those that differ from run to run."""
     index = json.loads(Path(path).read_text(encoding="utf-8"))
     for figure in index["figures"].values():
+        figure.pop("seconds")
         for simulation in figure.get("simulations", ()):
             simulation.pop("seconds")
     return index

@@ -185,8 +185,9 @@ def test_colours_are_those_of_groups_unless_asked_otherwise():
     found = compare(**grouped).colours
     assert list(found) == ["S1 lh", "S1 rh", "a", "b"]
     assert found["a"] == found["b"] != found["S1 lh"] == found["S1 rh"]
-    asked = compare(**grouped, colours={"b": "#00AA00", "model": "#111111", "S1": "#222222", "S1 rh": "#333333"}).colours
-    assert asked == {"S1 lh": "#222222", "S1 rh": "#333333", "a": "#111111", "b": "#00aa00"}
+    wanted = {"b": "#00AA00", "model": "#111111", "S1": "#222222", "S1 rh": "#333333"}
+    got = compare(**grouped, colours=wanted).colours
+    assert got == {"S1 lh": "#222222", "S1 rh": "#333333", "a": "#111111", "b": "#00aa00"}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report import paper_compare, paper_folds
 from morphofold.report.hinge_pictures import REACH, TILT, hinge_pairs, hinge_patch
 from morphofold.report.markdown import read_rows
-from morphofold.report.paper_page import WORDS
+from morphofold.report.paper_parts import WORDS
 from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Regions
 

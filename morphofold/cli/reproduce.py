@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
     from morphofold.report.paper import REPRODUCTIONS
+    from morphofold.report.paper_report import write_paper_report
     from morphofold.results import strict_json
 
     out = Path(args.out)
@@ -50,7 +52,12 @@ def run(args: argparse.Namespace) -> int:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         kept = _keep(out, folder, figures)
-        drawn = {name: {"morphofold": __version__, **REPRODUCTIONS[name](folder, runs)} for name in figures}
+        drawn = {}
+        for name in figures:
+            begun, growing = time.perf_counter(), runs.seconds_growing
+            entry = REPRODUCTIONS[name](folder, runs)
+            seconds = time.perf_counter() - begun - (runs.seconds_growing - growing)
+            drawn[name] = {"morphofold": __version__, "seconds": round(seconds, 2), **entry}
         index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
@@ -58,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
             "figures": {**kept, **drawn},
         }
         (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
+        write_paper_report(folder, index)
         runs.keep(folder)
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
@@ -69,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
                 print(f"{name}: warning: {entry['scene']}: {warning}")
     for name in kept:
         print(f"{name}: kept from an earlier run")
-    print(f"-> {out / 'summary.json'}")
+    print(f"-> {out / 'report.html'}")
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -31,6 +32,7 @@ class Runs:
         check_threads(threads)
         self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
         self._measured: dict[str, Measures] = {}
+        self.seconds_growing = 0.0
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         from morphofold.io import atomic_folder
@@ -42,6 +44,7 @@ class Runs:
                 pass
         if self._draft:
             name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
+        begun = time.perf_counter()
         with self.telling(name) as tell:
             try:
                 return simulate(
@@ -50,6 +53,8 @@ class Runs:
                 )  # fmt: skip
             except UnstableError as error:
                 raise UnstableError(f"{name}: {error}", error.sound) from error         # which of many
+            finally:
+                self.seconds_growing += time.perf_counter() - begun
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
         from morphofold.analysis import measure

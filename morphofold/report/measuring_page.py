@@ -26,7 +26,7 @@ from morphofold.report.figures import Picture, Row, figure
 from morphofold.report.line_plots import BLACK, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.report.markdown import between_marks, number, table
 from morphofold.report.net_picture import crest_figure, crest_row, net_figure, net_row
-from morphofold.report.png import png_bytes
+from morphofold.report.png import halved, png_bytes
 from morphofold.report.quantities import Quantity, quantity
 from morphofold.surface import Surface
 
@@ -60,7 +60,7 @@ def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
         text = between_marks(text, name, parts, page)
     for name, picture in pictures(measured).items():
         with atomic_file(page.with_name(f"measure-{name}.png")) as temporary:
-            temporary.write_bytes(png_bytes(_halved(picture)))
+            temporary.write_bytes(png_bytes(halved(picture)))
     plots = {
         "speed": speed_figure(times),
         "sensitivity": sensitivity_figure(hinges),
@@ -99,13 +99,6 @@ def _phase_row(m: Measures, name: str) -> Row:
     words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of altitude"
     values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
     return Row(words, m.cortex.white, values, m.cortex.hemi)
-
-
-def _halved(picture: Picture) -> Picture:
-    """Half as wide and high, each pixel the mean of four."""
-    height, width = picture.shape[0] // 2, picture.shape[1] // 2
-    small = picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
-    return np.asarray(np.round(small), dtype=np.uint8)
 
 
 def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:

@@ -9,28 +9,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
-
-import numpy as np
 
 from morphofold.io import atomic_file
 from morphofold.report import markdown
-from morphofold.report.markdown import Row, between_marks, health, number, read_rows, table
-from morphofold.report.paper_folds import FIG5, FIG6, FIG7, Column
-from morphofold.report.paper_theory import ONE_D, THREE_D
-from morphofold.report.png import png_bytes
-
-#: columns of the figures' tables that stay text
-WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
-#: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
-FOLDS = {
-    "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
-    "skewness": ("height_skewness", "{:.2f}"), "sulci": ("sulci", "{:.0f}"), "gyri": ("gyri", "{:.0f}"),
-    "degree": ("degree", "{:.1f}"), "wavelength, mm": ("wavelength_mm", "{:.1f}"),
-    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"), "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
-    "crossings": ("crossings", "{:.0f}"),
-}  # fmt: skip
+from morphofold.report.markdown import between_marks, health
+from morphofold.report.paper_parts import PARTS, Image, Table, read_tables
+from morphofold.report.png import halved, png_bytes, read_png
 
 
 def write_page(out: Path, page: Path) -> list[str]:
@@ -41,191 +26,26 @@ def write_page(out: Path, page: Path) -> list[str]:
     FileNotFoundError
         If there is no index in ``out`` or no page.
     ValueError
-        If the page hasn't one pair of marks for a figure of the index; Fig. 4 needs none. The page is as it was then.
+        If the page hasn't one pair of marks for a figure of the index but Fig. 4, theory alone. It is as it was then.
     """
     figures = json.loads((out / "summary.json").read_text(encoding="utf-8"))["figures"]
     text = page.read_text(encoding="utf-8")
-    renewed = [name for name in figures if name in PARTS]
+    renewed = [name for name in figures if name in PARTS and name != "fig4"]
     for name in renewed:
-        tables = {file: read_rows(out / file, WORDS) for file in figures[name]["files"] if file.endswith(".tsv")}
-        text = between_marks(text, name, [*PARTS[name](tables), health(figures[name]["simulations"])], page)
+        parts = map(_markdown, PARTS[name](read_tables(out, figures[name]["files"])))
+        text = between_marks(text, name, [*parts, health(figures[name]["simulations"])], page)
         for file in figures[name]["files"]:
             if file.endswith(".png"):
-                _halve(out / file, page.parent / file)
+                with atomic_file(page.parent / file) as temporary:
+                    temporary.write_bytes(png_bytes(halved(read_png(out / file))))
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return renewed
 
 
-def _fig3(tables: dict[str, list[Row]]) -> list[str]:
-    radius, stress = tables["fig3a.tsv"], tables["fig3b.tsv"]
+def _markdown(part: Image | Table) -> str:
+    return f"![{part.words}]({part.name}.png)" if isinstance(part, Image) else markdown.table(part.heads, part.rows)
 
-    def worst(rows: Sequence[Row], column: str) -> str:
-        return f"{100 * max(abs(row[column]) for row in rows):.3f} %"
-
-    lines = []
-    for what, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
-        mine = [row for row in radius if row["source"] == source and row["folded"] == folded]
-        same = worst(mine, "over_1d") if source == THREE_D else "–"
-        lines.append([what, source, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), same])
-    for T in sorted({row["thickness_mm"] for row in stress}):
-        mine = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
-        what = f"stress, T = {T:g} mm"
-        lines.append([what, ONE_D, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), "–"])
-    heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
-    return [_image("fig3", "outer radius against growth, tangential stress through the cortex"), table(heads, lines)]
-
-
-def _range(rows: Sequence[Row]) -> str:
-    low, high = (f([row["growth"] for row in rows]) for f in (min, max))
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
-
-
-def _fig5(tables: dict[str, list[Row]]) -> list[str]:
-    shown = [g for row in FIG5 for g in row]
-    return [
-        _image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        _folds([("", row) for row in tables["fig5.tsv"] if row["growth"] in shown], ()),
-    ]
-
-
-def _fig6(tables: dict[str, list[Row]]) -> list[str]:
-    rows = tables["fig6.tsv"]
-    return [
-        _image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
-        _columns(rows, FIG6), _first(rows, FIG6), _slopes(rows, FIG6),
-    ]  # fmt: skip
-
-
-def _fig7(tables: dict[str, list[Row]]) -> list[str]:
-    rows = tables["fig7.tsv"]
-    return [
-        _image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
-        _columns(rows, FIG7), _first(rows, FIG7),
-    ]  # fmt: skip
-
-
-def _fig8(tables: dict[str, list[Row]]) -> list[str]:
-    how = {
-        "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}", "robust_slope": "{:.2f}",
-        "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}", "r": "{:.2f}",
-        "gyral_over_cortical": "{:.2f}",
-    }  # fmt: skip
-    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t"]
-    lines = [
-        [row["surface"], row["points"], *(number(row[key], form) for key, form in how.items())]
-        for row in tables["fig8.tsv"]
-    ]
-    return [
-        _image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
-        _image("fig8b", "gyral against cortical thickness of brains and models"),
-        table(heads, lines),
-    ]
-
-
-def _fig9(tables: dict[str, list[Row]]) -> list[str]:
-    dense = [
-        [row["surface"], f"{row['hinges']:.0f}", f"{row['three_armed']:.0f}", f"{row['width_mm']:.2f}",
-         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}"] for row in tables["fig9-surfaces.tsv"]
-    ]  # fmt: skip
-    numbers = [
-        [row["number"], *(number(row[key], "{:.3g}") for key in ("median", "other_median", "ks", "energy", "p"))]
-        for row in tables["fig9-numbers.tsv"]
-    ]
-    nearest = [
-        [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
-        for row in tables["fig9-nearest.tsv"]
-    ]
-    return [
-        _image("fig9a", "three-hinge patterns of models, above those of a person"),
-        _image("fig9b", "distributions of the numbers of hinge shapes"),
-        table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²"], dense),
-        table(["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"], numbers),
-        table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
-    ]
-
-
-def _image(name: str, words: str) -> str:
-    return f"![{words}]({name}.png)"
-
-
-def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> str:
-    """What the pictures show, in numbers."""
-    shown = [
-        (column.title, row)
-        for column in columns
-        for row in rows
-        if row["scene"] == column.scene and row["growth"] in column.growth
-    ]
-    return _folds(shown, ("",))
-
-
-def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> str:
-    cells = [
-        [*([title] if first else []), *(number(row[name], how) for name, how in FOLDS.values())] for title, row in rows
-    ]
-    return table([*first, *FOLDS], cells)
-
-
-def _first(rows: Sequence[Row], columns: Sequence[Column]) -> str:
-    """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
-    heads = ["", "first picture, g", "wrinkles by theory, g", "degree", "by theory", "wavelength / T", "by theory",
-             "by the film formula"]  # fmt: skip
-    lines = []
-    for column in columns:
-        row = _at(rows, column, 0)
-        T = row["thickness_mm"]
-        numbers = (
-            row["growth"], row["theory_g"], row["degree"], row["theory_degree"], row["wavelength_mm"] / T,
-            row["theory_wavelength_mm"] / T, row["film_wavelength_mm"] / T,
-        )  # fmt: skip
-        how = ("{:.2f}", "{:.3f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
-        lines.append([column.title, *(h.format(x) for h, x in zip(how, numbers))])
-    return table(heads, lines)
-
-
-def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
-    """The row of the k-th picture of a column."""
-    return next(row for row in rows if row["scene"] == column.scene and row["growth"] == column.growth[k])
-
-
-def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> str:
-    """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
-    from scipy import stats
-
-    def fit(words: str, column: str, k: int) -> list[str]:
-        mine = [_at(rows, body, k) for body in columns]
-        found = stats.linregress([row["thickness_mm"] for row in mine], [row[column] for row in mine])
-        numbers = (found.slope, found.stderr, found.intercept, found.rvalue)
-        return [words, *(number(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
-
-    lines = [
-        fit("wavelength, first picture", "wavelength_mm", 0),
-        fit("wavelength, last picture", "wavelength_mm", -1),
-        fit("wavelength of the first wrinkles, theory", "theory_wavelength_mm", 0),
-        fit("wavelength by the film formula", "film_wavelength_mm", 0),
-        fit("gyral width, last picture", "gyral_thickness_mm", -1),
-        fit("rms height, last picture", "height_rms_mm", -1),
-    ]
-    return table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
-
-
-def _halve(source: Path, target: Path) -> None:
-    """A PNG picture half as wide and high, each pixel the mean of four."""
-    from matplotlib.image import imread
-
-    image = np.round(255 * imread(source)[:, :, :3])
-    height, width = image.shape[0] // 2, image.shape[1] // 2
-    small = image[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
-    with atomic_file(target) as temporary:
-        temporary.write_bytes(png_bytes(np.round(small).astype(np.uint8)))
-
-
-#: figure -> what stands between its marks, but for the health of its simulations, from its tables
-PARTS: dict[str, Callable[[dict[str, list[Row]]], list[str]]] = {
-    "fig3": _fig3, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8,
-    "fig9": _fig9,
-}  # fmt: skip
 
 if __name__ == "__main__":
     print(*write_page(Path(sys.argv[1]), Path(sys.argv[2])))

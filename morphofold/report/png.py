@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,21 @@ def png_bytes(image: NDArray[np.uint8]) -> bytes:
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = zlib.compress(rows.tobytes(), 6)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+def halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture half as wide and high, each pixel the mean of four, in steps of four: a fifth of the bytes, no loss to
+    be seen at this size."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    total = image[: 2 * height, : 2 * width].astype(np.uint16).reshape(height, 2, width, 2, 3).sum(axis=(1, 3))
+    return np.minimum(np.round(total / 16) * 4, 255).astype(np.uint8)
+
+
+def read_png(path: Path) -> NDArray[np.uint8]:
+    """The picture (height, width, 3) of a PNG file."""
+    from matplotlib.image import imread
+
+    return np.round(255 * imread(path)[:, :, :3]).astype(np.uint8)
 
 
 def lettering(text: str, size: int, bold: bool = False) -> NDArray[np.float64]:
