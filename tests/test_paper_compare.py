@@ -11,7 +11,7 @@ from made_simulations import MadeRuns, made_simulation
 from morphofold.analysis import hinges, measure
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
-from morphofold.report import paper_compare, paper_folds
+from morphofold.report import paper_compare, paper_folds, thickness_plots
 from morphofold.report.hinge_pictures import REACH, TILT, hinge_pairs, hinge_patch
 from morphofold.report.markdown import read_rows
 from morphofold.report.paper_parts import WORDS
@@ -53,9 +53,9 @@ def test_lines_are_those_of_points_on_lines():
 
 def test_the_first_wrinkles_stand_on_a_cortex_of_the_volume_that_grew():
     scenes = [load_scene(name) for name in ("fig6-thin", "fig6-thick")]
-    for scene, (t, wave) in zip(scenes, paper_compare.onset_line(scenes), strict=True):
+    for scene, (t, wave) in zip(scenes, thickness_plots.onset_line(scenes), strict=True):
         C, T = 50.0, scene.geometry.cortex_thickness
-        theory = paper_compare.expected(scene)
+        theory = thickness_plots.expected(scene)
         c = C - T + t
         assert c**3 - (C - T) ** 3 == pytest.approx(theory["theory_g"] ** 3 * (C**3 - (C - T) ** 3), rel=1e-9)
         degree = theory["theory_degree"]

@@ -13,24 +13,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, hinge_shapes
-from morphofold.analysis.line import line
 from morphofold.analysis.patterns import HingeShapes, random_net
 from morphofold.comparison import Point, fit_line
 from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges, examples
 from morphofold.io import read_cortex, sample_path
 from morphofold.report.colours import rgb_of
 from morphofold.report.figures import Picture, Row, figure
-from morphofold.report.fold_tables import expected, film_wavelength, sphere
 from morphofold.report.hinge_pictures import hinge_pairs
-from morphofold.report.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.report.net_picture import shaded
 from morphofold.report.paper_folds import grown
 from morphofold.report.paper_runs import Runs, told
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import Quantity
+from morphofold.report.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
 from morphofold.results import write_table
-from morphofold.sim.scene import Scene
-from morphofold.sim.theory import deformed_radius
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,9 +36,6 @@ if TYPE_CHECKING:
 GROWTH = 2.0
 MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
 SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
-PRE, POST = "#d55e00", "#0072b2"
-MARKED = {"precentral": PRE, "postcentral": POST}
-SHORT = {"precentral": "PreCG", "postcentral": "PostCG"}
 FITS = (
     "points", "n", "slope", "slope_low", "slope_high", "robust_slope", "robust_low", "robust_high", "intercept_mm", "r",
 )  # fmt: skip
@@ -123,27 +117,6 @@ def annotation(measures: Measures) -> Picture:
 # gyral against cortical thickness ---------------------------------------------------------------------------
 
 
-def region_points(measures: Measures, key: str = "cortical_thickness_mm") -> dict[str, tuple[float, float]]:
-    """Cortical and gyral thickness [mm] of each region that has both."""
-    return {
-        row["region"]: (float(row[key]), float(row["gyral_thickness_mm"]))
-        for row in measures.regions
-        if row.get(key) is not None and row.get("gyral_thickness_mm") is not None
-    }
-
-
-def crest_points(measures: Measures) -> np.ndarray:
-    """Cortical and gyral thickness (P, 2) [mm] of the crests that have both."""
-    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in measures.crests]
-    return np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
-
-
-def whole(measures: Measures) -> tuple[float, float]:
-    """Mean cortical and median gyral thickness of a surface [mm]."""
-    s = measures.scalars
-    return float(s["mean_cortical_thickness_mm"] or np.nan), float(s["median_gyral_thickness_mm"] or np.nan)
-
-
 def fit_rows(
     models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures]
 ) -> list[dict[str, Any]]:
@@ -170,84 +143,6 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
         "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": fit.robust,
         "robust_low": fit.robust_low, "robust_high": fit.robust_high, "intercept_mm": fit.intercept, "r": fit.r,
     }  # fmt: skip
-
-
-def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
-    """Thickness of the cortex and wavelength of the first wrinkles (S, 2) [mm] of bilayer spheres, as they stand then.
-
-    Linear stability of the whole sphere (:func:`morphofold.sim.theory.bifurcation`), carried from the reference to the
-    deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are stretched by
-    c / C.
-    """
-    rows = []
-    for scene in scenes:
-        theory, C, T = expected(scene), sphere(scene).radius, sphere(scene).cortex_thickness
-        c = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
-        rows.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
-    return np.array(rows)
-
-
-def thickness_figure(
-    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures],
-    scenes: Sequence[Scene],
-) -> Figure:  # fmt: skip
-    """Regions of brains, bodies, and both: gyral against cortical thickness."""
-    ratio = scenes[0].material.mu_ratio
-    with new_figure(13.2, 5.4, 1, 3) as (plot, ((left, middle, right),)):
-        entries: dict[str, Any] = {}
-        for k, m in enumerate(brains.values()):
-            key = "thickness_file_mm" if region_points(m, "thickness_file_mm") else "cortical_thickness_mm"
-            regions = region_points(m, key)
-            style = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": "", "markersize": 5}
-            x, y = np.array(list(regions.values())).reshape(-1, 2).T
-            left.plot(x, y, **style)
-            _straight(left, x, y, color=style["color"])
-            for region in MARKED:
-                if region in regions:
-                    left.plot(*regions[region], marker=style["marker"], color=MARKED[region], markersize=9, zorder=3)
-                    words, below = f"{SHORT[region]} {m.cortex.hemi}", -12 * (k % 2)
-                    left.annotate(words, regions[region], xytext=(8, 2 + below), textcoords="offset points", fontsize=9)
-        left.set_title("regions of brains", loc="left")
-        at = np.array([whole(m) for m in models.values()])
-        for k, (name, m) in enumerate(models.items()):
-            style = {"color": line_style(k)["color"], "marker": "D", "linestyle": "", "markersize": 8}
-            entries[f"model, {name}"] = style
-            middle.plot(*crest_points(m).T, ".", color=style["color"], alpha=0.25, markersize=4)
-            middle.plot(*at[k], **style, zorder=3)
-            right.plot(*at[k], **style, zorder=3)
-        _straight(middle, *at.T, color=BLACK)
-        entries["line through points of its colour"] = {"color": BLACK, "linewidth": 1.5}
-        film, onset = np.array([0.0, 1.12 * at[:, 0].max()]), onset_line(scenes)
-        for ax in (middle, right):
-            entries["film formula, wavelength"] = {"color": GREY, "linestyle": (0, (6, 2))}
-            ax.plot(film, film_wavelength(1.0, ratio) * film, **entries["film formula, wavelength"])
-            entries["first wrinkles, wavelength"] = {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))}
-            ax.plot(*onset.T, **entries["first wrinkles, wavelength"])
-        middle.set_title(f"models, g = {GROWTH:g}, crests and medians", loc="left")
-        for k, (name, m) in enumerate({**brains, **people}.items()):
-            style = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": "", "markersize": 8}
-            entries[name] = style
-            right.plot(*whole(m), **style)
-        top = right.get_ylim()[1]
-        for slope in (2.5, 4.0):
-            x = np.array([0.0, min(film[1], top / slope)])
-            right.plot(x, slope * x, color="#cccccc", linewidth=1, zorder=0)
-            right.annotate(f"{slope:g} times", (x[1], slope * x[1]), color=GREY, ha="right", va="bottom", fontsize=9)
-        right.set_title("medians of both", loc="left")
-        for ax in (left, middle, right):
-            ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]")
-            ax.set_ylim(0, None)
-        middle.set_xlim(0, None)
-        right.set_xlim(0, None)
-        legend_of_figure(plot, entries, left, columns=4)
-    return plot
-
-
-def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
-        found = line(x, y)
-        ends = np.array([x.min(), x.max()])
-        ax.plot(ends, found.intercept + found.slope * ends, linewidth=1.5, **style)
 
 
 # three-hinge patterns ---------------------------------------------------------------------------------------
