@@ -12,7 +12,7 @@ from morphofold.analysis import hinges, measure
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report import paper_compare, paper_folds, thickness_plots
-from morphofold.report.hinge_pictures import REACH, TILT, hinge_pairs, hinge_patch
+from morphofold.report.hinge_pictures import REACH, TILT, clear_examples, hinge_pairs, hinge_patch, in_sight
 from morphofold.report.markdown import read_rows
 from morphofold.report.paper_parts import WORDS
 from morphofold.sim.scene_file import load_scene
@@ -88,6 +88,21 @@ def test_a_hinge_that_is_not_there_is_refused(ball):
         hinge_patch(ball, 99999)
     with pytest.raises(ValueError, match="has no gyral graph with a hinge 0"):
         hinge_patch(replace(ball, graph=None), 0)
+
+
+def test_crests_behind_something_are_out_of_sight(ball):
+    (hinge, *_) = (h for h in hinges(ball.graph) if h.degree == 3)
+    patch = hinge_patch(ball, hinge.node)
+    assert in_sight(patch) > 0.9                                        # on a ridge
+    n, surface = len(patch.surface.verts), patch.surface
+    verts = np.concatenate([surface.verts, [[-3, -3, 5], [3, -3, 5], [0, 6, 5]]])                    # a lid
+    behind = replace(surface, verts=verts, faces=np.concatenate([surface.faces, [[n, n + 1, n + 2]]]))
+    rgb = np.concatenate([patch.rgb, np.full((3, 3), 9, dtype=np.uint8)])
+    assert in_sight(replace(patch, surface=behind, rgb=rgb)) < 0.3
+    shapes = paper_compare.hinge_shapes(ball)
+    (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
+    assert len(clear_examples(found.matches, {"a": ball, "b": ball})) == 6
+    assert clear_examples(found.matches, {"a": ball, "b": replace(ball, graph=None)}) == []
 
 
 def test_pairs_are_drawn_in_columns(ball):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -180,13 +180,18 @@ def _matches(
     return tuple(sorted(found, key=lambda match: match.distance))
 
 
-def examples(matches: Sequence[Match], count: int = 6) -> list[Match]:
-    """The best matches of different kinds, no hinge twice: as many of Y, T and V as there are, then the next best."""
+def examples(
+    matches: Sequence[Match], count: int = 6, *, wanted: Callable[[Match], bool] = lambda match: True
+) -> list[Match]:
+    """The best matches of different kinds, no hinge twice: as many of Y, T and V as there are, then the next best.
+
+    ``wanted`` is asked of a match before it is taken.
+    """
     chosen: list[Match] = []
     for kinds in (True, False):
         for match in matches:
             new = (match.other_surface, match.other) not in {(m.other_surface, m.other) for m in chosen}
             if len(chosen) < count and match not in chosen and new:
-                if not kinds or match.kind not in {m.kind for m in chosen}:
+                if (not kinds or match.kind not in {m.kind for m in chosen}) and wanted(match):
                     chosen.append(match)
     return sorted(chosen, key=lambda match: match.distance)

@@ -13,10 +13,12 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import Measures
 from morphofold.analysis._mesh import mean_edge_length
 from morphofold.analysis.hinge_table import hinge_at
-from morphofold.comparison.hinges import Match
+from morphofold.comparison.hinges import Match, examples
+from morphofold.report.colours import rgb_of
 from morphofold.report.figures import Picture, Row, draw, write
 from morphofold.report.net_picture import paint_lines, shaded
 from morphofold.report.quantities import Quantity
+from morphofold.report.raster import look
 from morphofold.surface import Faces, Surface
 
 OWN, OTHERS = "#c8102e", "#e8a5a0"      # crests of the hinge, and the others
@@ -24,7 +26,8 @@ REACH = 2.0                             # radius of a patch, in gyral widths
 LINE = 0.16                             # breadth of a crest, in gyral widths
 FINER = 2                               # halvings of edges, so that lines are smooth
 TILT = 25.0                             # degrees by which a patch is tipped back, so that its height is seen
-PANEL, WORDS = 330, 30  # pixels
+PANEL, WORDS = 330, 30                  # pixels
+CLEAR = 0.7                             # share of the crests of a hinge that a picture must show to be an example
 NOTHING = Quantity("patch", "Patch")
 
 
@@ -119,6 +122,29 @@ def _carried(
 def _tipped() -> NDArray[np.float64]:
     c, s = np.cos(np.radians(TILT)), np.sin(np.radians(TILT))
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+
+
+def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> list[Match]:
+    """The best matches whose crests can be seen in a picture, and whose surfaces have their graph."""
+
+    def clear(match: Match) -> bool:
+        pair = (match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose)
+        if any(measures[name].graph is None for name, *_ in pair):
+            return False
+        return all(in_sight(hinge_patch(measures[name], number, pose)) > CLEAR for name, number, pose in pair)
+
+    return examples(matches, wanted=clear)
+
+
+def in_sight(patch: Row) -> float:
+    """Share of a hinge's own crests that nothing hides in the picture of its patch."""
+    faces = patch.surface.faces
+    seen = look(patch.surface.verts, faces, (PANEL, PANEL), REACH, oversample=1).face
+    shown = np.zeros(len(patch.surface.verts), dtype=bool)
+    shown[faces[np.unique(seen[seen >= 0])]] = True
+    assert patch.rgb is not None
+    own = (patch.rgb == rgb_of(OWN)).all(axis=1)
+    return float(shown[own].mean()) if own.any() else 0.0
 
 
 def hinge_pairs(

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
-from morphofold.comparison.hinges import examples
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
-from morphofold.report.hinge_pictures import hinge_pairs
+from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import halved, png_bytes
@@ -191,8 +190,7 @@ def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
     measures = dict(zip(comparison.names, comparison.measures))
     pictures = []
     for k, found in enumerate(comparison.hinges, start=1):
-        chosen = [m for m in examples(found.matches) if measures[m.surface].graph and measures[m.other_surface].graph]
-        if chosen:
+        if chosen := clear_examples(found.matches, measures):
             image = hinge_pairs(chosen, measures, (found.one, found.other))
             title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
             pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))

@@ -15,11 +15,11 @@ import numpy as np
 from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.patterns import HingeShapes, random_net
 from morphofold.comparison import Point, fit_line
-from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges, examples
+from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges
 from morphofold.io import read_cortex, sample_path
 from morphofold.report.colours import rgb_of
 from morphofold.report.figures import Picture, Row, figure
-from morphofold.report.hinge_pictures import hinge_pairs
+from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.report.net_picture import shaded
 from morphofold.report.paper_folds import grown
@@ -72,7 +72,8 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     people = _brains(runs, "S1")
     shapes = {name: s for name, m in {**models, **people}.items() if (s := hinge_shapes(m)) is not None}
     (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
-    chosen = hinge_pairs(examples(found.matches), {**models, **people}, (found.one, found.other))
+    measures = {**models, **people}
+    chosen = hinge_pairs(clear_examples(found.matches, measures), measures, (found.one, found.other))
     (folder / "fig9a.png").write_bytes(png_bytes(chosen))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
     tables = hinge_tables(found, {**models, **people}, shapes)
