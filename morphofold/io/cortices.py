@@ -136,6 +136,7 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
     said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": {}}
     if stage.is_file():
         info = _stage_info(stage)
+        files.append(stage)
         said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
     elif (root / "summary.json").is_file():
         said |= _analysed(root / "summary.json", hemi)
