@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from morphofold import analysis
+from morphofold.analysis.speed import folded_ball
+from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
+from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import irregular_sphere
 from morphofold.sim import theory
 from morphofold.sim.body import Body
@@ -80,6 +83,21 @@ def test_all_measures_of_an_individual(benchmark):
     cortex = read_cortex(sample_path("S1"))
     measures = benchmark.pedantic(analysis.measure, (cortex,), rounds=2, warmup_rounds=1)
     assert measures.scalars["euler_characteristic"] == 2
+
+
+def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):
+    """Asked: below 20 s, from analyses to the page."""
+    measured = {"S1": read_cortex(sample_path("S1")), **{f"T{n}": folded_ball(n) for n in (20_000, 40_000, 160_000)}}
+    folders = {name: tmp_path / name for name in measured}
+    for name, cortex in measured.items():
+        write_analysis([analysis.measure(cortex)], folders[name], report=False)
+
+    def page():
+        read = {name: read_analysis(folder) for name, folder in folders.items()}
+        groups = {"model": [name for name in read if name != "S1"], "MRI": ["S1", "again"]}
+        return compare({**read, "again": read["S1"]}, groups=groups).report(tmp_path / "out")
+
+    assert benchmark.pedantic(page, rounds=2, warmup_rounds=1).stat().st_size > 5e6
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
