@@ -16,6 +16,7 @@ Ints = NDArray[np.int64]
 DRAWS = 2000
 CONFIDENCE = 0.95
 FEWEST = 3
+BOUNDED = 5             # points that a bootstrap takes: with three its bounds hold in two of three cases
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Line:
     """y on x through ``n`` points.
 
     ``slope`` and ``intercept`` by least squares, ``r`` Pearson's; ``robust``, the median of the slopes of all pairs of
-    points; ``low`` and ``high`` bound it with 95 % confidence.
+    points; ``low`` and ``high`` bound it with 95 % confidence, NaN for fewer than five points.
     """
 
     n: int
@@ -56,7 +57,9 @@ def line(x: Array, y: Array, seed: int = 0) -> Line:
     pairs = _pairs(x, y)
     slopes = _median_slopes(*pairs, times)
     tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(slopes[np.isfinite(slopes)], [tail, 100 - tail])
+    low = high = np.nan
+    if len(x) >= BOUNDED:
+        low, high = np.percentile(slopes[np.isfinite(slopes)], [tail, 100 - tail])
     robust = _median_slopes(*pairs, np.ones((1, len(x)), dtype=np.int64))
     return Line(
         len(x), slope, float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from morphofold.analysis.chord import GyralThickness
+    from morphofold.analysis.line import Line
 
 LINE = (
     "gyral_to_cortical_slope", "gyral_to_cortical_r", "gyral_to_cortical_slope_robust", "gyral_to_cortical_slope_low",
@@ -177,7 +178,7 @@ def measure(
         mean_sulcal_depth_mm=_mean(maps["sulcal_depth"], area_pial),
         median_gyral_thickness_mm=_number(across.median),
         wavelength_mm=_number(across.wavelength),
-        **dict(zip(LINE, (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high) if fitted else 5 * [None])),
+        **dict(zip(LINE, _line_numbers(fitted))),
         mean_local_gyrification_index=None if local is None else _mean(maps["local_gyrification_index"], area_pial),
         spectral_wavelength_mm=_number(graph.graph["wavelength"]),
         **tables.scalars,
@@ -249,6 +250,13 @@ def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     if not known.any():
         return None
     return float(np.average(values[known], weights=None if weights is None else weights[known]))
+
+
+def _line_numbers(fitted: Line | None) -> list[float | None]:
+    """Of the scalars in ``LINE``; bounds are missing where there are too few regions for them."""
+    if fitted is None:
+        return [None] * len(LINE)
+    return [_number(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
 
 
 def _number(value: float) -> float | None:

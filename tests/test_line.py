@@ -51,6 +51,13 @@ def test_too_few_or_equal_points_have_no_line():
             line(np.array(x), np.array(y))
 
 
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_few_points_have_no_bounds(n, rng):
+    found = line(np.arange(float(n)), np.arange(n) + 0.1 * rng.standard_normal(n))
+    assert found.robust == pytest.approx(1, abs=0.4)
+    assert np.isnan([found.low, found.high]).all() == (n < 5)
+
+
 def test_the_same_seed_gives_the_same_bounds(rng):
     x, y = rng.uniform(1, 4, 12), rng.uniform(5, 15, 12)
     assert line(x, y, 3) == line(x, y, 3) != line(x, y, 4)

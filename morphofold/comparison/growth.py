@@ -11,16 +11,9 @@ from numpy.typing import NDArray
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.patterns import hinge_shapes
 from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
+from morphofold.comparison.thickness import thickness_ratios
 
 Array = NDArray[np.float64]
-
-
-def _over(one: str, other: str) -> Callable[[Measures], float | None]:
-    def ratio(m: Measures) -> float | None:
-        a, b = m.scalars.get(one), m.scalars.get(other)
-        return None if a is None or not b else a / b
-
-    return ratio
 
 
 def _k(m: Measures) -> float | None:
@@ -33,13 +26,19 @@ def _hinges(m: Measures) -> float | None:
     return None if shapes is None else shapes.per_area
 
 
+def _wavelength(m: Measures) -> float | None:
+    wavelength, thickness = m.scalars.get("wavelength_mm"), m.scalars.get("mean_cortical_thickness_mm")
+    return None if wavelength is None or not thickness else wavelength / thickness
+
+
 #: numbers without unit, so that bodies of any size can be laid beside each other
 NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),
     "k of the law of folding": _k,
     "hinges per gyral width²": _hinges,
-    "gyral over cortical thickness": _over("median_gyral_thickness_mm", "mean_cortical_thickness_mm"),
-    "wavelength over cortical thickness": _over("wavelength_mm", "mean_cortical_thickness_mm"),
+    "gyral over cortical thickness": lambda m: thickness_ratios(m)[0],
+    "the same at crests": lambda m: thickness_ratios(m)[1],
+    "wavelength over cortical thickness": _wavelength,
 }
 
 

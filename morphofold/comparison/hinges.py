@@ -22,7 +22,9 @@ from morphofold.analysis.patterns import (
 Array = NDArray[np.float64]
 
 SHORTEST = 0.5          # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
+DENSEST = 0.7           # hinges per square of the gyral width: of more the arms can't all be as long as that
 NET_HINGES = 2000
+CHANCE = "net at chance"
 PERMUTATIONS = 999
 
 
@@ -60,7 +62,7 @@ class Control:
     """How near hinges of some source come to a hinge of the second group, by the angles and lengths of their arms.
 
     ``median`` of the distances to the nearest; ``p``: how often a division at chance of these distances and those of
-    the first group differs as much in its means; 1 for the first group itself.
+    the first group differs as much in its medians; 1 for the first group itself.
     """
 
     source: str
@@ -75,7 +77,7 @@ class HingeComparison:
 
     ``shape`` compares the distributions of whole shapes, ``numbers`` those of single numbers. ``matches`` has one entry
     per hinge of ``one``, the nearest first. ``controls``: the first group, the second group itself (each hinge left out
-    in turn), and a net at chance.
+    in turn), and a net at chance, if one can have as many hinges for their gyral width.
     """
 
     one: str
@@ -135,29 +137,37 @@ def _numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes])
 def _controls(
     one: str, other: str, a: Array, b: Array, theirs: Mapping[str, HingeShapes], seed: int
 ) -> tuple[Control, ...]:
-    per_area = float(np.mean([s.per_area for s in theirs.values()]))
-    net = random_net(NET_HINGES, shortest=SHORTEST, per_area=per_area, seed=seed)
     within, _ = shape_distance(b, b, of=OF_A_NET)
     np.fill_diagonal(within, np.inf)
     nearest = {
         one: shape_distance(a, b, of=OF_A_NET)[0].min(axis=1),
         f"{other} itself": within.min(axis=1),
-        "net at chance": shape_distance(net, b, of=OF_A_NET)[0].min(axis=1),
     }
+    net = net_at_chance([s for s in theirs.values() if len(s)], seed=seed)
+    if net is not None:
+        nearest[CHANCE] = shape_distance(net, b, of=OF_A_NET)[0].min(axis=1)
     first = nearest[one]
     return tuple(
-        Control(name, float(np.median(d)), len(d), 1.0 if d is first else mean_difference(first, d, seed=seed))
+        Control(name, float(np.median(d)), len(d), 1.0 if d is first else median_difference(first, d, seed=seed))
         for name, d in nearest.items()
     )
 
 
-def mean_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
-    """p-value of the difference of the means of two samples (N,) and (M,), from divisions at chance, two-sided."""
+def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:
+    """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if none can be."""
+    per_area = float(np.mean([s.per_area for s in shapes]))
+    if not 0 < per_area < DENSEST:
+        return None
+    return random_net(NET_HINGES, shortest=SHORTEST, per_area=per_area, seed=seed)
+
+
+def median_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
+    """p-value of the difference of the medians of two samples (N,) and (M,), from divisions at chance, two-sided."""
     pooled, n = np.concatenate([x, y]), len(x)
     rng = np.random.default_rng(seed)
 
     def difference(values: Array) -> float:
-        return abs(float(values[:n].mean() - values[n:].mean()))
+        return abs(float(np.median(values[:n]) - np.median(values[n:])))
 
     found = difference(pooled)
     as_much = sum(difference(rng.permutation(pooled)) >= found - 1e-12 for _ in range(permutations))

@@ -21,10 +21,10 @@ from morphofold.analysis.patterns import hinge_shapes
 from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, wrinkling_wavelength
+from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, thickness_ratios, wrinkling_wavelength
 from morphofold.report.colours import CATEGORICAL
 from morphofold.report.plots import number
-from morphofold.report.quantities import RATIO
+from morphofold.report.quantities import CREST_RATIO, RATIO
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,14 +267,10 @@ def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:
         {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}}
         for key in (*SCALARS, *extra)
     ]
-    ratio: dict[str, Any] = {"measure": RATIO}
-    for name, m in named.items():
-        gyral, cortical = (
-            m.scalars.get("median_gyral_thickness_mm"),
-            m.scalars.get("mean_cortical_thickness_mm"),
-        )
-        ratio[name] = _plain(gyral / cortical) if gyral and cortical else None
-    return [*rows, ratio]
+    ratios = {name: thickness_ratios(m) for name, m in named.items()}
+    for k, key in enumerate((RATIO, CREST_RATIO)):
+        rows.append({"measure": key, **{name: _plain(both[k]) for name, both in ratios.items()}})
+    return rows
 
 
 def _plain(value: Any) -> Any:

@@ -31,9 +31,9 @@ class Point:
 class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
-    The interval takes the points as independent, which neighbouring regions are not quite. ``robust`` is the median of
-    the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`morphofold.analysis.line.line`); 0 where all gyral thicknesses are alike.
+    ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
+    (:func:`morphofold.analysis.line.line`), None for fewer than five; 0 where all gyral thicknesses are alike. Both
+    intervals take the points as independent, which neighbouring regions are not quite.
     """
 
     slope: float
@@ -44,8 +44,8 @@ class Fit:
     p: float
     n: int
     robust: float
-    robust_low: float
-    robust_high: float
+    robust_low: float | None
+    robust_high: float | None
 
     @property
     def sloped(self) -> bool:
@@ -110,6 +110,19 @@ def thickness_cloud(measures: Measures) -> Cloud:
     return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
 
 
+def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
+    """Gyral over cortical thickness: median over mean of the whole surface, and the median of the ratio over crests.
+
+    They part where the cortex of crowns is thicker or thinner than that of walls and fundi. None where one of the two
+    thicknesses is not known.
+    """
+    gyral, cortical = (measures.scalars.get(k) for k in ("median_gyral_thickness_mm", "mean_cortical_thickness_mm"))
+    known = [row for row in measures.crests if _known(row.get("gyral_thickness_mm"))]
+    known = [row for row in known if _known(row.get("cortical_thickness_mm")) and row["cortical_thickness_mm"] > 0]
+    ratios = [row["gyral_thickness_mm"] / row["cortical_thickness_mm"] for row in known]
+    return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
+
+
 def _known(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
@@ -142,10 +155,11 @@ def fit_line(points: Sequence[Point]) -> Fit | None:
     found = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
     slope = float(found.slope)
-    robust = (0.0, 0.0, 0.0)
+    robust: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0)
     if np.ptp(y) > 0:
         pairs = line(x, y)
-        robust = (pairs.robust, pairs.low, pairs.high)
+        bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
+        robust = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
     return Fit(
         slope, slope - half, slope + half, float(found.intercept), float(found.rvalue), float(found.pvalue),
         len(points), *robust,

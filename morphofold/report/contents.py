@@ -14,7 +14,7 @@ from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import matching_growth
 from morphofold.report.plots import number
-from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
+from morphofold.report.quantities import CREST_RATIO, HEADLINES, RATIO, scalar_words
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -70,8 +70,12 @@ def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str
 
 def verdict(comparison: Comparison) -> list[str]:
     """The result in a sentence: gyral over cortical thickness, and what linear theory puts beside it."""
-    ratio = next(row for row in comparison.table if row["measure"] == RATIO)
-    known = [f"{number(ratio[name])} in {name}" for name in comparison.names if ratio[name] is not None]
+    ratio, at_crests = (next(r for r in comparison.table if r["measure"] == key) for key in (RATIO, CREST_RATIO))
+    known = [
+        f"{number(ratio[name])} in {name}" + (f" ({number(at_crests[name])} at its crests)" if at_crests[name] else "")
+        for name in comparison.names
+        if ratio[name] is not None
+    ]
     if not known:
         return []
     theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)

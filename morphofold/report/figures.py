@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,7 +129,7 @@ def draw(
         seen: raster.Seen = looks[place]
         return seen.coloured(normals @ turned.T, rgb)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:                    # the kernels let go of the interpreter
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:           # the kernels let go of the interpreter
         return list(pool.map(picture, cameras))
 
 

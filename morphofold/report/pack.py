@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -156,7 +157,7 @@ def _decimated(cortex: Cortex, keep: float) -> tuple[NDArray[np.int64], Faces]:
 
     middle = (cortex.pial.verts + cortex.white.verts) / 2
     points, triangles = simplify(middle, cortex.faces.astype(np.int32), 1.0 - keep)
-    _, near = cKDTree(middle).query(points, k=12, workers=-1)
+    _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
     chosen = distinct(near)
     ids, place = np.unique(chosen, return_inverse=True)
     faces = place[triangles]

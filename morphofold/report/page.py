@@ -103,7 +103,7 @@ def _entries(comparison: Comparison) -> list[Entry]:
     for k, (name, m) in enumerate(zip(comparison.names, comparison.measures)):
         group = held.get(name, "")
         told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
-        marker, dash = (choice[k % len(choice)] for choice in (plots.MARKERS, plots.DASHES))
+        marker, dash = plots.MARKERS[k % 4], plots.DASHES[(k + k // 4) % 4]             # sixteen before one comes again
         entries.append(Entry(name, m, comparison.colours[name], marker, dash, told))
     return entries
 
@@ -234,7 +234,7 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
     series = []
     for e in entries:
         cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
-        if cortical is not None and gyral is not None:
+        if cortical is not None and gyral is not None and np.isfinite(cortical).any():
             cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, hinge_shapes
-from morphofold.analysis.patterns import HingeShapes, random_net
+from morphofold.analysis.patterns import HingeShapes
 from morphofold.comparison import Point, fit_line
-from morphofold.comparison.hinges import SHORTEST, HingeComparison, compare_hinges
+from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
+from morphofold.comparison.thickness import thickness_ratios
 from morphofold.io import read_cortex, sample_path
 from morphofold.report.colours import rgb_of
 from morphofold.report.figures import Picture, Row, figure
@@ -41,10 +42,11 @@ FITS = (
 )  # fmt: skip
 COLUMNS = {
     "n": "regions, crests or bodies",
-    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %, the "
-    "points taken as independent",
-    "robust_slope": "median over pairs of points, with its bounds by a bootstrap over them",
+    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %",
+    "robust_slope": "median over pairs of points, with its bounds by a bootstrap over them (five points at least); "
+    "both bounds take points as independent",
     "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
+    "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness there",
 }
 
 
@@ -84,7 +86,8 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
         "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
         "files": ["fig9a.png", "fig9b.png", *tables],
         "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
-                    "sharpness in gyral widths; pose 3 and more: mirrored"},
+                    "sharpness in gyral widths; pose 3 and more: mirrored",
+                    "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions"},
         "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
         "simulations": [told(simulation) for simulation in simulations],
     }  # fmt: skip
@@ -136,7 +139,8 @@ def fit_rows(
 def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
     x, y = points.T
     row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
-    row["gyral_over_cortical"] = float(y.mean() / x.mean()) if m is None else whole(m)[1] / whole(m)[0]
+    over, at_crests = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m)
+    row |= {"gyral_over_cortical": over, "gyral_over_cortical_at_crests": at_crests}
     fit = fit_line([Point(float(t), float(w), "") for t, w in points])
     if fit is None or np.ptp(y) == 0:
         return row
@@ -160,6 +164,7 @@ def hinge_tables(
         {
             "surface": name, "hinges": measures[name].scalars["n_hinges"], "three_armed": len(s), "width_mm": s.width,
             "per_width_squared": s.per_area, "per_cm_squared": 100 * s.per_area / s.width**2,
+            **{f"median {key}": float(np.median(values)) for key, values in s.numbers().items()},
         }
         for name, s in shapes.items()
     ]  # fmt: skip
@@ -176,9 +181,9 @@ def hinge_tables(
 
 def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
     """Cumulative distributions of the numbers of hinge shapes, for each surface, and of a net at chance."""
-    per_area = float(np.mean([shapes[name].per_area for name in people]))
-    net = random_net(2000, shortest=SHORTEST, per_area=per_area)
-    chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, per_area).numbers()
+    net = net_at_chance([shapes[name] for name in people])
+    assert net is not None                                              # a person's hinges are not that dense
+    chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
     keys = list(chance)
     with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):
         entries: dict[str, Any] = {}

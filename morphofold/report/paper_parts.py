@@ -100,9 +100,10 @@ def _fig8(tables: Tables) -> list[Image | Table]:
     how = {
         "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}", "robust_slope": "{:.2f}",
         "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}", "r": "{:.2f}",
-        "gyral_over_cortical": "{:.2f}",
+        "gyral_over_cortical": "{:.2f}", "gyral_over_cortical_at_crests": "{:.2f}",
     }  # fmt: skip
-    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t"]
+    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t",
+             "at crests"]  # fmt: skip
     lines = [
         [row["surface"], row["points"], *(number(row[key], form) for key, form in how.items())]
         for row in tables["fig8.tsv"]
@@ -115,9 +116,12 @@ def _fig8(tables: Tables) -> list[Image | Table]:
 
 
 def _fig9(tables: Tables) -> list[Image | Table]:
+    surfaces = tables["fig9-surfaces.tsv"]
+    medians = [key for key in surfaces[0] if key.startswith("median ")]
     dense = [
         [row["surface"], f"{row['hinges']:.0f}", f"{row['three_armed']:.0f}", f"{row['width_mm']:.2f}",
-         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}"] for row in tables["fig9-surfaces.tsv"]
+         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}",
+         *(number(row[key], "{:.3g}") for key in medians)] for row in surfaces
     ]  # fmt: skip
     numbers = [
         [row["number"], *(number(row[key], "{:.3g}") for key in ("median", "other_median", "ks", "energy", "p"))]
@@ -130,7 +134,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
-        Table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²"], dense),
+        Table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²", *medians], dense),
         Table(["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"], numbers),
         Table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
     ]

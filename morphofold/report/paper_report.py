@@ -40,10 +40,14 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
 
 def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     tables = read_tables(folder, entry["files"])
+    try:
+        verdict, parts = VERDICTS[name](tables), PARTS[name](tables)
+    except KeyError as error:
+        verdict, parts = f"Drawn by an earlier version, whose tables lack {error}; draw it again.", []
     simulations: Sequence[Mapping[str, Any]] = entry.get("simulations", ())
     return {
-        "name": f"Fig. {name.removeprefix('fig')}", "shows": entry["shows"], "verdict": VERDICTS[name](tables),
-        "parts": [_part(folder, part) for part in PARTS[name](tables)],
+        "name": f"Fig. {name.removeprefix('fig')}", "shows": entry["shows"], "verdict": verdict,
+        "parts": [_part(folder, part) for part in parts],
         "files": [file for file in entry["files"] if file.endswith(".tsv")],
         "took": duration(entry["seconds"]) if "seconds" in entry else None,
         "simulations": [{**told, "name": told["folder"].rpartition("/")[2], "took": duration(told["seconds"])}

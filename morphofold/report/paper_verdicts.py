@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+from morphofold.comparison.hinges import CHANCE
 from morphofold.report.markdown import Row
+from morphofold.report.paper_folds import FIG7
 from morphofold.report.paper_parts import Tables
 from morphofold.report.paper_theory import ONE_D, THREE_D
+from morphofold.sim.theory import critical_growth
 
 AGREES = 0.01           # share by which a simulation may miss theory and still be said to agree
-UNFOLDED = "Not as in the paper: there is a body without folds."
-NEARER = 0.8            # of the distance of chance: matches below are more than chance
+UNFOLDED = "Not as in the paper: there is a body without folds, or with too few stages that are folded."
 
 
 def _fig3(tables: Tables) -> str:
     def worst(file: str, source: str, folded: int = 0) -> float:
-        rows = [row for row in tables[file] if row["source"] == source and not (row.get("folded") or 0) - folded]
-        return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=0.0)
+        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == folded]
+        return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=math.nan)
 
     radius, stress, folded = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
-    said = f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %"
-    if max(radius, stress) < AGREES:
-        text = f"As in the paper, finite elements are where theory has them until the sphere folds: {said}."
-    else:
-        text = f"Unlike in the paper, finite elements are not where theory has them: {said}."
-    return text + (f" Once folded, the mean radius is up to {100 * folded:.2g} % off, as growth goes into folds.")
+    same = radius < AGREES and stress < AGREES
+    text = (
+        f"{_as(same)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
+        f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
+    )
+    if math.isnan(folded):
+        return text
+    return text + f" Once folded, the mean radius is up to {100 * folded:.2g} % off, as growth goes into folds."
 
 
 def _fig4(tables: Tables) -> str:
@@ -45,16 +50,16 @@ def _fig4(tables: Tables) -> str:
 
 def _fig5(tables: Tables) -> str:
     rows = _folded(tables["fig5.tsv"])
-    if not rows:
+    if len(rows) < 3:
         return UNFOLDED
     first, last = rows[0], rows[-1]
     index = [row["gyrification_index"] for row in rows]
-    rising = _falls(index[:0:-1])                                        # the first is of a sphere that hardly folds
+    rising = _falls(index[:0:-1])                                       # the first is of a sphere that hardly folds
     return (
         f"{_as(rising)} in the paper folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
         f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere has first wrinkles at g = "
-        f"{first['theory_g']:.3f}, with degree "
-        f"{first['theory_degree']:.0f}; the first folds seen have {first['degree']:.1f}."
+        f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first folds seen have "
+        f"{first['degree']:.1f}."
     )
 
 
@@ -75,15 +80,21 @@ def _fig6(tables: Tables) -> str:
 
 
 def _fig7(tables: Tables) -> str:
-    bodies = _by_body(tables["fig7.tsv"], "mu_ratio")
-    if not all(bodies):
+    shown = [(column.scene, column.growth[0]) for column in FIG7]
+    rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in shown]
+    if len(rows) < len(FIG7):
         return UNFOLDED
-    skewed = [min(row["height_skewness"] for row in rows) for rows in bodies]
+    rows.sort(key=lambda row: row["mu_ratio"])
+    skewed, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
+    crease = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
+    before = "all" if max(wrinkles) < crease else "not all"
     return (
         f"{_as(_falls(skewed[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
-        f"the height is skewed by {_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
-        f"{_listed([rows[0]['mu_ratio'] for rows in bodies], '{:g}')}. But linear stability has wrinkles first at "
-        "every ratio, where the paper has creases first at small ones."
+        f"where folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the height is skewed by "
+        f"{_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
+        f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability has wrinkles at g = "
+        f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}, which the paper has "
+        "come first at small ratios."
     )
 
 
@@ -91,20 +102,23 @@ def _fig8(tables: Tables) -> str:
     rows = tables["fig8.tsv"]
     (bodies,) = [row for row in rows if row["points"] == "bodies"]
     regions = [row for row in rows if row["points"].startswith("regions") and row["slope"] is not None]
-    crests = {row["surface"]: row["gyral_over_cortical"] for row in rows if row["points"] == "crests"}
-    if None in crests.values() or bodies["slope"] is None:
+    crests = [row for row in rows if row["points"] == "crests"]
+    keys = ("gyral_over_cortical", "gyral_over_cortical_at_crests")
+    if bodies["slope"] is None or any(row[key] is None for row in crests for key in keys):
         return UNFOLDED
-    models = [ratio for name, ratio in crests.items() if name.startswith("T =")]
-    people = [ratio for name, ratio in crests.items() if not name.startswith("T =")]
-    apart = min(people) > 1.1 * max(models) or max(people) < min(models) / 1.1
+    ratios = [
+        [_span([row[key] for row in crests if row["surface"].startswith("T =") == model]) for model in (True, False)]
+        for key in keys
+    ]
     start = f"{'+' if bodies['intercept_mm'] > 0 else '−'} {abs(bodies['intercept_mm']):.1f}"
     return (
         f"{_as(bodies['slope'] > 0)} in the paper gyri widen with the cortex from body to body: W = "
-        f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain the slope is positive in "
-        f"{sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits, and above 0 with 95 % confidence in "
-        f"{sum(r['slope_low'] > 0 for r in regions)}. Gyri are {_span(models)} times as wide as the cortex is thick "
-        f"in the models, {_span(people)} times in a person: "
-        f"{'two laws of proportion, not one' if apart else 'one law of proportion'}."
+        f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
+        f"each, the slope is positive in {sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits by least "
+        f"squares, in {sum(r['robust_slope'] > 0 for r in regions)} by medians, and above 0 with 95 % confidence in "
+        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests gyri are {ratios[1][0]} times as wide as the "
+        f"cortex is thick there in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
+        f"and {ratios[0][1]} times."
     )
 
 
@@ -112,19 +126,27 @@ def _fig9(tables: Tables) -> str:
     shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
     largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
     model, *controls = tables["fig9-nearest.tsv"]
-    near = model["median"] < NEARER * min(row["median"] for row in controls)
-    others = ", ".join(f"{row['source']} {row['median']:.3f}" for row in controls)
+    chance = [row for row in controls if row["source"] == CHANCE]
+    nearer = "".join(
+        f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
+        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a net at chance (p = "
+        f"{row['p']:.2g})"
+        for row in chance
+    )
+    own = "".join(f"; a hinge of {row['source']} has {row['median']:.3f}" for row in controls if row not in chance)
     return (
-        f"As in the paper every hinge of a model has its like on a person's brain, {model['median']:.3f} away (median "
-        f"of angles and lengths), {'nearer than chance' if near else 'which says little, as chance comes as near'}: "
-        f"{others}. As distributions the shapes {'differ' if shape['p'] < 0.05 else 'are not told apart'} (energy "
-        f"distance {shape['energy']:.3f}, p = {shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in "
-        f"models, {largest['other_median']:.0f}° in the person."
+        f"The hinge of a person nearest to one of a model is {model['median']:.3f} away (median, by angles and "
+        f"lengths){nearer}{own}. The paper calls such pairs counterparts. As distributions the shapes "
+        f"{'differ' if shape['p'] < 0.05 else 'are not told apart'} (energy distance {shape['energy']:.3f}, p = "
+        f"{shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, {largest['other_median']:.0f}° "
+        "in the person."
     )
 
 
 def _folded(rows: Sequence[Row]) -> list[Row]:
-    return [row for row in rows if row["wavelength_mm"] is not None]
+    """The rows with all that a folded surface has."""
+    needed = ("wavelength_mm", "gyral_thickness_mm", "sulci", "height_skewness")
+    return [row for row in rows if all(row[key] is not None for key in needed)]
 
 
 def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:

@@ -39,7 +39,8 @@ QUANTITIES = (
 )  # fmt: skip
 MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
 
-RATIO = "gyral_to_cortical_ratio"  # median gyral over mean cortical thickness, made by compare
+#: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests
+RATIO, CREST_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
 
 SCALAR_WORDS = {
     "n_vertices": ("Vertices", ""),
@@ -66,6 +67,7 @@ SCALAR_WORDS = {
     "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
     "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
+    CREST_RATIO: ("The same at crests, median", ""),
 }
 HEADLINES = (
     "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",

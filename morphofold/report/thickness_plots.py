@@ -79,7 +79,7 @@ def thickness_figure(
         _bodies(middle, models, styles, at)
         theory = [entry for ax in (middle, right) for entry in _theory(ax, scenes, 1.12 * at[:, 0].max()).items()]
         _both(right, {**models, **brains, **people}, styles)
-        _without_units(ratio, models, brains, people, styles)
+        _without_units(ratio, {**models, **brains, **people}, styles)
         for ax in (left, middle, right):
             ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]", ylim=(0, None))
         middle.set_xlim(0, None)
@@ -136,22 +136,18 @@ def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style
     ax.set_title("medians of both", loc="left")
 
 
-def _without_units(
-    ax: Axes, models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures],
-    styles: Mapping[str, Style],
-) -> None:  # fmt: skip
-    """Gyral over cortical thickness, over cortical thickness in units of the surface's own mean."""
-    clouds = {name: crest_points(m) for name, m in {**models, **people}.items()}
-    clouds.update({name: np.array(list(best_points(m).values())).reshape(-1, 2) for name, m in brains.items()})
-    for name, m in {**models, **brains, **people}.items():
-        t, W = clouds[name].T
-        mean, median = whole(m)
-        faint: Style = {"alpha": 0.7, "markersize": 5} if name in brains else {"alpha": 0.3, "markersize": 3}
-        ax.plot(t / mean, W / t, **styles[name], **faint)
-        ax.axhline(median / mean, color=styles[name]["color"], linewidth=1.2)
+def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+    """Gyral over cortical thickness of crests, over cortical thickness in units of the surface's mean."""
+    right, top, out = 1.9, 8.0, 0
+    for name, m in measures.items():
+        t, W = crest_points(m).T
+        x, ratio = t / whole(m)[0], W / t
+        ax.plot(x, ratio, **styles[name], alpha=0.3, markersize=3)
+        ax.axhline(float(np.median(ratio)), color=styles[name]["color"], linewidth=1.2)
+        out += int(((x > right) | (ratio > top)).sum())
     ax.set(xlabel="cortical thickness over its mean", ylabel="gyral over cortical thickness")
-    ax.set(xlim=(0.5, 1.8), ylim=(0, 8))
-    ax.set_title("without units, regions or crests; lines: medians", loc="left")
+    ax.set(xlim=(0, right), ylim=(0, top))
+    ax.set_title(f"without units, crests ({out} outside), medians", loc="left")
 
 
 def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
