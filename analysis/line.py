@@ -55,12 +55,13 @@ def line(x: Array, y: Array, seed: int = 0) -> Line:
     drawn = np.random.default_rng(seed).integers(len(x), size=(DRAWS, len(x)))
     times = np.stack([np.bincount(draw, minlength=len(x)) for draw in drawn])
     pairs = _pairs(x, y)
-    slopes = _median_slopes(*pairs, times)
+    alike = np.unique(x, return_inverse=True)[1]
+    slopes = _median_slopes(*pairs, times, alike)
     tail = 50 * (1 - CONFIDENCE)
     low = high = np.nan
     if len(x) >= BOUNDED:
         low, high = np.percentile(slopes[np.isfinite(slopes)], [tail, 100 - tail])
-    robust = _median_slopes(*pairs, np.ones((1, len(x)), dtype=np.int64))
+    robust = _median_slopes(*pairs, np.ones((1, len(x)), dtype=np.int64), alike)
     return Line(
         len(x), slope, float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),
         float(robust[0]), float(low), float(high),
@@ -91,16 +92,18 @@ def _pairs(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
 
 
 @njit(cache=True)
-def _median_slopes(slopes, i, j, times):
+def _median_slopes(slopes, i, j, times, alike):
     """Median slope over pairs where point k counts times[d, k] times, for each row of (D, N); NaN if no pair counts.
 
     Pairs of a draw are the pairs of all points, each as often as the product of its ends, so nothing is sorted again.
+    Points of one x have one number in ``alike`` (N,): the pairs of all points less those within such a group.
     """
     found = np.full(len(times), np.nan)
     for d in range(len(times)):
-        total = 0
-        for p in range(len(slopes)):
-            total += times[d, i[p]] * times[d, j[p]]
+        groups = np.zeros(alike.max() + 1, dtype=np.int64)
+        for k in range(len(alike)):
+            groups[alike[k]] += times[d, k]
+        total = (groups.sum() ** 2 - (groups**2).sum()) // 2
         passed, low = 0, np.nan
         for p in range(len(slopes)):
             passed += times[d, i[p]] * times[d, j[p]]

@@ -12,7 +12,7 @@ from morphofold.analysis import hinges, measure
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report import hinge_pictures, paper_compare, paper_folds, thickness_plots
-from morphofold.report.hinge_pictures import REACH, TILT, clear_examples, hinge_pairs, hinge_patch, in_sight
+from morphofold.report.hinge_pictures import REACH, TILT, clear_examples, hinge_pairs, hinge_patch, in_sight, pair_of
 from morphofold.report.markdown import read_rows
 from morphofold.report.paper_parts import WORDS
 from morphofold.sim.scene_file import load_scene
@@ -102,17 +102,17 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
     shapes = paper_compare.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert len(clear_examples(found.matches, {"a": ball, "b": ball})) == 6
-    assert clear_examples(found.matches, {"a": ball, "b": replace(ball, graph=None)}) == []
+    assert clear_examples(found.matches, {"a": ball, "b": replace(ball, graph=None)}) == {}
     monkeypatch.setattr(hinge_pictures, "in_sight", lambda patch: 0.6)
-    assert clear_examples(found.matches, {"a": ball, "b": ball}) == []
+    assert clear_examples(found.matches, {"a": ball, "b": ball}) == {}
 
 
 def test_pairs_are_drawn_in_columns(ball):
     shapes = paper_compare.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert found.shape.p == 1.0
-    three = examples(found.matches)
-    picture = hinge_pairs(three, {"a": ball, "b": ball}, ("model", "MRI"), backend="raster")
+    pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
+    picture = hinge_pairs(pairs, ("model", "MRI"), backend="raster")
     half = (picture.shape[0] - 28) // 2
     upper, lower = picture[16 : 16 + half - 30, 120:], picture[16 + half : 16 + 2 * half - 30, 120:]
     assert (upper != 255).mean() > 0.1

@@ -11,7 +11,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures
-from morphofold.analysis._mesh import mean_edge_length
 from morphofold.analysis.hinge_table import hinge_at
 from morphofold.comparison.hinges import Match, examples
 from morphofold.report.colours import rgb_of
@@ -71,7 +70,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tipped() @ frame).T
     kept, faces = _connected(pial.faces[(np.linalg.norm(verts, axis=1) < REACH)[pial.faces].all(axis=1)], hinge.vertex)
-    white, edge = cKDTree(measures.cortex.white.verts[kept]), mean_edge_length(pial.verts, pial.faces)
+    white, edge = cKDTree(measures.cortex.white.verts[kept]), graph.graph["edge"]
 
     def carried(at: int | None) -> list[NDArray[np.float64]]:
         lines = [crest["polyline"] for *_, crest in graph.edges(at, data=True)]
@@ -124,16 +123,23 @@ def _tipped() -> NDArray[np.float64]:
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
 
-def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> list[Match]:
-    """The best matches whose crests can be seen in a picture, and whose surfaces have their graph."""
+def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
+    """The patches of a match; the second lies as it resembles the first most."""
+    one = hinge_patch(measures[match.surface], match.hinge)
+    return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
+
+
+def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
+    """The best matches whose crests can be seen in a picture and whose surfaces have their graph, with their patches."""
+    pairs: dict[Match, tuple[Row, Row]] = {}
 
     def clear(match: Match) -> bool:
-        pair = (match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose)
-        if any(measures[name].graph is None for name, *_ in pair):
+        if measures[match.surface].graph is None or measures[match.other_surface].graph is None:
             return False
-        return all(in_sight(hinge_patch(measures[name], number, pose)) > CLEAR for name, number, pose in pair)
+        pairs[match] = pair_of(match, measures)
+        return all(in_sight(patch) > CLEAR for patch in pairs[match])
 
-    return examples(matches, wanted=clear)
+    return {match: pairs[match] for match in examples(matches, wanted=clear)}
 
 
 def in_sight(patch: Row) -> float:
@@ -148,26 +154,23 @@ def in_sight(patch: Row) -> float:
 
 
 def hinge_pairs(
-    matches: Sequence[Match], measures: Mapping[str, Measures], rows: tuple[str, str], backend: str | None = None
-) -> Picture:
-    """Pairs of hinges in columns, the first group above the second, which lies as it resembles the first most.
+    pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], backend: str | None = None
+) -> Picture:  # fmt: skip
+    """Pairs of hinges in columns, the first group above the second.
 
     Parameters
     ----------
-    matches : sequence of Match
-    measures : mapping of the surfaces that they name
+    pairs : mapping of matches to their patches
     rows : two str
         What stands before the rows.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.figures.draw`.
     """
     left, top = 120, 16
-    canvas = np.full((top + 2 * (PANEL + WORDS) + 12, left + PANEL * len(matches), 3), 255, dtype=np.uint8)
-    for k, match in enumerate(matches):
-        for line, (name, number, pose) in enumerate(
-            [(match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose)]
-        ):
-            patch = hinge_patch(measures[name], number, pose)
+    canvas = np.full((top + 2 * (PANEL + WORDS) + 12, left + PANEL * len(pairs), 3), 255, dtype=np.uint8)
+    for k, (match, patches) in enumerate(pairs.items()):
+        numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
+        for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
             (image,) = draw(patch, ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, backend)
             y, x = top + line * (PANEL + WORDS), left + k * PANEL
             canvas[y : y + PANEL, x : x + PANEL] = image

@@ -191,7 +191,7 @@ def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
     pictures = []
     for k, found in enumerate(comparison.hinges, start=1):
         if chosen := clear_examples(found.matches, measures):
-            image = hinge_pairs(chosen, measures, (found.one, found.other))
+            image = hinge_pairs(chosen, (found.one, found.other))
             title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
             pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
     return pictures

@@ -75,7 +75,7 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     shapes = {name: s for name, m in {**models, **people}.items() if (s := hinge_shapes(m)) is not None}
     (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
     measures = {**models, **people}
-    chosen = hinge_pairs(clear_examples(found.matches, measures), measures, (found.one, found.other))
+    chosen = hinge_pairs(clear_examples(found.matches, measures), (found.one, found.other))
     (folder / "fig9a.png").write_bytes(png_bytes(chosen))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
     tables = hinge_tables(found, {**models, **people}, shapes)
