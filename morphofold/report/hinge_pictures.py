@@ -130,7 +130,7 @@ def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
 
 
 def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
-    """The best matches whose crests can be seen in a picture and whose surfaces have their graph, with their patches."""
+    """The best matches whose crests can be seen in a picture, of surfaces that have their graph, with their patches."""
     pairs: dict[Match, tuple[Row, Row]] = {}
 
     def clear(match: Match) -> bool:
