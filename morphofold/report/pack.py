@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.report.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex
 
 DISPLAY_VERTICES = 60_000
@@ -45,11 +46,12 @@ def pack(
     maps: Mapping[str, PerVertex],
     steps: Mapping[str, float] | None = None,
     shown: Display | None = None,
+    net: Net | None = None,
 ) -> Packed:
     """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
 
     ``steps`` names the coarsest step that will do for a map, which makes it smaller; without, 16 bits of its
-    range. ``shown`` is what ``thin`` made of the cortex; None: thinned here.
+    range. ``shown`` is what ``thin`` made of the cortex; None: thinned here. ``net`` is drawn over it.
     """
     steps = steps or {}
     shown = shown or thin(cortex)
@@ -64,9 +66,13 @@ def pack(
     ranges = {key: writer.values(f"map:{key}", values[shown.ids], steps.get(key, 0.0)) for key, values in maps.items()}
     if cortex.regions is not None:
         writer.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
+    if net is not None:
+        writer.add("crest-ids", np.concatenate([np.empty(0, np.uint32), *net.crests]).astype(np.uint32))
+        writer.add("crest-ends", np.cumsum([len(line) for line in net.crests]).astype(np.uint32))
     meta = {
         "vertices": len(shown.ids), "triangles": len(shown.faces), "all_vertices": cortex.n_vertices,
         "thinned": shown.thinned, "surfaces": boxes, "maps": ranges, "arrays": writer.arrays,
+        "net": None if net is None else {"hinges": net.hinges},
         "regions": ["no region", *cortex.regions.names] if cortex.regions is not None else None,
     }  # fmt: skip
     return Packed(meta, base64.b64encode(zlib.compress(b"".join(writer.chunks), 6)).decode("ascii"))

@@ -25,6 +25,7 @@ from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
+from morphofold.report.layers import net_of
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import halved, png_bytes
@@ -34,6 +35,7 @@ from morphofold.surface import Surface
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
 
+SCRIPTS = ("viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
@@ -73,7 +75,8 @@ def _write(
     thinned = [thin(e.measures.cortex) for e in entries]
     pictures = _pictures(path.parent / "figures", entries, thinned, shown)
     viewer, blocks = _viewer(entries, thinned, shown)
-    script = resources.files("morphofold.report").joinpath("templates/viewer.js").read_text(encoding="utf-8")
+    templates = resources.files("morphofold.report").joinpath("templates")
+    script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = plots.environment().get_template("report.html").render(
         kind=kind, title=title, lede=lede, entries=entries, number=plots.number, theory=comparison.theory,
         headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
@@ -90,6 +93,8 @@ def _write(
         growth=comparison.growth, growth_charts=_growth_charts(entries, comparison),
         met=contents.met(comparison), law=_law(entries, comparison), ratio=_ratio(entries),
         folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
+        sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
+        nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
@@ -142,8 +147,10 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than colours show
     for e, display in zip(entries, thinned):
         maps = {key: a for key in shown for _, a in _having([e], key)}
-        packed = pack(e.measures.cortex, maps, steps, display)
-        surfaces.append({**packed.meta, "name": e.name, "hemi": e.measures.cortex.hemi})
+        cortex = e.measures.cortex
+        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
+        sided = cortex.origin != "simulation"
+        surfaces.append({**packed.meta, "name": e.name, "hemi": cortex.hemi, "sided": sided})
         blocks.append(Markup(packed.data))  # base64: nothing in it to escape
     maps_shown = [
         {

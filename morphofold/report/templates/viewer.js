@@ -1,6 +1,5 @@
 // Draws every surface of the page in one WebGL2 canvas, one panel each, cameras linked.
-// Data come from <script type="text/plain" id="data-N"> blocks written by pack.py; nothing is fetched.
-"use strict";
+// Data come from <script type="text/plain" id="data-N"> blocks written by pack.py (viewer-data.js); nothing is fetched.
 (async () => {
 const root = document.documentElement;
 const stage = document.getElementById("stage");
@@ -12,44 +11,6 @@ const fail = (why) => {
   $("viewer").classList.add("failed");
   $("viewer-failure").textContent = "The interactive view is not available here (" + why + "). The pictures below show the same surfaces.";
 };
-
-// ---- data ---------------------------------------------------------------------------------------------
-async function inflate(id) {
-  const text = $(id).textContent.trim();
-  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-function decode(raw, a) {
-  const out = a.bytes === 2 ? new Uint16Array(a.n) : new Uint32Array(a.n);
-  for (let i = 0; i < a.n; i++) {
-    let z = 0;
-    for (let b = 0; b < a.bytes; b++) z |= raw[a.at + b * a.n + i] << (8 * b);
-    z >>>= 0;
-    out[i] = ((z >>> 1) ^ -(z & 1)) + (i >= a.stride ? out[i - a.stride] : 0);
-  }
-  return out;
-}
-function toMm(codes, box) {
-  const out = new Float32Array(codes.length), step = box.edge / 65535;
-  for (let i = 0; i < codes.length; i++) out[i] = box.low[i % 3] + codes[i] * step;
-  return out;
-}
-function vertexNormals(p, f) {
-  const n = new Float32Array(p.length);
-  for (let t = 0; t < f.length; t += 3) {
-    const a = 3 * f[t], b = 3 * f[t + 1], c = 3 * f[t + 2];
-    const ux = p[b] - p[a], uy = p[b + 1] - p[a + 1], uz = p[b + 2] - p[a + 2];
-    const vx = p[c] - p[a], vy = p[c + 1] - p[a + 1], vz = p[c + 2] - p[a + 2];
-    const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
-    for (const i of [a, b, c]) { n[i] += x; n[i + 1] += y; n[i + 2] += z; }
-  }
-  for (let i = 0; i < n.length; i += 3) {
-    const s = 1 / (Math.hypot(n[i], n[i + 1], n[i + 2]) || 1);
-    n[i] *= s; n[i + 1] *= s; n[i + 2] *= s;
-  }
-  return n;
-}
 
 // ---- cameras: rows of R are the screen's right, up and towards-the-viewer axes in brain coordinates -----------
 // Coordinates are right, anterior, superior. A left hemisphere is seen laterally from -x, a right one from +x.
@@ -68,7 +29,8 @@ function turn(R, about, angle) {            // rotate the object about a screen 
   }
   return out;
 }
-const state = { map: config.maps[0] ? config.maps[0].key : "", surface: "pial", zoom: 1, pan: [0, 0], fit: false, view: "lateral" };
+const state = { map: config.maps[0] ? config.maps[0].key : "", surface: "pial", zoom: 1, pan: [0, 0], fit: false, view: "lateral",
+  crests: false, hinges: false, side: "both" };
 const limits = Object.fromEntries(config.maps.map((m) => [m.key, m.limits.slice()]));
 
 // ---- GL ---------------------------------------------------------------------------------------------------
@@ -100,22 +62,11 @@ void main() {
   float shine = pow(max(dot(m, normalize(vec3(-0.18, 0.28, 0.94))), 0.0), 24.0);
   colour = vec4(base * (0.26 + 0.44 * key + 0.36 * head) + 0.06 * shine, 1.0);
 }`;
-function program(vs, fs) {
-  const p = gl.createProgram();
-  for (const [type, text] of [[gl.VERTEX_SHADER, vs], [gl.FRAGMENT_SHADER, fs]]) {
-    const s = gl.createShader(type);
-    gl.shaderSource(s, text); gl.compileShader(s); gl.attachShader(p, s);
-  }
-  gl.linkProgram(p);
-  if (!gl.getProgramParameter(p, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(p) || "shader");
-  return p;
-}
-let prog, panels;
+let prog, panels, layers;
 const U = {};
 try {
-  prog = program(VERTEX, FRAGMENT);
-  for (const name of ["R", "centre", "pan", "scale", "depth", "table", "range", "limit", "missing", "bare", "coloured"])
-    U[name] = gl.getUniformLocation(prog, name);
+  prog = glProgram(gl, VERTEX, FRAGMENT, U);
+  layers = makeLayers(gl);
   panels = await Promise.all(config.surfaces.map(load));
 } catch (error) { return fail(String(error.message || error)); }
 const tables = Object.fromEntries(Object.entries(config.tables).map(([name, rgb]) => [name, texture(rgb)]));
@@ -129,11 +80,7 @@ function texture(rgb) {
     gl.texParameteri(gl.TEXTURE_2D, gl["TEXTURE_" + k], gl[v]);
   return t;
 }
-function buffer(data, target = gl.ARRAY_BUFFER) {
-  const b = gl.createBuffer();
-  gl.bindBuffer(target, b); gl.bufferData(target, data, gl.STATIC_DRAW);
-  return b;
-}
+function buffer(data, target) { return glBuffer(gl, data, target); }
 async function load(meta, index) {
   const raw = await inflate("data-" + index), get = (name) => decode(raw, meta.arrays[name]);
   const faces = get("faces"), shapes = {};
@@ -152,13 +99,15 @@ async function load(meta, index) {
   for (const key of Object.keys(meta.maps)) codes[key] = get("map:" + key);
   gl.bindVertexArray(null);
   return { meta, faces, shapes, codes, ids: get("ids"), regions: meta.regions && get("regions"),
-    box: $("panel-" + index), R: null, picked: -1, elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER), arrays: {} };
+    box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER), arrays: {} };
 }
 const shapeOf = (panel) => panel.shapes[state.surface] || panel.shapes.pial;
+function normalsOf(panel, shape) { return shape.normals ||= vertexNormals(shape.verts, panel.faces); }
+const inView = () => panels.filter((p) => !p.box.hidden);
 function bind(panel) {
   const shape = shapeOf(panel);
   if (!shape.vao) {
-    shape.normals = vertexNormals(shape.verts, panel.faces);
+    normalsOf(panel, shape);
     shape.vao = gl.createVertexArray();
     gl.bindVertexArray(shape.vao);
     for (const [slot, data] of [[0, shape.verts], [1, shape.normals]]) {
@@ -178,7 +127,7 @@ function bind(panel) {
 // ---- drawing ------------------------------------------------------------------------------------------------
 function frame(panel) {                        // half height of the view in mm, and the panel's size in px
   const w = panel.box.clientWidth, h = panel.box.clientHeight, own = shapeOf(panel).radius;
-  const radius = state.fit ? own : Math.max(...panels.map((p) => shapeOf(p).radius));
+  const radius = state.fit ? own : Math.max(...inView().map((p) => shapeOf(p).radius));
   return { w, h, perPx: 2 * 1.04 * radius / Math.min(w, h) / state.zoom };
 }
 function draw() {
@@ -198,22 +147,27 @@ function draw() {
   gl.uniform1i(U.table, 0); gl.uniform2f(U.limit, lo, hi);
   gl.uniform3fv(U.missing, config.missing.map((x) => x / 255)); gl.uniform3fv(U.bare, config.bare.map((x) => x / 255));
   let triangles = 0;
-  for (const panel of panels) {
+  for (const panel of inView()) {
+    gl.useProgram(prog);
     const { w, h, perPx } = frame(panel), shape = shapeOf(panel), range = panel.meta.maps[state.map];
     const x = panel.box.offsetLeft, y = H - panel.box.offsetTop - h;
     gl.viewport(x * dpr, y * dpr, w * dpr, h * dpr); gl.scissor(x * dpr, y * dpr, w * dpr, h * dpr);
-    const R = panel.R;
-    gl.uniformMatrix3fv(U.R, false, [R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]]);
-    gl.uniform3fv(U.centre, shape.centre); gl.uniform2f(U.pan, ...pan(panel, perPx));
-    gl.uniform2f(U.scale, 2 / (w * perPx), 2 / (h * perPx)); gl.uniform1f(U.depth, 1.1 * shape.radius);
+    const R = panel.R, place = (u) => {
+      gl.uniformMatrix3fv(u.R, false, [R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]]);
+      gl.uniform3fv(u.centre, shape.centre); gl.uniform2f(u.pan, ...pan(panel, perPx));
+      gl.uniform2f(u.scale, 2 / (w * perPx), 2 / (h * perPx)); gl.uniform1f(u.depth, 1.1 * shape.radius);
+    };
+    place(U);
     gl.uniform2f(U.range, range ? range.low : 0, range ? range.high : 1); gl.uniform1i(U.coloured, map ? 1 : 0);
     bind(panel);
     gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
     triangles += panel.faces.length / 3;
+    if (panel.net) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
     ruler(panel, perPx); mark(panel, perPx);
   }
   gl.bindVertexArray(null);
   root.dataset.triangles = triangles;
+  root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
 }
 let pending = false;
@@ -255,8 +209,18 @@ function pick(panel, px, py) {
     }
   }
   panel.picked = best;
+  panel.hinge = state.hinges && panel.net ? hingeAt(panel, px, py, front, perPx) : null;
+  if (panel.hinge) panel.picked = panel.hinge.at;
   describe(panel);
   redraw();
+}
+function hingeAt(panel, px, py, front, perPx) {             // the nearest that is shown within ten pixels
+  let found = null, least = 10;
+  for (const hinge of panel.net.hinges) {
+    const [x, y, z] = project(panel, hinge.at, perPx), away = Math.hypot(x - px, y - py);
+    if (away < least && z > front - 4) { least = away; found = hinge; }
+  }
+  return found;
 }
 function valueAt(panel, key, i) {
   const code = panel.codes[key] ? panel.codes[key][i] : 65535, range = panel.meta.maps[key];
@@ -270,6 +234,7 @@ function describe(panel) {
     const dt = document.createElement("dt"), dd = document.createElement("dd");
     dt.textContent = label; dd.textContent = text; box.append(dt, dd);
   };
+  if (panel.hinge) for (const [label, text] of panel.hinge.lines) line(label, text);
   line("Vertex", String(panel.ids[i]));
   if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
   for (const m of config.maps) {
@@ -295,7 +260,7 @@ function rotate(dx, dy) {
 function zoom(by) { state.zoom = Math.min(40, Math.max(0.3, state.zoom * by)); redraw(); }
 function reset() {
   state.zoom = 1; state.pan = [0, 0];
-  for (const panel of panels) { panel.picked = -1; describe(panel); }
+  for (const panel of panels) { panel.picked = -1; panel.hinge = null; describe(panel); }
   look("lateral");
 }
 function showMap(key) {
@@ -352,6 +317,12 @@ $("zoom-in").addEventListener("click", () => zoom(1.25));
 $("zoom-out").addEventListener("click", () => zoom(0.8));
 if ($("fit")) $("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
 for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value === "none" ? "" : r.value));
+for (const name of ["crests", "hinges"]) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; redraw(); });
+for (const r of document.querySelectorAll("input[name=side]")) r.addEventListener("change", () => {
+  state.side = r.value;
+  for (const panel of panels) panel.box.hidden = state.side !== "both" && panel.meta.sided && panel.meta.hemi !== state.side;
+  redraw();
+});
 for (const r of document.querySelectorAll("input[name=surface]")) r.addEventListener("change", () => { state.surface = r.value; redraw(); });
 for (const [id, k] of [["bar-low", 0], ["bar-high", 1]]) $(id).addEventListener("change", (e) => {
   const v = Number(e.target.value), l = limits[state.map], next = l.slice();
