@@ -494,7 +494,7 @@ def test_names_from_files_are_escaped_everywhere(nasty_page):
         assert "&lt;script&gt;alert" in text
         scripts = [s for a, s in Page(text).scripts if "type" not in a]
         assert len(scripts) == 1
-        assert scripts[0].startswith("// What pack.py wrote")
+        assert scripts[0].startswith("// Tables that sort")
 
 
 def test_the_page_names_the_one_script_it_may_run(nasty_page):

@@ -10,12 +10,13 @@ import subprocess
 import time
 from dataclasses import replace
 
+import networkx as nx
 import numpy as np
 import pytest
 from made_measures import made_measures
 
 from morphofold.comparison import compare
-from morphofold.report import figures
+from morphofold.report import analysis_report, figures
 from morphofold.surface import Surface
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -100,7 +101,35 @@ class Tab:
         return np.array(rgba, dtype=float).reshape(-1, 4)[:, :3]
 
 
+    def count(self, rgb):
+        """How many pixels of the canvas have a colour, within 3, in each third of its width."""
+        return self.js(
+            "(() => { const c = document.getElementById('canvas'), d = document.createElement('canvas'); "
+            "d.width = c.width; d.height = c.height; const g = d.getContext('2d'); g.drawImage(c, 0, 0); "
+            "const p = g.getImageData(0, 0, d.width, d.height).data, n = [0, 0, 0], want = " + str(list(rgb)) + "; "
+            "for (let i = 0; i < p.length; i += 4) if (want.every((w, k) => Math.abs(p[i + k] - w) < 4)) "
+            "n[Math.floor(3 * (i / 4 % d.width) / d.width)]++; return n; })()"
+        )
+
+
 SMALL = 0.8
+LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
+
+
+def with_net(m):
+    """The same measures with a net of one hinge on the lateral side, three crests long 30 degrees."""
+    verts = m.cortex.white.verts
+    vertex = int(np.argmin(verts[:, 0]))
+    out = verts[vertex] / np.linalg.norm(verts[vertex])
+    graph = nx.MultiGraph(edge=4.0, scales=None)
+    graph.add_node(LATERAL, position=verts[vertex], normal=out, degree=3, vertex=vertex)
+    for k in range(3):
+        across = np.array([0, np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3)])
+        line = np.array([np.cos(a) * out + np.sin(a) * across for a in np.radians(np.arange(0, 31, 3))])
+        graph.add_node(k + 1, position=36 * line[-1], normal=out, degree=1, vertex=vertex)
+        graph.add_edge(LATERAL, k + 1, polyline=36 * line, number=k)
+    x, y, z = verts[vertex]
+    return replace(m, graph=graph, hinges=[{**m.hinges[0], "x": x, "y": y, "z": z, "hinge": LATERAL, "blind": 0}])
 
 
 def small(m):
@@ -118,8 +147,9 @@ def tab(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MORPHOFOLD_RENDERER", "raster")
         figures.renderer.cache_clear()
-        pair = [made_measures("lh", name="<b>bold</b>"), made_measures("rh")]
-        page = compare({"model": small(made_measures(regions=False)), "MRI": pair}).report(folder / "out")
+        pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
+        model = small(made_measures(regions=False, origin="simulation"))
+        page = compare({"model": model, "MRI": pair}).report(folder / "out")
     figures.renderer.cache_clear()
     profile = folder / "profile"
     browser = subprocess.Popen(
@@ -258,6 +288,61 @@ def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     tab.frame()
 
 
+def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
+    tab.js("document.querySelector('input[value=cortical_thickness]').click()")
+    tab.frame()
+    for layer, rgb, area in (("crests", (41, 41, 41), (200, 3000)), ("hinges", (214, 94, 0), (20, 100))):
+        assert tab.count(rgb) == [0, 0, 0]
+        tab.js(f"document.getElementById('{layer}').click()")
+        assert tab.frame()[layer] == "true"
+        model, left, right = tab.count(rgb)
+        assert area[0] < left < area[1]
+        assert (model, right) == (0, 0)                                     # they have none
+        tab.js(f"document.getElementById('{layer}').click()")
+        assert tab.frame()[layer] == "false"
+    tab.js("document.querySelector('input[value=H]').click()")
+
+
+def test_a_click_on_a_hinge_reads_it(tab):
+    verts = made_measures("lh").cortex.pial.verts
+    vertex = int(np.argmin(made_measures("lh").cortex.white.verts[:, 0]))
+    away = verts[vertex] - (verts.max(axis=0) + verts.min(axis=0)) / 2
+    scale = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
+    per_mm = tab.js(scale)
+    x, y = tab.middle_of("panel-1") - per_mm * away[1:]                     # seen from the left: anterior is left
+    read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => [d.textContent, d.nextSibling.textContent])"
+
+    def click():
+        for kind in ("mousePressed", "mouseReleased"):
+            tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        tab.frame()
+        return dict(tab.js(read))
+
+    assert "Hinge" not in click()                                           # not shown, not read
+    tab.js("document.getElementById('hinges').click()")
+    tab.frame()
+    said = click()
+    assert (said["Hinge"], said["Angles"]) == ("0, Y", "0°, 120°, 240°")
+    assert said["Arms"] == "8.00, 8.00, 8.00 mm"
+    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
+    tab.frame()
+
+
+def test_one_hemisphere_is_shown_beside_the_model(tab):
+    hidden = "[...document.querySelectorAll('.panel')].map(p => p.hidden)"
+    for side, gone in (("lh", [False, False, True]), ("rh", [False, True, False]), ("both", [False] * 3)):
+        tab.js(f"document.querySelector('input[name=side][value={side}]').click()")
+        assert int(tab.frame()["triangles"]) == 1280 * (3 - sum(gone))
+        assert tab.js(hidden) == gone
+
+
+def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
+    assert "Fischl and Dale 2000" in tab.js("document.getElementById('methods').value")
+    tab.js("document.querySelector('[data-copy]').click()")
+    tab.frame()
+    assert tab.js("getSelection().toString().length || document.getElementById('methods').selectionEnd") > 500
+
+
 def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
     """Pixels per mm: the same in every panel, and larger where the small surface is blown up."""
     scales = (
@@ -289,3 +374,39 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
         or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
     ]  # fmt: skip
     assert wrong == []
+
+
+def test_tables_sort_and_are_saved_with_all_digits(tab, tmp_path):
+    """After the page of the tests above: another one, of an analysis."""
+    m = made_measures("lh")
+    m.regions[1]["gyral_thickness_mm"] = None
+    m.regions[2]["area_mm2"] = 1234.56789
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MORPHOFOLD_RENDERER", "raster")
+        figures.renderer.cache_clear()
+        page = analysis_report([m], tmp_path / "report.html")
+    figures.renderer.cache_clear()
+    tab.call("Page.navigate", url=page.as_uri())
+    for _ in range(300):
+        if tab.js("document.documentElement?.dataset.tables"):
+            break
+        time.sleep(0.1)
+    names = "[...document.querySelectorAll('[data-name=lh-regions] tbody th')].map(t => t.textContent)"
+    head = "document.querySelector('[data-name=lh-regions] th[data-key={}] button').click()"
+    assert tab.js(names) == ["front", "middle", "back"]
+    tab.js(head.format("region"))
+    assert tab.js(names) == ["back", "front", "middle"]
+    tab.js(head.format("gyral_thickness_mm"))
+    assert tab.js(names) == ["front", "back", "middle"]                     # without a value: last
+    tab.js(head.format("gyral_thickness_mm"))
+    assert tab.js(names) == ["back", "front", "middle"]                     # falling, and still last
+    assert tab.js("document.querySelector('th[aria-sort]').getAttribute('aria-sort')") == "descending"
+    tab.js("URL.createObjectURL = (blob) => { window.saved = blob; return '#'; }")
+    tab.js("document.querySelector('[data-name=lh-regions] + .save').click()")
+    lines = [line.split("\t") for line in tab.js("window.saved.text()").splitlines()]
+    assert lines[0][:3] == ["region", "n_vertices", "area_mm2"]
+    assert [line[0] for line in lines[1:]] == ["back", "front", "middle"]
+    assert lines[1][2] == "1234.56789"
+    assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
+    tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
+    assert tables == ["lh-regions", "lh-hinges"]

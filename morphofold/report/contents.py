@@ -21,7 +21,14 @@ if TYPE_CHECKING:
 
 PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 REGION_COLUMNS = (
-    "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
+    "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
+)  # fmt: skip
+HINGE_COLUMNS = (
+    "hinge", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x", "y", "z",
+)  # fmt: skip
+CREST_COLUMNS = (
+    "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "mean_H_per_mm",
+    "region",
 )  # fmt: skip
 WARNING = "simulation"                         # the note that speaks of a simulation's health
 REMARKS = ("cortex_mask", "curvature_scale")   # notes about a surface rather than about one number
@@ -180,20 +187,20 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
     return said
 
 
-def regions(entries: Sequence[Entry]) -> Rows:
-    """A table of regions for every surface that has them."""
-    columns = [scalar_words(k) for k in REGION_COLUMNS]
-    return [
-        {
-            "entry": e,
-            "columns": columns,
-            "rows": [
-                {"region": r.get("region"), "values": [r.get(k) for k in REGION_COLUMNS]} for r in e.measures.regions
-            ],
-        }
-        for e in entries
-        if e.measures.regions
-    ]
+def tables(entries: Sequence[Entry]) -> Rows:
+    """Tables of regions, hinges and crests of every surface that has them: what they are called, heads, values."""
+    found = []
+    for title, name, columns in (("Regions", "regions", REGION_COLUMNS), ("Hinges", "hinges", HINGE_COLUMNS),
+                                 ("Crests", "crests", CREST_COLUMNS)):  # fmt: skip
+        for e in entries:
+            rows = getattr(e.measures, name)
+            if rows:
+                found.append({
+                    "title": title, "entry": e, "name": f"{e.measures.cortex.hemi}-{name}",
+                    "heads": [(key, *scalar_words(key)) for key in columns],
+                    "rows": [[row.get(key) for key in columns] for row in rows],
+                })  # fmt: skip
+    return found
 
 
 def parameters(entries: Sequence[Entry]) -> Rows:

@@ -26,6 +26,7 @@ from morphofold.report.contents import Entry
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.layers import net_of
+from morphofold.report.methods import REFERENCES, methods
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import Display, pack, thin
 from morphofold.report.png import halved, png_bytes
@@ -35,7 +36,7 @@ from morphofold.surface import Surface
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
 
-SCRIPTS = ("viewer-data.js", "viewer-layers.js", "viewer.js")
+SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
@@ -56,7 +57,7 @@ def analysis_report(measures: Sequence[Measures], path: str | Path, *, inputs: I
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    return _write(comparison, Path(path), "Analysis", title, lede, inputs, with_regions=True)
+    return _write(comparison, Path(path), "Analysis", title, lede, inputs, with_tables=True)
 
 
 def comparison_report(comparison: Comparison, folder: str | Path, *, inputs: Inputs = ()) -> Path:
@@ -68,7 +69,7 @@ def comparison_report(comparison: Comparison, folder: str | Path, *, inputs: Inp
 
 
 def _write(
-    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_regions: bool = False
+    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_tables: bool = False
 ) -> Path:
     entries = _entries(comparison)
     shown = _shown(entries)
@@ -84,7 +85,9 @@ def _write(
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),
         warnings=contents.warnings(entries), cautions=comparison.cautions, plot_notes=contents.plot_notes(comparison),
         bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
-        regions=contents.regions(entries) if with_regions else [], parameters=contents.parameters(entries),
+        tables=contents.tables(entries) if with_tables else [], references=REFERENCES,
+        methods=methods(comparison.measures, contents.versions()[0][1]),
+        parameters=contents.parameters(entries),
         facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
         charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
         maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
