@@ -58,6 +58,7 @@ def write_analysis(
     inputs: Iterable[str | Path] = (),
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
+    stages: Sequence[Cortex] = (),
 ) -> Path:
     """Write an analysis, whole or not at all.
 
@@ -73,6 +74,8 @@ def write_analysis(
         Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
     report : bool
         Whether to draw figures/*.png and report.html.
+    stages : sequence of Cortex
+        Those of the one body that was measured, for the page to draw it as it grows.
 
     Returns
     -------
@@ -111,7 +114,8 @@ def write_analysis(
         if report:
             from morphofold.report import analysis_report
 
-            analysis_report(measures, folder / "report.html", inputs=records)
+            grown = [Measures(cortex, {}, {}) for cortex in stages]
+            analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
     return Path(out)
 
 

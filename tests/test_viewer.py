@@ -116,6 +116,14 @@ SMALL = 0.8
 LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
 
 
+def shrunk(m, g):
+    """The same body at an earlier growth, as many times smaller; at 1.0 nothing was measured but thickness."""
+    cortex = m.cortex
+    shapes = {n: Surface(getattr(cortex, n).verts * g / 2, cortex.faces) for n in ("white", "pial")}
+    maps = {"cortical_thickness": m.maps["cortical_thickness"] * g / 2} if g == 1 else m.maps
+    return replace(m, cortex=replace(cortex, **shapes, inflated=None, info={"g": g}), maps=maps)
+
+
 def with_net(m):
     """The same measures with a net of one hinge on the lateral side, three crests long 30 degrees."""
     verts = m.cortex.white.verts
@@ -148,8 +156,9 @@ def tab(tmp_path_factory):
         patch.setenv("MORPHOFOLD_RENDERER", "raster")
         figures.renderer.cache_clear()
         pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
-        model = small(made_measures(regions=False, origin="simulation"))
-        page = compare({"model": model, "MRI": pair}).report(folder / "out")
+        model = small(made_measures(regions=False, origin="simulation", info={"g": 2.0}))
+        grown = [shrunk(model, g) for g in (1.0, 1.5)]
+        page = compare({"model": model, "MRI": pair}, growth={"model": [*grown, model]}).report(folder / "out")
     figures.renderer.cache_clear()
     profile = folder / "profile"
     browser = subprocess.Popen(
@@ -334,6 +343,25 @@ def test_one_hemisphere_is_shown_beside_the_model(tab):
         tab.js(f"document.querySelector('input[name=side][value={side}]').click()")
         assert int(tab.frame()["triangles"]) == 1280 * (3 - sum(gone))
         assert tab.js(hidden) == gone
+
+
+def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
+    slide = "(s => {{ s.value = {}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))"
+    area = lambda: int((tab.pixels().reshape(64, 64, 3)[:, :21].min(axis=2) < 240).sum())
+    full = area()
+    assert tab.frame()["growth"].split(",")[0] == "2"
+    for k, g in ((0, 1.0), (1, 1.5), (2, 2.0)):
+        tab.js(slide.format(k))
+        for _ in range(50):                                             # a stage is unpacked when it is first asked for
+            if tab.frame()["growth"].split(",")[0] == f"{g:g}":
+                break
+        else:
+            pytest.fail("the stage was not shown")
+        assert tab.js("document.getElementById('growth-now').textContent") == f"g = {g:g}"
+        assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
+        pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
+        assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)        # H was not measured at 1.0: bare
+    tab.js("document.getElementById('reset').click()")
 
 
 def test_the_paragraph_for_a_paper_is_there_to_copy(tab):

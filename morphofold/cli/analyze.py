@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from morphofold.surface import Cortex
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
             measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
         tell(0.8, "writing")
         asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
-        write_analysis(measures, out, parameters=asked, report=not args.no_report)
+        stages = [] if args.no_report or args.input is None else _stages_of(Path(args.input))
+        write_analysis(measures, out, parameters=asked, report=not args.no_report, stages=stages)
         tell(1.0, "done")
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
@@ -111,6 +116,14 @@ def _stages(args: argparse.Namespace) -> int:
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
+
+
+def _stages_of(folder: Path) -> list[Cortex]:
+    """The surfaces of every stage of a simulation; none of anything else."""
+    from morphofold.io import read_cortex
+
+    places = sorted((folder / "stages").glob("g*"))
+    return [read_cortex(place, hemi="lh") for place in places if (place / "stage.json").is_file()]
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:

@@ -35,7 +35,8 @@ class Comparison:
     ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group and
     ``colours`` the colour of each name, "#0072b2", that of its group unless it was given one. ``hinges`` has what every
     two groups say of each other's three-hinge patterns. ``folding`` are the terms of the law of
-    folding, None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow. ``notes`` say what was
+    folding, None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow, ``stages``
+    what they were taken from. ``notes`` say what was
     left out, ``cautions`` which scales and options differ between the surfaces.
     """
 
@@ -49,6 +50,7 @@ class Comparison:
     hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
     folding: tuple[ShapeTerms | None, ...] = ()
     growth: tuple[GrowthCurve, ...] = ()
+    stages: Mapping[str, tuple[Measures, ...]] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
 
@@ -117,7 +119,8 @@ def compare(
         Whose hinges are pooled and compared with those of other groups, in this order; None: each name is a group.
         Names in no group are compared in everything else.
     growth : mapping of name to stages of one body, optional
-        Their numbers are drawn over growth, those of ``surfaces`` beside them.
+        Their numbers are drawn over growth, those of ``surfaces`` beside them. A body with the name of a surface, and
+        its mesh, can be seen growing on the page.
     colours : mapping of a name or group to a colour such as "#0072b2", optional
         Those of names go before those of their groups; None: one for each group.
     seed : int
@@ -161,6 +164,7 @@ def compare(
         colours=_coloured(surfaces, grouped, colours or {}),
         hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
         folding=tuple(shape_terms_of(m) for m in named.values()),
+        stages={name: tuple(stages) for name, stages in (growth or {}).items()},
         growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
         notes=tuple(notes),
         cautions=tuple(_cautions(named)),

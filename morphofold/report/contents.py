@@ -38,7 +38,7 @@ Rows = list[dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One surface of a page: what it is called there, and its colour and marker in charts."""
+    """One surface of a page: what it is called there, its colour and marker in charts, other stages of its growth."""
 
     name: str
     measures: Measures
@@ -46,6 +46,7 @@ class Entry:
     marker: str = "circle"
     dash: str = ""
     group: str = ""
+    stages: tuple[Measures, ...] = ()
 
     @property
     def kind(self) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.report.layers import Net
-from morphofold.surface import Cortex, Faces, PerVertex
+from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
 DISPLAY_VERTICES = 60_000
+STAGED_VERTICES = 15_000        # of a body that is drawn at every stage of growth
 NAN16 = 65535
 
 
@@ -75,7 +76,18 @@ def pack(
         "net": None if net is None else {"hinges": net.hinges},
         "regions": ["no region", *cortex.regions.names] if cortex.regions is not None else None,
     }  # fmt: skip
-    return Packed(meta, base64.b64encode(zlib.compress(b"".join(writer.chunks), 6)).decode("ascii"))
+    return Packed(meta, writer.text())
+
+
+def pack_stage(
+    cortex: Cortex, maps: Mapping[str, PerVertex], steps: Mapping[str, float], ids: NDArray[np.int64]
+) -> Packed:
+    """White and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the body's last one."""
+    writer = _Writer()
+    boxes = {n: writer.positions(n, s.verts[ids]) for n, s in (("pial", cortex.pial), ("white", cortex.white))}
+    ranges = {key: writer.values(f"map:{key}", values[ids], steps.get(key, 0.0)) for key, values in maps.items()}
+    meta = {"g": float(cortex.info["g"]), "surfaces": boxes, "maps": ranges, "arrays": writer.arrays}
+    return Packed(meta, writer.text())
 
 
 class _Writer:
@@ -85,6 +97,9 @@ class _Writer:
         self.chunks: list[bytes] = []
         self.arrays: dict[str, dict[str, Any]] = {}
         self.size = 0
+
+    def text(self) -> str:
+        return base64.b64encode(zlib.compress(b"".join(self.chunks), 6)).decode("ascii")
 
     def add(self, name: str, array: np.ndarray, stride: int = 1) -> None:
         data = encode(array, stride)
@@ -133,20 +148,22 @@ def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
     return np.cumsum(whole.reshape(-1, stride), axis=0, dtype=dtype).ravel()[:n]
 
 
-def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES) -> Display:
+def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[Cortex] = ()) -> Display:
     """At most about ``max_vertices`` vertices and faces between them, ordered so that they compress well.
 
     The surface midway between white and pial is decimated by quadric errors and each
     vertex that remains goes back to a nearest original vertex, so that every surface and map is read off the
     same index. Midway, because decimating the pial alone leaves a white surface 20 % too large on an
-    individual (0.1 % so), and the other way round sulcal walls suffer.
+    individual (0.1 % so), and the other way round sulcal walls suffer. ``stages`` are other stages of the body, which
+    is then decimated in the mean of all, so that it doesn't fold over in any.
     """
     n = cortex.n_vertices
     used = np.unique(cortex.faces)
     if len(used) <= max_vertices:
         ids, faces = used, np.searchsorted(used, cortex.faces)
     else:
-        ids, faces = _decimated(cortex, max_vertices / n)
+        middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
+        ids, faces = _decimated(middle, cortex.faces, max_vertices / n)
     order = np.argsort(_morton(cortex.pial.verts[ids]), kind="stable")
     place = np.empty(len(ids), dtype=np.int64)
     place[order] = np.arange(len(ids))
@@ -157,12 +174,11 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES) -> Display:
     return Display(ids[order], faces, thinned=len(ids) < len(used))
 
 
-def _decimated(cortex: Cortex, keep: float) -> tuple[NDArray[np.int64], Faces]:
+def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[NDArray[np.int64], Faces]:
     from fast_simplification import simplify
     from scipy.spatial import cKDTree
 
-    middle = (cortex.pial.verts + cortex.white.verts) / 2
-    points, triangles = simplify(middle, cortex.faces.astype(np.int32), 1.0 - keep)
+    points, triangles = simplify(middle, faces.astype(np.int32), 1.0 - keep)
     _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
     chosen = distinct(near)
     ids, place = np.unique(chosen, return_inverse=True)

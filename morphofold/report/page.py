@@ -10,6 +10,7 @@ import base64
 import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.layers import net_of
 from morphofold.report.methods import REFERENCES, methods
 from morphofold.report.net_picture import net_figure, net_row
-from morphofold.report.pack import Display, pack, thin
+from morphofold.report.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
 from morphofold.report.png import halved, png_bytes
 from morphofold.report.quantities import MAIN, Quantity, common_limits, find, quantity
 from morphofold.surface import Surface
@@ -41,16 +42,21 @@ Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
-def analysis_report(measures: Sequence[Measures], path: str | Path, *, inputs: Inputs = ()) -> Path:
+def analysis_report(
+    measures: Sequence[Measures], path: str | Path, *, inputs: Inputs = (), stages: Sequence[Measures] = ()
+) -> Path:
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
 
-    ``inputs`` are rows with ``path`` and ``sha256``; without them the files the surfaces name are hashed.
+    ``inputs`` are rows with ``path`` and ``sha256``; without them the files the surfaces name are hashed. ``stages``
+    are those of the one body that was measured, to be drawn as it grows.
     """
     from morphofold.comparison import compare
 
     names = [m.cortex.name for m in measures]
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
     comparison = compare(dict(zip(unique, measures)))
+    if stages:
+        comparison = replace(comparison, stages={unique[0]: tuple(stages)})
     sides = " and ".join({"lh": "left", "rh": "right"}[m.cortex.hemi] for m in measures)
     what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
@@ -73,7 +79,10 @@ def _write(
 ) -> Path:
     entries = _entries(comparison)
     shown = _shown(entries)
-    thinned = [thin(e.measures.cortex) for e in entries]
+    thinned = [
+        thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
+        for e in entries
+    ]
     pictures = _pictures(path.parent / "figures", entries, thinned, shown)
     viewer, blocks = _viewer(entries, thinned, shown)
     templates = resources.files("morphofold.report").joinpath("templates")
@@ -97,7 +106,7 @@ def _write(
         met=contents.met(comparison), law=_law(entries, comparison), ratio=_ratio(entries),
         folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
-        nets=any(e.measures.graph is not None for e in entries),
+        slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
@@ -112,8 +121,16 @@ def _entries(comparison: Comparison) -> list[Entry]:
         group = held.get(name, "")
         told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
         marker, dash = plots.MARKERS[k % 4], plots.DASHES[(k + k // 4) % 4]             # sixteen before one comes again
-        entries.append(Entry(name, m, comparison.colours[name], marker, dash, told))
+        stages = tuple(s for s in comparison.stages.get(name, ()) if _other_stage(s, m))
+        entries.append(Entry(name, m, comparison.colours[name], marker, dash, told, stages))
     return entries
+
+
+def _other_stage(stage: Measures, m: Measures) -> bool:
+    """Whether it is another stage of the same body: another growth, the same vertices (each stage cuts quads anew)."""
+    a, b = stage.cortex, m.cortex
+    same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
+    return same and a.info.get("g") not in (None, b.info.get("g"))
 
 
 def _sha256(script: str) -> str:
@@ -144,7 +161,7 @@ def _shown(entries: Sequence[Entry]) -> Shown:
     return shown
 
 
-def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], list[Markup]]:
+def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], contents.Rows]:
     """What viewer.js reads as JSON, and one block of packed data per surface."""
     surfaces, blocks = [], []
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than colours show
@@ -152,9 +169,17 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
         maps = {key: a for key in shown for _, a in _having([e], key)}
         cortex = e.measures.cortex
         packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
-        sided = cortex.origin != "simulation"
-        surfaces.append({**packed.meta, "name": e.name, "hemi": cortex.hemi, "sided": sided})
-        blocks.append(Markup(packed.data))  # base64: nothing in it to escape
+        own = [key for key in MAIN if key in shown]
+        grown = [
+            pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)
+            for m in e.stages
+        ]
+        surfaces.append({
+            **packed.meta, "name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation",
+            "g": cortex.info.get("g"), "stages": [stage.meta for stage in grown],
+        })  # fmt: skip
+        for k, stage in enumerate([packed, *grown]):            # base64: nothing in it to escape
+            blocks.append({"id": f"{len(surfaces) - 1}" + (f"-{k - 1}" if k else ""), "data": Markup(stage.data)})
     maps_shown = [
         {
             "key": key,

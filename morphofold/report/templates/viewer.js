@@ -30,7 +30,7 @@ function turn(R, about, angle) {            // rotate the object about a screen 
   return out;
 }
 const state = { map: config.maps[0] ? config.maps[0].key : "", surface: "pial", zoom: 1, pan: [0, 0], fit: false, view: "lateral",
-  crests: false, hinges: false, side: "both" };
+  crests: false, hinges: false, side: "both", g: Infinity };
 const limits = Object.fromEntries(config.maps.map((m) => [m.key, m.limits.slice()]));
 
 // ---- GL ---------------------------------------------------------------------------------------------------
@@ -83,7 +83,15 @@ function texture(rgb) {
 function buffer(data, target) { return glBuffer(gl, data, target); }
 async function load(meta, index) {
   const raw = await inflate("data-" + index), get = (name) => decode(raw, meta.arrays[name]);
-  const faces = get("faces"), shapes = {};
+  const faces = get("faces"), final = { g: meta.g, ...unpacked(meta, get) };
+  gl.bindVertexArray(null);
+  const stages = (meta.stages || []).map((stage, k) => ({ g: stage.g, meta: stage, block: "data-" + index + "-" + k }));
+  return { meta, faces, now: final, final, stages: [...stages, final].sort((a, b) => a.g - b.g),
+    ids: get("ids"), regions: meta.regions && get("regions"),
+    box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER) };
+}
+function unpacked(meta, get) {                 // surfaces and maps of one stage of growth
+  const shapes = {};
   for (const [name, box] of Object.entries(meta.surfaces)) {
     const verts = toMm(get(name), box), low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     for (let i = 0; i < verts.length; i++) {
@@ -97,11 +105,23 @@ async function load(meta, index) {
   }
   const codes = {};
   for (const key of Object.keys(meta.maps)) codes[key] = get("map:" + key);
-  gl.bindVertexArray(null);
-  return { meta, faces, shapes, codes, ids: get("ids"), regions: meta.regions && get("regions"),
-    box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER), arrays: {} };
+  return { shapes, codes, ranges: meta.maps, arrays: {} };
 }
-const shapeOf = (panel) => panel.shapes[state.surface] || panel.shapes.pial;
+async function grow(g) {                       // show each body at its last stage up to growth g
+  state.g = g;
+  for (const panel of panels) {
+    const stage = panel.stages.filter((s) => s.g <= g + 1e-9).pop() || panel.stages[0];
+    if (panel.stages.length < 2) continue;
+    if (!stage.shapes) {
+      const raw = await inflate(stage.block);
+      Object.assign(stage, unpacked(stage.meta, (name) => decode(raw, stage.meta.arrays[name])));
+    }
+    if (state.g === g) panel.now = stage;      // unless the slider went on meanwhile
+    describe(panel);
+  }
+  redraw();
+}
+const shapeOf = (panel) => panel.now.shapes[state.surface] || panel.now.shapes.pial;
 function normalsOf(panel, shape) { return shape.normals ||= vertexNormals(shape.verts, panel.faces); }
 const inView = () => panels.filter((p) => !p.box.hidden);
 function bind(panel) {
@@ -117,17 +137,17 @@ function bind(panel) {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, panel.elements);
   }
   gl.bindVertexArray(shape.vao);
-  const codes = panel.codes[state.map];
+  const { codes: { [state.map]: codes }, arrays } = panel.now;
   if (!codes) return gl.disableVertexAttribArray(2), gl.vertexAttrib1f(2, 65535);
-  panel.arrays[state.map] ||= buffer(codes);
-  gl.bindBuffer(gl.ARRAY_BUFFER, panel.arrays[state.map]);
+  arrays[state.map] ||= buffer(codes);
+  gl.bindBuffer(gl.ARRAY_BUFFER, arrays[state.map]);
   gl.enableVertexAttribArray(2); gl.vertexAttribPointer(2, 1, gl.UNSIGNED_SHORT, false, 0, 0);
 }
 
 // ---- drawing ------------------------------------------------------------------------------------------------
 function frame(panel) {                        // half height of the view in mm, and the panel's size in px
-  const w = panel.box.clientWidth, h = panel.box.clientHeight, own = shapeOf(panel).radius;
-  const radius = state.fit ? own : Math.max(...inView().map((p) => shapeOf(p).radius));
+  const w = panel.box.clientWidth, h = panel.box.clientHeight, size = (p) => (p.final.shapes[state.surface] || p.final.shapes.pial).radius;
+  const radius = state.fit ? size(panel) : Math.max(...inView().map(size));      // one scale while a body grows
   return { w, h, perPx: 2 * 1.04 * radius / Math.min(w, h) / state.zoom };
 }
 function draw() {
@@ -149,7 +169,7 @@ function draw() {
   let triangles = 0;
   for (const panel of inView()) {
     gl.useProgram(prog);
-    const { w, h, perPx } = frame(panel), shape = shapeOf(panel), range = panel.meta.maps[state.map];
+    const { w, h, perPx } = frame(panel), shape = shapeOf(panel), range = panel.now.ranges[state.map];
     const x = panel.box.offsetLeft, y = H - panel.box.offsetTop - h;
     gl.viewport(x * dpr, y * dpr, w * dpr, h * dpr); gl.scissor(x * dpr, y * dpr, w * dpr, h * dpr);
     const R = panel.R, place = (u) => {
@@ -158,15 +178,16 @@ function draw() {
       gl.uniform2f(u.scale, 2 / (w * perPx), 2 / (h * perPx)); gl.uniform1f(u.depth, 1.1 * shape.radius);
     };
     place(U);
-    gl.uniform2f(U.range, range ? range.low : 0, range ? range.high : 1); gl.uniform1i(U.coloured, map ? 1 : 0);
+    gl.uniform2f(U.range, range ? range.low : 0, range ? range.high : 1); gl.uniform1i(U.coloured, map && (range || panel.now === panel.final) ? 1 : 0);
     bind(panel);
     gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
     triangles += panel.faces.length / 3;
-    if (panel.net) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
+    if (panel.net && panel.now === panel.final) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
     ruler(panel, perPx); mark(panel, perPx);
   }
   gl.bindVertexArray(null);
   root.dataset.triangles = triangles;
+  root.dataset.growth = panels.map((p) => p.now.g).join();
   root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
 }
@@ -194,7 +215,7 @@ function mark(panel, perPx) {
 
 // ---- picking ------------------------------------------------------------------------------------------------
 function pick(panel, px, py) {
-  const { perPx } = frame(panel), n = panel.shapes.pial.verts.length / 3, at = new Float32Array(3 * n);
+  const { perPx } = frame(panel), n = shapeOf(panel).verts.length / 3, at = new Float32Array(3 * n);
   for (let i = 0; i < n; i++) at.set(project(panel, i, perPx), 3 * i);
   let best = -1, front = -1e9;
   for (let t = 0; t < panel.faces.length; t += 3) {
@@ -209,7 +230,7 @@ function pick(panel, px, py) {
     }
   }
   panel.picked = best;
-  panel.hinge = state.hinges && panel.net ? hingeAt(panel, px, py, front, perPx) : null;
+  panel.hinge = state.hinges && panel.net && panel.now === panel.final ? hingeAt(panel, px, py, front, perPx) : null;
   if (panel.hinge) panel.picked = panel.hinge.at;
   describe(panel);
   redraw();
@@ -223,7 +244,7 @@ function hingeAt(panel, px, py, front, perPx) {             // the nearest that 
   return found;
 }
 function valueAt(panel, key, i) {
-  const code = panel.codes[key] ? panel.codes[key][i] : 65535, range = panel.meta.maps[key];
+  const code = panel.now.codes[key] ? panel.now.codes[key][i] : 65535, range = panel.now.ranges[key];
   return code === 65535 ? null : range.low + code / 65534 * (range.high - range.low);
 }
 function describe(panel) {
@@ -236,9 +257,10 @@ function describe(panel) {
   };
   if (panel.hinge) for (const [label, text] of panel.hinge.lines) line(label, text);
   line("Vertex", String(panel.ids[i]));
+  if (panel.stages.length > 1) line("Growth", String(panel.now.g));
   if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
   for (const m of config.maps) {
-    if (!panel.codes[m.key] || !(m.main || m.key === state.map)) continue;
+    if (!panel.now.codes[m.key] || !(m.main || m.key === state.map)) continue;
     const v = valueAt(panel, m.key, i);
     line(m.label, v === null ? "not measured" : Number(v.toPrecision(3)) + (m.unit ? " " + m.unit : ""));
   }
@@ -318,6 +340,13 @@ $("zoom-out").addEventListener("click", () => zoom(0.8));
 if ($("fit")) $("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
 for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value === "none" ? "" : r.value));
 for (const name of ["crests", "hinges"]) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; redraw(); });
+if ($("growth")) {
+  const steps = [...new Set(panels.flatMap((p) => p.stages.length > 1 ? p.stages.map((s) => s.g) : []))].sort((a, b) => a - b);
+  $("growth").max = $("growth").value = steps.length - 1;
+  const say = () => { $("growth-now").textContent = "g = " + steps[$("growth").value]; };
+  $("growth").addEventListener("input", () => { say(); grow(steps[$("growth").value]); });
+  say();
+}
 for (const r of document.querySelectorAll("input[name=side]")) r.addEventListener("change", () => {
   state.side = r.value;
   for (const panel of panels) panel.box.hidden = state.side !== "both" && panel.meta.sided && panel.meta.hemi !== state.side;
