@@ -16,6 +16,15 @@ function decode(raw, a) {
   }
   return out;
 }
+function onDemand(names, make) {               // an object whose values are made when they are first read
+  const out = {};
+  for (const name of names) Object.defineProperty(out, name, { configurable: true, get() {
+    const value = make(name);
+    Object.defineProperty(out, name, { value });
+    return value;
+  } });
+  return out;
+}
 function toMm(codes, box) {
   const out = new Float32Array(codes.length), step = box.edge / 65535;
   for (let i = 0; i < codes.length; i++) out[i] = box.low[i % 3] + codes[i] * step;

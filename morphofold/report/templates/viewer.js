@@ -90,10 +90,9 @@ async function load(meta, index) {
     ids: get("ids"), regions: meta.regions && get("regions"),
     box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER) };
 }
-function unpacked(meta, get) {                 // surfaces and maps of one stage of growth
-  const shapes = {};
-  for (const [name, box] of Object.entries(meta.surfaces)) {
-    const verts = toMm(get(name), box), low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+function unpacked(meta, get) {                 // surfaces and maps of one stage of growth, each when it is first asked for
+  const shape = (name) => {
+    const verts = toMm(get(name), meta.surfaces[name]), low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     for (let i = 0; i < verts.length; i++) {
       low[i % 3] = Math.min(low[i % 3], verts[i]); high[i % 3] = Math.max(high[i % 3], verts[i]);
     }
@@ -101,10 +100,10 @@ function unpacked(meta, get) {                 // surfaces and maps of one stage
     let radius = 0;
     for (let i = 0; i < verts.length; i += 3)
       radius = Math.max(radius, Math.hypot(verts[i] - centre[0], verts[i + 1] - centre[1], verts[i + 2] - centre[2]));
-    shapes[name] = { verts, centre, radius };
-  }
-  const codes = {};
-  for (const key of Object.keys(meta.maps)) codes[key] = get("map:" + key);
+    return { verts, centre, radius };
+  };
+  const shapes = onDemand(Object.keys(meta.surfaces), shape);
+  const codes = onDemand(Object.keys(meta.maps), (key) => get("map:" + key));
   return { shapes, codes, ranges: meta.maps, arrays: {} };
 }
 async function grow(g) {                       // show each body at its last stage up to growth g
