@@ -95,7 +95,7 @@ def write_analysis(
             "Write each subject to a folder of its own."
         )
     files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
-    _refuse_place_of_inputs(Path(out), files)
+    refuse_place_of_inputs(Path(out), files)
     records = input_records(files)
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
@@ -115,7 +115,7 @@ def write_analysis(
     return Path(out)
 
 
-def _refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
+def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
     """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
     there = out.resolve()
     for file in map(Path, files):

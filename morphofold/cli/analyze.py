@@ -8,6 +8,10 @@ from pathlib import Path
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="INPUT", nargs="?", help="FreeSurfer subject, simulation or analysis folder")
+    parser.add_argument("-s", "--subject", metavar="SUBJECT", help="FreeSurfer subject by its name, instead of INPUT")
+    parser.add_argument(
+        "--subjects-dir", "--sd", metavar="DIR", help="folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"
+    )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that INPUT has")
     parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
@@ -29,12 +33,13 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
-    from morphofold.results import write_analysis
+    from morphofold.results import refuse_place_of_inputs, write_analysis
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
+    _find_subject(args)
     if (args.input is None) == (args.white is None and args.pial is None):
-        raise ValueError("name either INPUT, or --white and --pial.")
+        raise ValueError("name either INPUT, or -s, or --white and --pial.")
     if args.input is None and (args.white is None or args.pial is None):
         raise ValueError("--white and --pial go together; the other one is missing.")
     if args.stages:
@@ -44,12 +49,13 @@ def run(args: argparse.Namespace) -> int:
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
     else:
         hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
-        cortices = [read_cortex(args.input, hemi=hemi, name=args.name) for hemi in hemis]
-    called = args.name or (Path(args.input).resolve().name if args.input else cortices[0].name)
+        cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
+    called = args.name or args.subject or (Path(args.input).resolve().name if args.input else cortices[0].name)
     out = Path(args.out or f"{writable_name(called)}-analysis")
     read = {Path(file).parent for cortex in cortices for file in cortex.files}
     read |= {folder.parent for folder in read if folder.name == "surf"}
     refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
+    refuse_place_of_inputs(out, (file for cortex in cortices for file in cortex.files))
     with progress(cortices[0].name, args.quiet) as tell:
         measures = []
         for i, cortex in enumerate(cortices):
@@ -74,6 +80,19 @@ def run(args: argparse.Namespace) -> int:
             print(f"warning: {m.notes['simulation']}")
     print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
     return 0
+
+
+def _find_subject(args: argparse.Namespace) -> None:
+    """Put the folder that -s means in the place of INPUT."""
+    from morphofold.cli.paths import subject_folder
+
+    if args.subject is None:
+        if args.subjects_dir is not None:
+            raise ValueError("--subjects-dir goes with -s SUBJECT, which is missing.")
+        return
+    if args.input is not None or args.white is not None or args.pial is not None:
+        raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
+    args.input = str(subject_folder(args.subject, args.subjects_dir))
 
 
 def _stages(args: argparse.Namespace) -> int:
