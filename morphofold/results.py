@@ -17,6 +17,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.analysis.regions import wide_table
 from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import (
     atomic_folder,
@@ -48,7 +49,7 @@ COLUMNS = {
 }  # fmt: skip
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 MISSING = "n/a"
-NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer maps beside them."
+NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
 
 def write_analysis(
@@ -58,6 +59,8 @@ def write_analysis(
     inputs: Iterable[str | Path] = (),
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
+    mgh: bool = False,
+    wide: bool = False,
 ) -> Path:
     """Write an analysis, whole or not at all.
 
@@ -73,6 +76,10 @@ def write_analysis(
         Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
     report : bool
         Whether to draw figures/*.png and report.html.
+    mgh : bool
+        Whether to write the maps as MGH, too, beside those for FreeSurfer and in GIFTI.
+    wide : bool
+        Whether to write regions_wide.tsv, too: the region table as one row.
 
     Returns
     -------
@@ -100,7 +107,7 @@ def write_analysis(
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
             (folder / name).mkdir()
-        surfaces = [_write_surface(m, folder) for m in measures]
+        surfaces = [_write_surface(m, folder, mgh) for m in measures]
         summary = {
             "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
             "nan": NAN_RULE, "surfaces": surfaces,
@@ -108,6 +115,9 @@ def write_analysis(
         (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
+        if wide:
+            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), row)
         if report:
             from morphofold.report import analysis_report
 
@@ -129,7 +139,7 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
             raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
 
 
-def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
+def _write_surface(m: Measures, folder: Path, mgh: bool) -> dict[str, Any]:
     """Surfaces, labels and maps of one hemisphere; its entry in summary.json."""
     cortex, hemi = m.cortex, m.cortex.hemi
     write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
@@ -147,6 +157,8 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
     for name, values in m.maps.items():
         write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
         write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
+        if mgh:
+            write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}.mgh", values, nan=0.0)
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)

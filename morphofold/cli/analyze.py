@@ -23,6 +23,12 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "an earlier run measured of the same files stays",
     )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
+    parser.add_argument(
+        "--mgh", action="store_true", help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written)"
+    )
+    parser.add_argument(
+        "--wide", action="store_true", help="regions_wide.tsv, too: one row, a column per region and measure"
+    )
     parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument("--json", action="store_true", help="print summary.json")
@@ -63,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
             measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
         tell(0.8, "writing")
         asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
-        write_analysis(measures, out, parameters=asked, report=not args.no_report)
+        write_analysis(measures, out, parameters=asked, report=not args.no_report, mgh=args.mgh, wide=args.wide)
         tell(1.0, "done")
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
@@ -103,8 +109,8 @@ def _stages(args: argparse.Namespace) -> int:
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
 
-    if args.input is None or args.hemi is not None or args.json:
-        raise ValueError("--stages takes a simulation folder as INPUT, and neither --hemi nor --json.")
+    if args.input is None or args.hemi is not None or args.json or args.mgh or args.wide:
+        raise ValueError("--stages takes a simulation folder as INPUT, and none of --hemi, --json, --mgh, --wide.")
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
     if not places:

@@ -73,7 +73,7 @@ HEADLINES = (
     "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
 )  # fmt: skip
 
-_UNITS = (("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
+_UNITS = (("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
 
 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
