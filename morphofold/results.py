@@ -93,26 +93,13 @@ def write_analysis(
     FileExistsError
         If ``out`` holds something morphofold did not write.
     """
-    import morphofold
-
-    hemis = [m.cortex.hemi for m in measures]
-    if not hemis or len(set(hemis)) < len(hemis):
-        raise ValueError(
-            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
-            "Write each subject to a folder of its own."
-        )
-    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
-    refuse_place_of_inputs(Path(out), files)
-    records = input_records(files)
+    records = checked_inputs(measures, out, inputs)
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
             (folder / name).mkdir()
-        surfaces = [_write_surface(m, folder, mgh) for m in measures]
-        summary = {
-            "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
-            "nan": NAN_RULE, "surfaces": surfaces,
-        }  # fmt: skip
-        (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+        for m in measures:
+            _write_surface(m, folder, mgh)
+        (folder / "summary.json").write_text(strict_json(summary_of(measures, records, parameters)), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
         if wide:
@@ -123,6 +110,21 @@ def write_analysis(
 
             analysis_report(measures, folder / "report.html", inputs=records)
     return Path(out)
+
+
+def checked_inputs(
+    measures: Sequence[Measures], out: str | Path, inputs: Iterable[str | Path] = ()
+) -> list[dict[str, Any]]:
+    """Records of the files that an analysis is of; raises ``ValueError`` as ``write_analysis`` says."""
+    hemis = [m.cortex.hemi for m in measures]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise ValueError(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
+    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
+    refuse_place_of_inputs(Path(out), files)
+    return input_records(files)
 
 
 def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
@@ -139,8 +141,20 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
             raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
 
 
-def _write_surface(m: Measures, folder: Path, mgh: bool) -> dict[str, Any]:
-    """Surfaces, labels and maps of one hemisphere; its entry in summary.json."""
+def summary_of(
+    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What summary.json holds: where the numbers come from, the scalars, and what is said of them."""
+    import morphofold
+
+    return {
+        "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
+        "nan": NAN_RULE, "surfaces": [_entry(m) for m in measures],
+    }  # fmt: skip
+
+
+def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
+    """Surfaces, labels, maps and net of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
     write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
     write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
@@ -162,8 +176,12 @@ def _write_surface(m: Measures, folder: Path, mgh: bool) -> dict[str, Any]:
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)
+
+
+def _entry(m: Measures) -> dict[str, Any]:
+    cortex = m.cortex
     return {
-        "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
+        "hemi": cortex.hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
         "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
         "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
         "maps": sorted(m.maps), "came_with": sorted(cortex.maps),

@@ -29,13 +29,18 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wide", action="store_true", help="regions_wide.tsv, too: one row, a column per region and measure"
     )
+    parser.add_argument(
+        "--layout", choices=["plain", "bids"], default="plain",
+        help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
+    )  # fmt: skip
     parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument("--json", action="store_true", help="print summary.json")
+    parser.add_argument("--json", action="store_true", help="print summary.json, in BIDS the file of provenance")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.measures import measure
+    from morphofold.bids import subject_place, write_dataset
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
@@ -50,6 +55,9 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--white and --pial go together; the other one is missing.")
     if args.stages:
         return _stages(args)
+    bids = args.layout == "bids"
+    if bids and (args.out is None or args.mgh or args.wide):
+        raise ValueError("--layout bids takes -o DATASET, and neither --mgh nor --wide.")
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
@@ -57,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
     called = args.name or args.subject or (Path(args.input).resolve().name if args.input else cortices[0].name)
-    out = Path(args.out or f"{writable_name(called)}-analysis")
+    out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
     read = {Path(file).parent for cortex in cortices for file in cortex.files}
     read |= {folder.parent for folder in read if folder.name == "surf"}
     refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
@@ -69,10 +77,15 @@ def run(args: argparse.Namespace) -> int:
             measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
         tell(0.8, "writing")
         asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
-        write_analysis(measures, out, parameters=asked, report=not args.no_report, mgh=args.mgh, wide=args.wide)
+        report = not args.no_report
+        if bids:
+            write_dataset(measures, args.out, called, parameters=asked, report=report)
+        else:
+            write_analysis(measures, out, parameters=asked, report=report, mgh=args.mgh, wide=args.wide)
         tell(1.0, "done")
+    summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     if args.json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        print(summary.read_text(encoding="utf-8"), end="")
         return 0
     for m in measures:
         s = m.scalars
@@ -84,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
         )
         if "simulation" in m.notes:
             print(f"warning: {m.notes['simulation']}")
-    print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
+    print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
 
 
@@ -109,8 +122,8 @@ def _stages(args: argparse.Namespace) -> int:
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
 
-    if args.input is None or args.hemi is not None or args.json or args.mgh or args.wide:
-        raise ValueError("--stages takes a simulation folder as INPUT, and none of --hemi, --json, --mgh, --wide.")
+    if args.input is None or args.hemi is not None or args.json or args.mgh or args.wide or args.layout != "plain":
+        raise ValueError("--stages takes a simulation folder as INPUT, and none of --hemi, --json and other layouts.")
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
     if not places:

@@ -10,6 +10,7 @@ import base64
 import gzip
 import math
 import os
+import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Mapping
@@ -24,6 +25,11 @@ from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
+_KINDS = {  # as Connectome Workbench calls them
+    "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
+    "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
+    "inflated": {"GeometricType": "Inflated"},
+}
 _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
 
 
@@ -116,10 +122,16 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
 
 
 def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None) -> None:
-    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``."""
+    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``.
+
+    Coordinates stay as they are: as ``mris_convert`` writes them, in the frame of FreeSurfer's surfaces where they
+    came in it, the footer's ``C_RAS`` saying how far the scanner's is. Those in the scanner's come without a footer
+    (``bids.write_dataset``). Whether it is white, pial or inflated is told by the end of the file's name.
+    """
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
 
-    meta = _structure(path, hemi) | {"GeometricType": "Anatomical"}
+    kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
+    meta = _structure(path, hemi) | _KINDS.get(kind, {"GeometricType": "Anatomical"})
     footer = surface.geometry
     if footer and str(footer.get("valid", "")).startswith("1"):
         meta["VolGeomFname"] = str(footer["filename"])
