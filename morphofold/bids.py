@@ -157,11 +157,11 @@ def _write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
                 surface = replace(surface, geometry=None)       # its coordinates are nowhere
             write_surface(anat / f"{stem}_{kind}.surf.gii", surface, hemi=cortex.hemi)
     for name, values in m.maps.items():
-        end, what = f"{stem}_{MAPS.get(name) or f'desc-{_joined(name)}_morph'}", quantity(name)
+        end, what = MAPS.get(name, f"desc-{_joined(name)}_morph"), quantity(name)
         values = flip_curvature_sign(values) if name == "H" else values
-        write_gifti_map(anat / f"{end}.shape.gii", values, name=name, nan=np.nan, hemi=cortex.hemi)
+        write_gifti_map(anat / f"{stem}_{end}.shape.gii", values, name=end, nan=np.nan, hemi=cortex.hemi)
         said = {"Description": CURV if name == "H" else what.label, "Units": _bids(what.unit), "Missing": MISSING}
-        (anat / f"{end}.json").write_text(strict_json(said), encoding="utf-8")
+        (anat / f"{stem}_{end}.json").write_text(strict_json(said), encoding="utf-8")
 
 
 def _moved(verts: Verts, transform: np.ndarray) -> Verts:
