@@ -93,6 +93,9 @@ def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(wr
             surface = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii")
             np.testing.assert_allclose(surface.verts, getattr(m.cortex, kind).verts + shift, atol=8e-6)
             np.testing.assert_array_equal(surface.faces, m.cortex.faces)
+            meta = nib.load(place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii").darrays[0].meta
+            assert meta["AnatomicalStructurePrimary"] == {"L": "CortexLeft", "R": "CortexRight"}[side]
+            assert meta["AnatomicalStructureSecondary"] == {"white": "GrayWhite", "pial": "Pial"}[kind]
             assert surface.geometry is None                         # or its c_ras would be added once more
         flat = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_inflated.surf.gii")
         np.testing.assert_allclose(flat.verts, m.cortex.inflated.verts, atol=8e-6)
@@ -162,6 +165,10 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeyp
     place = tmp_path / "d" / "sub-fig5g18"
     assert (place / "report.html").stat().st_size > 10_000
     assert list((place / "figures").glob("*.png"))
-    assert main(argv) == 2
-    assert "--layout bids takes -o DATASET" in capsys.readouterr().err
+    for more in ([], ["-o", "d", "--mgh"], ["-o", "d", "--wide"]):
+        assert main([*argv, *more]) == 2
+        assert "--layout bids takes -o DATASET" in capsys.readouterr().err
+    monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *a, **k: pytest.fail("was measured"))
+    assert main([*argv, "-o", str(place)]) == 2
+    assert "is not a BIDS dataset that morphofold wrote" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["d"]

@@ -164,7 +164,8 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     refused(capsys, ["compare", "a=out", "--growth", "body", "-o", "both"], "NAME=DIR")
     refused(capsys, ["compare", "a=out", "--growth", "body=out", "-o", "both"], "holds no stages")
     refused(capsys, ["analyze", "out", "--stages", "-o", "more"], "has no stages")
-    refused(capsys, ["analyze", "sim", "--stages", "--hemi", "lh"], "--stages takes a simulation folder")
+    for more in (["--hemi", "lh"], ["--mgh"], ["--wide"], ["--layout", "bids", "-o", "more"]):
+        refused(capsys, ["analyze", "sim", "--stages", *more], "--stages takes a simulation folder")
     assert main(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"]) == 0
     told = capsys.readouterr().out
     content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
@@ -329,9 +330,14 @@ def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_le
 def test_the_name_of_a_subject_is_that_of_its_link(here, capsys, monkeypatch):
     monkeypatch.setenv("SUBJECTS_DIR", str(here / "nowhere"))
     (subjects(here / "all", "bert") / "ernie").symlink_to("bert")
-    assert main(["analyze", "-s", "ernie", "--sd", "all", "--hemi", "rh", "-q", "--no-report"]) == 0
+    argv = ["analyze", "-s", "ernie", "--sd", "all", "--hemi", "rh", "-q", "--no-report"]
+    assert main([*argv, "--wide", "--mgh"]) == 0
     assert capsys.readouterr().out.startswith("ernie rh")
     assert (here / "ernie-analysis" / "surf" / "rh.pial").is_file()
+    assert (here / "ernie-analysis" / "maps" / "rh.H.mgh").is_file()
+    header, row = (here / "ernie-analysis" / "regions_wide.tsv").read_text().splitlines()
+    assert header.startswith("subject\trh_bankssts_n_vertices\trh_bankssts_area\trh_bankssts_thickness\t")
+    assert row.startswith("ernie\t")
 
 
 def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(here, capsys, monkeypatch):
