@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.io import atomic_file, atomic_folder, flip_curvature_sign, write_gifti_map, write_surface
+from morphofold.io import atomic_file, atomic_folder, flip_curvature_sign, write_gifti_map
+from morphofold.io.gifti import write_gifti_surface
 from morphofold.report.quantities import column_words, quantity
 from morphofold.results import COLUMNS, checked_inputs, strict_json, summary_of, write_table
 from morphofold.surface import Surface, Verts
@@ -149,13 +150,13 @@ def _describe(dataset: Path) -> None:
 def _write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
     """Surfaces and maps of one hemisphere, each map with what it is."""
     cortex, stem = m.cortex, f"{subject}_hemi-{SIDES[m.cortex.hemi]}"
-    for kind, surface in (("white", cortex.white), ("pial", cortex.pial), ("inflated", cortex.inflated)):
-        if surface is not None:
-            if cortex.transform is not None and kind != "inflated":
-                surface = Surface(_moved(surface.verts, cortex.transform), surface.faces, surface.name)
-            elif kind == "inflated":
-                surface = replace(surface, geometry=None)       # its coordinates are nowhere
-            write_surface(anat / f"{stem}_{kind}.surf.gii", surface, hemi=cortex.hemi)
+    to = cortex.transform
+    for kind, surface in (("white", cortex.white), ("pial", cortex.pial)):
+        moved = surface if to is None else Surface(_moved(surface.verts, to), surface.faces, surface.name)
+        write_gifti_surface(anat / f"{stem}_{kind}.surf.gii", moved, cortex.hemi, scanner=to is not None)
+    if cortex.inflated is not None:
+        nowhere = replace(cortex.inflated, geometry=None)
+        write_gifti_surface(anat / f"{stem}_inflated.surf.gii", nowhere, cortex.hemi)
     for name, values in m.maps.items():
         end, what = MAPS.get(name, f"desc-{_joined(name)}_morph"), quantity(name)
         values = flip_curvature_sign(values) if name == "H" else values
@@ -165,8 +166,7 @@ def _write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
 
 
 def _moved(verts: Verts, transform: np.ndarray) -> Verts:
-    moved: Verts = verts @ transform[:3, :3].T + transform[:3, 3]
-    return moved
+    return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
 
 
 def _moved_rows(m: Measures) -> list[dict[str, Any]]:

@@ -93,7 +93,9 @@ def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(wr
             surface = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii")
             np.testing.assert_allclose(surface.verts, getattr(m.cortex, kind).verts + shift, atol=8e-6)
             np.testing.assert_array_equal(surface.faces, m.cortex.faces)
-            meta = nib.load(place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii").darrays[0].meta
+            points = nib.load(place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii").darrays[0]
+            meta, space = points.meta, points.coordsys.dataspace
+            assert nib.nifti1.xform_codes.label[space] == {"L": "scanner", "R": "unknown"}[side]
             assert meta["AnatomicalStructurePrimary"] == {"L": "CortexLeft", "R": "CortexRight"}[side]
             assert meta["AnatomicalStructureSecondary"] == {"white": "GrayWhite", "pial": "Pial"}[kind]
             assert surface.geometry is None                         # or its c_ras would be added once more

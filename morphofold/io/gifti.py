@@ -121,13 +121,17 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
     return {**head, "filename": meta.get("VolGeomFname", ""), **found, "volume": found["volume"].astype(int)}
 
 
-def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None) -> None:
+def write_gifti_surface(
+    path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False
+) -> None:
     """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``.
 
     Coordinates stay as they are: as ``mris_convert`` writes them, in the frame of FreeSurfer's surfaces where they
-    came in it, the footer's ``C_RAS`` saying how far the scanner's is. Those in the scanner's come without a footer
-    (``bids.write_dataset``). Whether it is white, pial or inflated is told by the end of the file's name.
+    came in it, the footer's ``C_RAS`` saying how far the scanner's is. With ``scanner`` the file says that they are in
+    the scanner's frame; such a surface has no footer. Whether it is white, pial or inflated is told by the end of the
+    file's name.
     """
+    from nibabel import nifti1
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
 
     kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
@@ -137,9 +141,10 @@ def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
+    space = nifti1.xform_codes["scanner" if scanner else "unknown"]
     points = GiftiDataArray(
         surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32",
-        coordsys=GiftiCoordSystem(), meta=meta,
+        coordsys=GiftiCoordSystem(space, space), meta=meta,
     )  # fmt: skip
     triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
     _save(path, [points, triangles], {})

@@ -95,7 +95,7 @@ def is_gifti(path: Path, head: bytes) -> bool:
     return b"<GIFTI" in head or path.name.lower().endswith((".gii", ".gii.gz"))
 
 
-def write_surface(path: StrPath, surface: Surface, *, hemi: str | None = None) -> None:
+def write_surface(path: StrPath, surface: Surface) -> None:
     """Write a surface, whole or not at all; the ending of ``path`` says how.
 
     Parameters
@@ -105,8 +105,6 @@ def write_surface(path: StrPath, surface: Surface, *, hemi: str | None = None) -
         ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu``: as
         named.
     surface : Surface
-    hemi : {"lh", "rh"}, optional
-        What a GIFTI file says it is of; by default what its name begins with.
 
     Raises
     ------
@@ -119,7 +117,7 @@ def write_surface(path: StrPath, surface: Surface, *, hemi: str | None = None) -
     """
     name, ending = Path(path).name, Path(path).suffix.lower()
     if name.lower().endswith((".gii", ".gii.gz")):
-        gifti.write_gifti_surface(path, surface, hemi)
+        gifti.write_gifti_surface(path, surface)
     elif ending in polygons.ENDINGS:
         polygons.write_polygons(path, surface)
     elif name.startswith(("lh.", "rh.")) or ending in _FREESURFER:
