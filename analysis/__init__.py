@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures, measure
     from morphofold.analysis.patterns import HingeShapes, hinge_shapes
     from morphofold.analysis.prominence import prominent_peaks
-    from morphofold.analysis.regions import region_table
+    from morphofold.analysis.regions import gray_volumes, region_table, wide_table
     from morphofold.analysis.scaling import ShapeTerms, shape_terms
     from morphofold.analysis.sensitivity import hinge_sensitivity
     from morphofold.analysis.spectrum import Spectrum, power_spectrum
@@ -64,7 +64,9 @@ _PUBLIC = {
     "measure": "measures",
     "power_spectrum": "spectrum",
     "prominent_peaks": "prominence",
+    "gray_volumes": "regions",
     "region_table": "regions",
+    "wide_table": "regions",
     "shape_terms": "scaling",
     "sulcal_depth": "depth",
     "vertex_areas": "_mesh",
@@ -74,10 +76,10 @@ _PUBLIC = {
 __all__ = [
     "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
     "HingeShapes", "Measures", "ShapeTerms", "Spectrum", "cortical_thickness", "crest_lines", "curvature",
-    "euler_characteristic", "folding_indices", "fractal_dimension", "gyral_graph", "gyral_thickness",
-    "gyrification_index", "hinge_sensitivity", "hinge_shapes", "hinges", "local_gyrification_index", "measure",
-    "power_spectrum", "prominent_peaks", "region_table", "shape_terms", "sulcal_depth", "vertex_areas",
-    "vertex_normals", "wavelength",
+    "euler_characteristic", "folding_indices", "fractal_dimension", "gray_volumes", "gyral_graph",
+    "gyral_thickness", "gyrification_index", "hinge_sensitivity", "hinge_shapes", "hinges", "local_gyrification_index",
+    "measure", "power_spectrum", "prominent_peaks", "region_table", "shape_terms", "sulcal_depth",
+    "vertex_areas", "vertex_normals", "wavelength", "wide_table",
 ]  # fmt: skip
 
 

@@ -1,8 +1,8 @@
-"""Region table: from a labelled cortex and its maps to one row per region."""
+"""Region tables: from a labelled cortex and its maps to one row per region, and from those to one row per subject."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,8 +20,13 @@ if TYPE_CHECKING:
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
     "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
-    "thickness_file_mm",
+    "thickness_file_mm", "gray_volume_mm3", "mean_H_per_mm",
 )  # fmt: skip
+#: columns that mean what FreeSurfer's ``aparcstats2table --meas`` of these names gives
+FREESURFER = {
+    "area_mm2": "area", "gray_volume_mm3": "volume", "cortical_thickness_mm": "thickness",
+    "cortical_thickness_sd_mm": "thicknessstd",
+}  # fmt: skip
 LEAST_CONTOUR = 2.0     # in median gyral widths: about 20 mm on an adult brain, one fold
 
 
@@ -37,7 +42,8 @@ def region_table(
         With ``regions``; without them the table is empty.
     maps : mapping of str to (N,) float64
         ``area`` [mm^2], by default measured on the white surface; ``cortical_thickness`` and ``gyral_thickness``
-        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says. What is missing leaves its column None.
+        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says; ``H`` [1/mm] of pial. What is missing
+        leaves its column None.
     gyral : GyralThickness, optional
         Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
     graph : networkx.MultiGraph, optional
@@ -51,7 +57,9 @@ def region_table(
         not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
         makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
         (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold; ``thickness_file_mm`` the mean
-        of what the file says. None where there is nothing to average. Vertices without a region, and labels such as
+        of what the file says; ``gray_volume_mm3`` sums :func:`gray_volumes` over its vertices in the cortex label;
+        ``mean_H_per_mm`` is the mean of H over pial area, convex positive, *not* FreeSurfer's MeanCurv, which is of
+        absolute values on white. None where there is nothing to average. Vertices without a region, and labels such as
         ``unknown`` and ``corpuscallosum``, make no row.
 
     Raises
@@ -65,6 +73,9 @@ def region_table(
     if cortex.regions is None:
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
+    volume = gray_volumes(cortex) * (True if cortex.cortex is None else cortex.cortex)
+    bent = np.asarray(maps.get("H", np.full(cortex.n_vertices, np.nan)), dtype=np.float64)
+    outside = np.where(np.isfinite(bent), vertex_areas(cortex.pial.verts, cortex.faces), 0.0)
     crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for index, region in enumerate(cortex.regions.names):
@@ -81,6 +92,9 @@ def region_table(
             across = gyral.median_where(cortex.regions.labels == index, cortex.faces) if enough else np.nan
             row.update(gyral_contour_mm=length)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
+        row.update(gray_volume_mm3=float(volume[at].sum()))
+        if outside[at].any():
+            row.update(mean_H_per_mm=float(np.average(np.nan_to_num(bent[at]), weights=outside[at])))
         if region in crests:
             row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):
@@ -91,6 +105,54 @@ def region_table(
             row.update(gyral_thickness_mm=across)
         rows.append(row)
     return rows
+
+
+def gray_volumes(cortex: Cortex) -> PerVertex:
+    """Gray matter of each vertex (N,) [mm^3]: a third of what lies between each of its triangles on white and on pial.
+
+    Notes
+    -----
+    FreeSurfer's, since version 6 (``MRISvolumeTH3``, after Winkler and others 2018 [1]_): each truncated wedge is split
+    into three tetrahedra that share a pial corner, whose absolute volumes are summed. The sides of a wedge are
+    not flat, so that sums differ a little from the volume between the surfaces; between concentric spheres they
+    are exact.
+
+    References
+    ----------
+    .. [1] Winkler, Greve, Bjuland, Nichols, Sabuncu, Haberg, Skranes, Rimol. Joint analysis of cortical area and
+       thickness as a replacement for the analysis of the volume of the cerebral cortex. Cereb. Cortex 28, 738 (2018).
+    """
+    white, pial = cortex.white.verts[cortex.faces], cortex.pial.verts[cortex.faces]     # (M, 3 corners, 3)
+    origin = pial[:, 0]
+    a, b, c = (white[:, k] - origin for k in range(3))
+    B, C = (pial[:, k] - origin for k in (1, 2))
+    six = sum(np.abs(np.einsum("ij,ij->i", u, np.cross(v, w))) for u, v, w in ((a, b, c), (B, C, b), (C, c, b)))
+    return np.bincount(cortex.faces.ravel(), np.repeat(six / 18, 3), cortex.n_vertices).astype(np.float64)
+
+
+def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """One row per subject, one column per region and measure, as ``aparcstats2table`` makes it.
+
+    Parameters
+    ----------
+    subjects : mapping of str to rows
+        Rows of ``region_table``, of one hemisphere or both, by the subject's name.
+
+    Returns
+    -------
+    list of dict
+        ``subject``, then ``lh_bankssts_area`` and so on: FreeSurfer's word for a measure where ``FREESURFER`` has one,
+        else the column's own name. Every row has all columns; a region that a subject lacks is None there.
+    """
+    rows = [
+        {"subject": name} | {
+            f"{row['hemi']}_{row['region']}_{FREESURFER.get(key, key)}": row.get(key)
+            for row in regions for key in COLUMNS[2:]
+        }
+        for name, regions in subjects.items()
+    ]  # fmt: skip
+    columns = dict.fromkeys(key for row in rows for key in row)
+    return [{key: row.get(key) for key in columns} for row in rows]
 
 
 def _known(values: PerVertex | None, at: np.ndarray) -> PerVertex:

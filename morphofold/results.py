@@ -17,6 +17,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.analysis.regions import wide_table
 from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import (
     atomic_folder,
@@ -48,7 +49,7 @@ COLUMNS = {
 }  # fmt: skip
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 MISSING = "n/a"
-NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer maps beside them."
+NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
 
 def write_analysis(
@@ -59,6 +60,8 @@ def write_analysis(
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
     stages: Sequence[Cortex] = (),
+    mgh: bool = False,
+    wide: bool = False,
 ) -> Path:
     """Write an analysis, whole or not at all.
 
@@ -76,6 +79,10 @@ def write_analysis(
         Whether to draw figures/*.png and report.html.
     stages : sequence of Cortex
         Those of the one body that was measured, for the page to draw it as it grows.
+    mgh : bool
+        Whether to write the maps as MGH, too, beside those for FreeSurfer and in GIFTI.
+    wide : bool
+        Whether to write regions_wide.tsv, too: the region table as one row.
 
     Returns
     -------
@@ -89,28 +96,18 @@ def write_analysis(
     FileExistsError
         If ``out`` holds something morphofold did not write.
     """
-    import morphofold
-
-    hemis = [m.cortex.hemi for m in measures]
-    if not hemis or len(set(hemis)) < len(hemis):
-        raise ValueError(
-            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
-            "Write each subject to a folder of its own."
-        )
-    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
-    _refuse_place_of_inputs(Path(out), files)
-    records = input_records(files)
+    records = checked_inputs(measures, out, inputs)
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
             (folder / name).mkdir()
-        surfaces = [_write_surface(m, folder) for m in measures]
-        summary = {
-            "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
-            "nan": NAN_RULE, "surfaces": surfaces,
-        }  # fmt: skip
-        (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+        for m in measures:
+            _write_surface(m, folder, mgh)
+        (folder / "summary.json").write_text(strict_json(summary_of(measures, records, parameters)), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
+        if wide:
+            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), row)
         if report:
             from morphofold.report import analysis_report
 
@@ -119,7 +116,22 @@ def write_analysis(
     return Path(out)
 
 
-def _refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
+def checked_inputs(
+    measures: Sequence[Measures], out: str | Path, inputs: Iterable[str | Path] = ()
+) -> list[dict[str, Any]]:
+    """Records of the files that an analysis is of; raises ``ValueError`` as ``write_analysis`` says."""
+    hemis = [m.cortex.hemi for m in measures]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise ValueError(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
+    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
+    refuse_place_of_inputs(Path(out), files)
+    return input_records(files)
+
+
+def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
     """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
     there = out.resolve()
     for file in map(Path, files):
@@ -133,8 +145,20 @@ def _refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
             raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
 
 
-def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
-    """Surfaces, labels and maps of one hemisphere; its entry in summary.json."""
+def summary_of(
+    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What summary.json holds: where the numbers come from, the scalars, and what is said of them."""
+    import morphofold
+
+    return {
+        "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
+        "nan": NAN_RULE, "surfaces": [_entry(m) for m in measures],
+    }  # fmt: skip
+
+
+def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
+    """Surfaces, labels, maps and net of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
     write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
     write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
@@ -151,11 +175,17 @@ def _write_surface(m: Measures, folder: Path) -> dict[str, Any]:
     for name, values in m.maps.items():
         write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}", values, nan=0.0)
         write_gifti_map(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
+        if mgh:
+            write_morph(folder / "maps" / f"{hemi}.{_file_word(name)}.mgh", values, nan=0.0)
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)
+
+
+def _entry(m: Measures) -> dict[str, Any]:
+    cortex = m.cortex
     return {
-        "hemi": hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
+        "hemi": cortex.hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
         "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
         "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
         "maps": sorted(m.maps), "came_with": sorted(cortex.maps),

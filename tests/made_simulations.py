@@ -22,7 +22,14 @@ def harmonic(verts, l, m):
     return np.sqrt(8 * np.pi) * reference.harmonic(direction, l, m).real
 
 
-def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=()):
+def three_mm(cortex):
+    """Maps of a stage that cost nothing."""
+    return {"thickness": np.full(cortex.n_vertices, 3.0)}
+
+
+def made_simulation(
+    out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=(), describe=three_mm
+):
     """A sphere whose pial surface lies ``height(g, verts)`` [mm] outside of 50 mm at growth g, white 2 mm below."""
     scene = load_scene(scene, settings)
     out = Path(out)
@@ -30,7 +37,7 @@ def made_simulation(out, scene, settings=(), *, height=lambda g, verts: 0 * vert
         writer = FolderWriter(out, scene, lambda cortex: {})
         RadialRun(scene, writer, lambda share, text: None, lambda: False).go()
         return Simulation(out, scene)
-    writer = FolderWriter(out, scene, lambda cortex: {"thickness": np.full(cortex.n_vertices, 3.0)})
+    writer = FolderWriter(out, scene, describe)
     writer.begin()
     verts, faces = icosphere(LEVEL, scene.geometry.radius)
     for g in scene.stages:

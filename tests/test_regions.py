@@ -4,9 +4,10 @@ import csv
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from morphofold import shapes
-from morphofold.analysis import region_table, vertex_areas
+from morphofold.analysis import gray_volumes, region_table, vertex_areas, wide_table
 from morphofold.analysis.regions import COLUMNS
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Regions, Surface
@@ -118,3 +119,81 @@ def test_the_thickness_of_a_file_is_averaged_beside_our_own():
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [1.5, 4.0]
     del maps["thickness_file"]
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [None, None]
+
+
+def shell(labels, outer=50.0, **more):
+    """Concentric spheres, the inner of 47 mm, with regions."""
+    verts, faces = shapes.icosphere(3)
+    names = tuple("abcd"[: labels.max() + 1])
+    regions = Regions(labels, names, np.arange(3 * len(names), dtype=np.uint8).reshape(-1, 3))
+    return Cortex(Surface(47 * verts, faces), Surface(outer * verts, faces), regions=regions, **more)
+
+
+def enclosed(surface):
+    """Volume inside a closed surface, by the divergence theorem."""
+    return np.linalg.det(surface.verts[surface.faces]).sum() / 6
+
+
+def test_gray_volume_between_concentric_spheres_is_exact_and_shared_by_regions():
+    verts, _ = shapes.icosphere(3)
+    labels = (verts[:, 2] > 0).astype(np.int64)
+    cortex = shell(labels)
+    between = enclosed(cortex.pial) - enclosed(cortex.white)
+    assert between == pytest.approx(4 / 3 * np.pi * (50**3 - 47**3), rel=0.02)
+    rows = region_table(cortex, {})
+    assert sum(row["gray_volume_mm3"] for row in rows) == pytest.approx(between, rel=1e-12)
+    share = vertex_areas(cortex.white.verts, cortex.faces)          # radial: a wedge is as large as its triangle
+    for row, here in zip(rows, (labels == 0, labels == 1)):
+        assert row["gray_volume_mm3"] == pytest.approx(between * share[here].sum() / share.sum(), rel=1e-6)
+
+
+def test_gray_volume_of_one_wedge_is_that_of_its_convex_hull(rng):
+    """A wedge of flat sides, cut obliquely: three tetrahedra fill it whichever corner comes first."""
+    base = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0]])
+    top = base + np.array([0, 0, 1]) * np.array([[1.0], [2.5], [4.0]])
+    want = ConvexHull(np.vstack([base, top])).volume
+    for turn in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):
+        found = gray_volumes(Cortex(Surface(base, [turn]), Surface(top, [turn])))
+        assert found == pytest.approx(np.full(3, want / 3), rel=1e-12)
+
+
+def test_what_is_off_the_cortex_has_no_gray_volume():
+    verts, _ = shapes.icosphere(3)
+    here = verts[:, 2] > 0
+    whole, part = (region_table(shell(0 * here, cortex=mask), {})[0] for mask in (None, here))
+    assert 0.4 < part["gray_volume_mm3"] / whole["gray_volume_mm3"] < 0.55
+    assert part["area_mm2"] == whole["area_mm2"]
+
+
+def test_the_mean_curvature_of_a_region_is_weighted_by_its_pial_area():
+    cortex = shell(np.zeros(642, dtype=np.int64))
+    (row,) = region_table(cortex, {"H": np.full(642, 1 / 50)})
+    assert row["mean_H_per_mm"] == pytest.approx(1 / 50)
+    bent = np.where(np.arange(642) < 12, 1.0, -0.5)
+    bent[100:] = np.nan
+    area = vertex_areas(cortex.pial.verts, cortex.faces)
+    want = (area[:12].sum() - 0.5 * area[12:100].sum()) / area[:100].sum()
+    assert abs(want - bent[:100].mean()) > 1e-3                     # the first twelve are five-valent, so smaller
+    assert region_table(cortex, {"H": bent})[0]["mean_H_per_mm"] == pytest.approx(want, rel=1e-12)
+    assert region_table(cortex, {})[0]["mean_H_per_mm"] is None
+
+
+def test_the_wide_table_has_the_columns_and_numbers_of_aparcstats2table(excerpt):
+    with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
+        published = list(csv.DictReader(file, delimiter="\t"))
+    maps = {k: excerpt[v].astype(float) for k, v in (("area", "area"), ("cortical_thickness", "thickness"))}
+    names = [str(n) for n in excerpt["region_names"]]
+    left, right = (region_table(labelled(excerpt["labels"], names, hemi), maps) for hemi in ("lh", "rh"))
+    bert, ernie = wide_table({"bert": left + right, "ernie": left[1:]})
+    assert list(bert) == list(ernie)
+    assert next(iter(bert)) == "subject"
+    assert len(bert) == 1 + 2 * len(published) * (len(COLUMNS) - 2)
+    for row in published:
+        region = row["StructName"]
+        assert bert[f"lh_{region}_area"] == pytest.approx(float(row["SurfArea"]), abs=0.5)
+        assert bert[f"rh_{region}_thickness"] == pytest.approx(float(row["ThickAvg"]), abs=0.0005)
+        assert bert[f"lh_{region}_thicknessstd"] == pytest.approx(float(row["ThickStd"]), abs=0.0005)
+        assert bert[f"lh_{region}_n_vertices"] == int(row["NumVert"])
+    assert ernie[f"lh_{published[0]['StructName']}_area"] is None
+    assert ernie[f"lh_{published[1]['StructName']}_area"] == bert[f"lh_{published[1]['StructName']}_area"]
+    assert {k.rsplit("_", 1)[1] for k in bert if k.startswith("lh_bankssts_")} >= {"volume", "area", "thickness"}

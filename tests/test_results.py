@@ -216,3 +216,42 @@ def test_a_table_cut_short_is_refused(tmp_path):
     table.write_text(table.read_text()[:-9])
     with pytest.raises(ValueError, match=r"regions\.tsv: line 4"):
         read_analysis(out)
+
+
+def test_maps_are_written_as_mgh_and_regions_as_one_row_only_if_asked(written, tmp_path):
+    pair, plain = written
+    assert not list(plain.rglob("*.mgh"))
+    assert not (plain / "regions_wide.tsv").exists()
+    out = write_analysis(pair, tmp_path / "out", report=False, mgh=True, wide=True)
+    values = pair[1].maps["gyral_thickness"]
+    image = nib.load(out / "maps" / "rh.gyral_thickness.mgh")
+    assert image.shape == (len(values), 1, 1)
+    assert image.get_data_dtype() == np.dtype(">f4")
+    np.testing.assert_allclose(np.squeeze(image.dataobj), np.nan_to_num(values), rtol=1e-6)
+    assert np.isnan(values).any()
+    assert {p.name.count(".") for p in (out / "maps").glob("?h.H*")} == {1, 2, 3}      # rh.H, .mgh, .shape.gii
+    with (out / "regions_wide.tsv").open(newline="") as file:
+        (row,) = csv.DictReader(file, delimiter="\t")
+    assert row["subject"] == "bump"
+    assert float(row["rh_middle_thickness"]) == 2.5
+    assert row["lh_front_n_hinges"] == "n/a"
+    assert set(read_analysis(out)[0].maps) == set(pair[0].maps)
+
+
+def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
+    """c_ras and the rest of the footer: read, measured, written, read again."""
+    footer = {
+        "head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": "../mri/filled-pretess255.mgz",
+        "volume": np.array([256, 256, 256]), "voxelsize": np.ones(3), "xras": np.array([-1.0, 0, 0]),
+        "yras": np.array([0.0, 0, -1]), "zras": np.array([0.0, 1, 0]), "cras": np.array([-0.5, 29.25, -48.875]),
+    }  # fmt: skip
+    m = made_measures()
+    surfaces = {k: replace(getattr(m.cortex, k), geometry=footer) for k in ("white", "pial", "inflated")}
+    write_analysis([replace(m, cortex=replace(m.cortex, **surfaces))], tmp_path / "once", report=False)
+    again = read_cortex(tmp_path / "once")
+    np.testing.assert_array_equal(again.transform[:3, 3], footer["cras"])
+    write_analysis([replace(m, cortex=again)], tmp_path / "twice", report=False)
+    for name in surfaces:
+        verts, _, found = fs.read_geometry(tmp_path / "twice" / "surf" / f"lh.{name}", read_metadata=True)
+        assert {k: np.array_equal(v, found[k]) for k, v in footer.items()} == dict.fromkeys(footer, True)
+        np.testing.assert_allclose(verts, getattr(m.cortex, name).verts, atol=8e-6)    # still in the surface's frame

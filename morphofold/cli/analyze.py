@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="INPUT", nargs="?", help="FreeSurfer subject, simulation or analysis folder")
+    parser.add_argument("-s", "--subject", metavar="SUBJECT", help="FreeSurfer subject by its name, instead of INPUT")
+    parser.add_argument(
+        "--subjects-dir", "--sd", metavar="DIR", help="folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"
+    )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that INPUT has")
     parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
@@ -23,37 +27,53 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "an earlier run measured of the same files stays",
     )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
+    parser.add_argument(
+        "--mgh", action="store_true", help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written)"
+    )
+    parser.add_argument(
+        "--wide", action="store_true", help="regions_wide.tsv, too: one row, a column per region and measure"
+    )
+    parser.add_argument(
+        "--layout", choices=["plain", "bids"], default="plain",
+        help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
+    )  # fmt: skip
     parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument("--json", action="store_true", help="print summary.json")
+    parser.add_argument("--json", action="store_true", help="print summary.json, in BIDS the file of provenance")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.measures import measure
+    from morphofold.bids import subject_place, write_dataset
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
-    from morphofold.results import write_analysis
+    from morphofold.results import refuse_place_of_inputs, write_analysis
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
+    _find_subject(args)
     if (args.input is None) == (args.white is None and args.pial is None):
-        raise ValueError("name either INPUT, or --white and --pial.")
+        raise ValueError("name either INPUT, or -s, or --white and --pial.")
     if args.input is None and (args.white is None or args.pial is None):
         raise ValueError("--white and --pial go together; the other one is missing.")
     if args.stages:
         return _stages(args)
+    bids = args.layout == "bids"
+    if bids and (args.out is None or args.mgh or args.wide):
+        raise ValueError("--layout bids takes -o DATASET, and neither --mgh nor --wide.")
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
     else:
         hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
-        cortices = [read_cortex(args.input, hemi=hemi, name=args.name) for hemi in hemis]
-    called = args.name or (Path(args.input).resolve().name if args.input else cortices[0].name)
-    out = Path(args.out or f"{writable_name(called)}-analysis")
+        cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
+    called = args.name or args.subject or (Path(args.input).resolve().name if args.input else cortices[0].name)
+    out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
     read = {Path(file).parent for cortex in cortices for file in cortex.files}
     read |= {folder.parent for folder in read if folder.name == "surf"}
     refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
+    refuse_place_of_inputs(out, (file for cortex in cortices for file in cortex.files))
     with progress(cortices[0].name, args.quiet) as tell:
         measures = []
         for i, cortex in enumerate(cortices):
@@ -61,11 +81,18 @@ def run(args: argparse.Namespace) -> int:
             measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
         tell(0.8, "writing")
         asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
-        stages = [] if args.no_report or args.input is None else _stages_of(Path(args.input))
-        write_analysis(measures, out, parameters=asked, report=not args.no_report, stages=stages)
+        report = not args.no_report
+        stages = _stages_of(Path(args.input)) if report and args.input is not None else []
+        if bids:
+            write_dataset(measures, args.out, called, parameters=asked, report=report, stages=stages)
+        else:
+            write_analysis(
+                measures, out, parameters=asked, report=report, stages=stages, mgh=args.mgh, wide=args.wide
+            )
         tell(1.0, "done")
+    summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     if args.json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        print(summary.read_text(encoding="utf-8"), end="")
         return 0
     for m in measures:
         s = m.scalars
@@ -77,8 +104,21 @@ def run(args: argparse.Namespace) -> int:
         )
         if "simulation" in m.notes:
             print(f"warning: {m.notes['simulation']}")
-    print(f"-> {out / ('summary.json' if args.no_report else 'report.html')}")
+    print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
+
+
+def _find_subject(args: argparse.Namespace) -> None:
+    """Put the folder that -s means in the place of INPUT."""
+    from morphofold.cli.paths import subject_folder
+
+    if args.subject is None:
+        if args.subjects_dir is not None:
+            raise ValueError("--subjects-dir goes with -s SUBJECT, which is missing.")
+        return
+    if args.input is not None or args.white is not None or args.pial is not None:
+        raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
+    args.input = str(subject_folder(args.subject, args.subjects_dir))
 
 
 def _stages(args: argparse.Namespace) -> int:
@@ -89,8 +129,8 @@ def _stages(args: argparse.Namespace) -> int:
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
 
-    if args.input is None or args.hemi is not None or args.json:
-        raise ValueError("--stages takes a simulation folder as INPUT, and neither --hemi nor --json.")
+    if args.input is None or args.hemi is not None or args.json or args.mgh or args.wide or args.layout != "plain":
+        raise ValueError("--stages takes a simulation folder as INPUT, and none of --hemi, --json and other layouts.")
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
     if not places:

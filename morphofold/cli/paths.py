@@ -1,7 +1,9 @@
-"""Where commands may write."""
+"""Where commands may write, and where FreeSurfer subjects are found by name."""
 
 from __future__ import annotations
 
+import difflib
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -20,3 +22,33 @@ def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
 def writable_name(name: str) -> str:
     """A subject's name as a folder's name: separators become dashes."""
     return name.replace("/", "-").replace("\\", "-").strip(". ") or "unnamed"
+
+
+def subject_folder(subject: str, subjects_dir: str | None) -> Path:
+    """Folder of a FreeSurfer subject by its name: in ``subjects_dir``, else in the environment's SUBJECTS_DIR.
+
+    Raises
+    ------
+    ValueError
+        If neither is set, or ``subject`` is a path.
+    FileNotFoundError
+        If the one or the other is not there; the message says which names are.
+    """
+    said = subjects_dir or os.environ.get("SUBJECTS_DIR")
+    if not said:
+        raise ValueError(
+            f"-s {subject}: where subjects lie is not said. Set SUBJECTS_DIR, pass --subjects-dir DIR, or name the "
+            "subject's folder as INPUT."
+        )
+    folder, set_by = Path(said), "--subjects-dir" if subjects_dir else "SUBJECTS_DIR"
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: no such folder, named by {set_by}. Name the folder that holds subjects.")
+    if subject in ("", ".", "..") or Path(subject).name != subject:
+        raise ValueError(f"-s {subject!r}: is no name of a folder in {folder}. A path goes without -s, as INPUT.")
+    if not (folder / subject).is_dir():
+        names = sorted(p.name for p in folder.iterdir() if (p / "surf").is_dir())
+        near = difflib.get_close_matches(subject, names, n=8, cutoff=0.5)
+        names = near + [name for name in names if name not in near]
+        there = f"are {', '.join(names[:8])}{f' and {len(names) - 8} more' if len(names) > 8 else ''}"
+        raise FileNotFoundError(f"{folder / subject}: no such subject. In {set_by} {there if names else 'is none'}.")
+    return folder / subject

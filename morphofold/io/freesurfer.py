@@ -154,6 +154,14 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
         fs.write_morph_data(os.fspath(temporary), values)
 
 
+def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
+    """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer keeps surface overlays."""
+    from nibabel.freesurfer.mghformat import MGHImage
+
+    with atomic_file(path) as temporary:
+        MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
+
+
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
     """From FreeSurfer's sign to the house's, and back: the one place where it flips.
 

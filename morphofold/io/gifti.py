@@ -10,6 +10,7 @@ import base64
 import gzip
 import math
 import os
+import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Mapping
@@ -24,6 +25,11 @@ from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
+_KINDS = {  # as Connectome Workbench calls them
+    "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
+    "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
+    "inflated": {"GeometricType": "Inflated"},
+}
 _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
 
 
@@ -115,19 +121,30 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
     return {**head, "filename": meta.get("VolGeomFname", ""), **found, "volume": found["volume"].astype(int)}
 
 
-def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None) -> None:
-    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``."""
+def write_gifti_surface(
+    path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False
+) -> None:
+    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``.
+
+    Coordinates stay as they are: as ``mris_convert`` writes them, in the frame of FreeSurfer's surfaces where they
+    came in it, the footer's ``C_RAS`` saying how far the scanner's is. With ``scanner`` the file says that they are in
+    the scanner's frame; such a surface has no footer. Whether it is white, pial or inflated is told by the end of the
+    file's name.
+    """
+    from nibabel import nifti1
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
 
-    meta = _structure(path, hemi) | {"GeometricType": "Anatomical"}
+    kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
+    meta = _structure(path, hemi) | _KINDS.get(kind, {"GeometricType": "Anatomical"})
     footer = surface.geometry
     if footer and str(footer.get("valid", "")).startswith("1"):
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
+    space = nifti1.xform_codes["scanner" if scanner else "unknown"]
     points = GiftiDataArray(
         surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32",
-        coordsys=GiftiCoordSystem(), meta=meta,
+        coordsys=GiftiCoordSystem(space, space), meta=meta,
     )  # fmt: skip
     triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
     _save(path, [points, triangles], {})

@@ -139,7 +139,7 @@ def read_morph(path: StrPath) -> PerVertex:
 
 
 def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -> None:
-    """Write a per-vertex map (N,) in FreeSurfer's format (float32), whole or not at all.
+    """Write a per-vertex map (N,) for FreeSurfer (float32), whole or not at all: MGH if ``path`` ends so, else "curv".
 
     Parameters
     ----------
@@ -152,7 +152,8 @@ def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -
     ValueError
         NaN without ``nan``, infinite values, or another shape than (N,).
     """
-    freesurfer.write_curv(path, _checked(path, values, nan))
+    write = freesurfer.write_mgh if Path(path).suffix.lower() == ".mgh" else freesurfer.write_curv
+    write(path, _checked(path, values, nan))
 
 
 def write_gifti_map(

@@ -69,11 +69,49 @@ SCALAR_WORDS = {
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("The same at crests, median", ""),
 }
+#: what the columns of the tables hold, where SCALAR_WORDS and a column's own name do not say enough
+COLUMN_WORDS = {
+    "hemi": "Hemisphere, lh (left) or rh (right)",
+    "region": "Region of the parcellation",
+    "n_vertices": "Number of vertices",
+    "area_mm2": "Area of the white surface",
+    "cortical_thickness_mm": "Cortical thickness, mean over the vertices of the region or crest",
+    "cortical_thickness_sd_mm": "Standard deviation of cortical thickness over vertices",
+    "gyral_thickness_mm": "Gyral thickness from wall to wall, median over the region or crest",
+    "gyral_contour_mm": "Length of contour that gyral thickness was measured along",
+    "thickness_file_mm": "Mean over vertices of the thickness that came with the surfaces",
+    "gray_volume_mm3": "Gray matter between white and pial surface",
+    "mean_H_per_mm": "Mean curvature of the pial surface, positive where convex, mean over the region or crest",
+    "crest": "Number of the gyral crest",
+    "hinge": "Number of the gyral hinge",
+    "arm": "Number of the arm of the hinge",
+    "from_hinge": "Hinge at which the crest begins",
+    "to_hinge": "Hinge at the other end",
+    "length_mm": "Length along the crest",
+    "altitude_mm": "Altitude of the crest over its surroundings, median",
+    "lowest_altitude_mm": "Altitude of the crest over its surroundings, least",
+    "strength_mm": "Altitude less altitude smoothed over a gyral width, median along the crest",
+    "blind": "1 if it is of a gyrus that ends blindly, or a hinge only by such ones; else 0",
+    "x": "Position, first coordinate",
+    "y": "Position, second coordinate",
+    "z": "Position, third coordinate",
+    "degree": "Number of arms",
+    "shape": "Y, T or V (three arms, by the angles between them), X (four) or star (more)",
+    "min_angle_deg": "Least angle between neighbouring arms",
+    "max_angle_deg": "Greatest angle between neighbouring arms",
+    "vertex": "Number of the vertex at which the hinge lies, from 0",
+    "mean_arm_length_mm": "Mean length of the arms",
+    "persistence_mm": "Threshold on the persistence of pits of altitude up to which the node is a hinge",
+    "angle_deg": "Angle to the next arm, counter-clockwise seen from outside",
+    "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
+}
 HEADLINES = (
     "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
 )  # fmt: skip
 
-_UNITS = (("_deg", "°"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
+_UNITS = (
+    ("_deg", "°"), ("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"),
+)  # fmt: skip
 
 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
@@ -94,6 +132,16 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
 def scalar_words(name: str) -> tuple[str, str]:
     """Label and unit of a scalar's name."""
     return SCALAR_WORDS.get(name) or _words(name)
+
+
+def column_words(name: str) -> tuple[str, str]:
+    """What a column of a table holds, and its unit."""
+    label, unit = scalar_words(name)
+    if name in ("x", "y", "z"):
+        unit = "mm"
+    elif name.endswith("_deg"):
+        unit = "degree"
+    return COLUMN_WORDS.get(name, label), unit
 
 
 def _words(name: str) -> tuple[str, str]:
