@@ -170,6 +170,11 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     told = capsys.readouterr().out
     content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
     assert content["growth"]["body"]["growth"] == [1.8, 2.0]
+    for name, sliders in (("a", 0), ("body", 1)):                       # only a body of the name can grow there
+        assert main(["compare", f"{name}=grown/g2.00", "--growth", "body=grown", "-q", "-o", "both"]) == 0
+        assert (here / "both" / "report.html").read_text().count('<input type="range" id="growth"') == sliders
+    assert main(["analyze", "sim", "-q", "-o", "seen"]) == 0
+    assert (here / "seen" / "report.html").read_text().count('<input type="range" id="growth"') == 1
 
 
 def test_no_command_writes_over_what_it_reads(here, capsys):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 REGION_COLUMNS = (
     "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
+    "gray_volume_mm3", "mean_H_per_mm",
 )  # fmt: skip
 HINGE_COLUMNS = (
     "hinge", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x", "y", "z",
