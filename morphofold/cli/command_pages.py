@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,7 +48,7 @@ def options(name: str) -> Iterator[str]:
         yield from _described(command)
     for sub in below.values():
         yield f"### {sub.prog}"
-        yield " ".join((sub.description or "").split())
+        yield textwrap.fill(" ".join((sub.description or "").split()), 120, break_on_hyphens=False)
         yield from _described(sub)
 
 
