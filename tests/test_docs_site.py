@@ -19,13 +19,14 @@ import morphofold as mf
 from morphofold import analysis
 from morphofold.cli import COMMANDS, command_pages, parser
 from morphofold.report import site_math
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.effects import build_effects
+from morphofold.sim.scene_file import load_scene, scene_names
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="needs a checkout")
 
-PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [page for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md"))) if DOCS.is_dir()]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 #: pages whose Python runs, those that take longer marked
 RUN = [
@@ -117,7 +118,9 @@ def test_the_scenes_of_a_page_load(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "sh")])
-def test_the_commands_of_a_page_are_understood(name):
+def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
+    """Their scenes and settings too, where the scene is built in or one of the page's."""
+    write_scenes(name, tmp_path)
     top, lines = parser(), []
     for _, text in fences(name, "sh"):
         lines += text.replace("\\\n", " ").splitlines()
@@ -125,8 +128,13 @@ def test_the_commands_of_a_page_are_understood(name):
         words = shlex.split(line, comments=True)
         if words[:1] == ["morphofold"]:
             asked = words[1 : words.index(">")] if ">" in words else words[1:]
-            with contextlib.nullcontext() if asked != ["--version"] else pytest.raises(SystemExit, match="0"):
-                top.parse_args(asked)                                   # leaves the test with what is wrong
+            if asked == ["--version"]:
+                continue
+            given = vars(top.parse_args(asked))                         # leaves the test with what is wrong
+            scene = given.get("scene") or given.get("body")
+            if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
+                monkeypatch.chdir(tmp_path)
+                build_effects(load_scene(scene, given.get("settings", ())))
         if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
             assert importlib.util.find_spec(words[2])
 
