@@ -134,7 +134,7 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
             scene = given.get("scene") or given.get("body")
             if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
                 monkeypatch.chdir(tmp_path)
-                build_effects(load_scene(scene, given.get("settings", ())))
+                build_effects(load_scene(scene, given.get("settings") or ()))
         if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
             assert importlib.util.find_spec(words[2])
 
