@@ -17,6 +17,7 @@ SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
+    "docs": [["python", "-m", "mkdocs", "build", "--strict"]],
     "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],
 }
 
@@ -50,7 +51,7 @@ def set_up() -> int:
         [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, ".venv"],
         [
             *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
-            *["-c", "constraints.txt", "-e", ".[test]"],
+            *["-c", "constraints.txt", "-e", ".[test,docs]"],
         ],
     ):
         code = call(command)

@@ -1,0 +1,51 @@
+"""Formulas of the pages as MathML, a hook of mkdocs: browsers draw it themselves, so that the site fetches nothing.
+
+Pages write formulas as the forge reads them: a fence of ``math``, or ``$...$`` in a line, with backquotes inside the
+dollars where Markdown would else take its underscores.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+#: fences and code that stay, and what stands between dollars
+PIECES = re.compile(
+    r"^```math\n(?P<block>.*?)^```$"
+    r"|^(?P<fence>```+).*?^(?P=fence)$"
+    r"|\$`(?P<quoted>[^`\n]+)`\$"
+    r"|`[^`\n]+`"
+    r"|\$(?P<inline>[^\s$`](?:[^$`]*[^\s$`])?)\$",
+    re.DOTALL | re.MULTILINE,
+)
+PLACE = "FORMULA{}OF-PAGE"
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
+    """Take the formulas out, so that Markdown does not read them."""
+    text, page.formulas = take_out(markdown)
+    return text
+
+
+def on_page_content(html: str, *, page: Any, **_: object) -> str:
+    """Put the formulas back, as MathML."""
+    for k, formula in enumerate(page.formulas):
+        html = html.replace(f"<p>{PLACE.format(k)}</p>", formula).replace(PLACE.format(k), formula)
+    return html
+
+
+def take_out(markdown: str) -> tuple[str, list[str]]:
+    """A page with a placeholder for each formula, and the formulas as MathML."""
+    from latex2mathml.converter import convert
+
+    formulas: list[str] = []
+
+    def place(found: re.Match[str]) -> str:
+        block, inline = found["block"], found["quoted"] or found["inline"]
+        if not (block or inline):
+            return found[0]
+        formulas.append(convert(block.strip(), display="block") if block else convert(inline))
+        word = PLACE.format(len(formulas) - 1)
+        return f"\n{word}\n" if block else word
+
+    return PIECES.sub(place, markdown), formulas

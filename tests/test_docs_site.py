@@ -1,0 +1,233 @@
+"""Pages: links lead somewhere, examples run, commands are those of the parser, the site builds."""
+
+import contextlib
+import html
+import importlib.util
+import io
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from matplotlib import pyplot
+
+import morphofold as mf
+from morphofold import analysis
+from morphofold.cli import COMMANDS, command_pages, parser
+from morphofold.report import site_math
+from morphofold.sim.effects import build_effects
+from morphofold.sim.scene_file import load_scene, scene_names
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="needs a checkout")
+
+PAGES = [page for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md"))) if DOCS.is_dir()]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+#: pages whose Python runs, those that take longer marked
+RUN = [
+    "docs/tutorial-neuroimager.md",
+    "docs/tutorial-mechanician.md",
+    "docs/extending.md",
+    pytest.param("README.md", marks=pytest.mark.slow),
+]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
+
+
+def fences(name, *kinds):
+    """(kind, text) of the fences of a page, in order."""
+    found = FENCE.findall((ROOT / name).read_text(encoding="utf-8"))
+    return [(kind, text) for kind, text in found if not kinds or kind in kinds]
+
+
+def prose(path):
+    """A page without code, whose brackets are no links."""
+    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
+    return re.sub(r"`[^`\n]*`", "", text)
+
+
+def anchors(path):
+    """Anchors of the headings of a page, as a forge makes them."""
+    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
+    heads = re.findall(r"^#+ (.*)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", head.replace("`", "").lower()).replace(" ", "-") for head in heads}
+
+
+# --- links
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_every_link_and_picture_of_a_page_is_there(page):
+    broken = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", link):
+            continue
+        place, _, anchor = link.partition("#")
+        target = (page.parent / place).resolve() if place else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    assert not broken
+
+
+@pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.name)
+def test_every_picture_is_shown_by_a_page(picture):
+    assert any(f"{picture.name})" in page.read_text(encoding="utf-8") for page in PAGES)
+
+
+# --- examples
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_the_python_of_a_page_runs_and_prints_what_the_page_says(name, tmp_path, monkeypatch):
+    """One namespace for a page; a fence of text right after Python is what it prints."""
+    monkeypatch.chdir(tmp_path)
+    shown, space, told = fences(name), {"__name__": "page"}, None
+    write_scenes(name, tmp_path)
+    for kind, text in shown:
+        if kind == "python":
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                exec(compile(text, f"{name}, after {text.splitlines()[0]!r}", "exec"), space)
+            told = out.getvalue()
+        elif kind == "text" and told is not None:
+            assert told == text, f"{name} says {text!r}, its code prints {told!r}"
+            told = None
+        else:
+            told = None
+    pyplot.close("all")
+
+
+def write_scenes(name, folder):
+    """The scenes of a page: a fence of TOML whose first line is a comment with the name of a file."""
+    named = [re.match(r"# (\S+\.toml)\n", text) for _, text in fences(name, "toml")]
+    texts = [text for _, text in fences(name, "toml")]
+    for match, text in zip(named, texts):
+        if match:
+            (folder / match[1]).write_text(text, encoding="utf-8")
+    return [folder / match[1] for match in named if match]
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "toml")])
+def test_the_scenes_of_a_page_load(name, tmp_path):
+    for file in write_scenes(name, tmp_path):
+        assert load_scene(file).name
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "sh")])
+def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
+    """Their scenes and settings too, where the scene is built in or one of the page's."""
+    write_scenes(name, tmp_path)
+    top, lines = parser(), []
+    for _, text in fences(name, "sh"):
+        lines += text.replace("\\\n", " ").splitlines()
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["morphofold"]:
+            asked = words[1 : words.index(">")] if ">" in words else words[1:]
+            if asked == ["--version"]:
+                continue
+            given = vars(top.parse_args(asked))                         # leaves the test with what is wrong
+            scene = given.get("scene") or given.get("body")
+            if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
+                monkeypatch.chdir(tmp_path)
+                build_effects(load_scene(scene, given.get("settings") or ()))
+        if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
+            assert importlib.util.find_spec(words[2])
+
+
+@pytest.mark.parametrize("change", [text for _, text in fences("docs/extending.md", "diff")] if DOCS.is_dir() else [])
+def test_a_change_that_a_page_shows_fits_the_file(change):
+    head, *pieces = re.split(r"^@@\n", change, flags=re.M)
+    text = (ROOT / re.search(r"^--- a/(\S+)$", head, re.M)[1]).read_text(encoding="utf-8")
+    for piece in pieces:
+        kept = [line[1:] for line in piece.splitlines() if line.startswith(" ")]
+        assert text.count("\n".join(kept)) == 1
+
+
+# --- pages of commands
+
+
+def test_the_pages_of_commands_are_what_the_parser_says(tmp_path):
+    folder = shutil.copytree(DOCS / "commands", tmp_path / "commands")
+    command_pages.write_pages(folder)
+    renew = "renew them: python -m morphofold.cli.command_pages docs/commands"
+    for page in sorted(folder.glob("*.md")):
+        assert page.read_text(encoding="utf-8") == (DOCS / "commands" / page.name).read_text(encoding="utf-8"), renew
+    assert {page.stem for page in folder.glob("*.md")} == {*COMMANDS, "index"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_page_of_a_command_has_what_it_reads_what_it_writes_and_an_example(name):
+    text = (DOCS / "commands" / f"{name}.md").read_text(encoding="utf-8")
+    assert "**Reads**" in text
+    assert "**Writes**" in text
+    assert re.search(f"^morphofold {name}", text, re.M)
+
+
+def test_a_command_without_a_page_is_missed(tmp_path):
+    folder = shutil.copytree(DOCS / "commands", tmp_path / "commands")
+    (folder / "demo.md").unlink()
+    with pytest.raises(FileNotFoundError, match=r"demo\.md"):
+        command_pages.write_pages(folder)
+
+
+# --- measures
+
+
+def measures():
+    """The sections of measuring.md, but for that of seconds."""
+    text = (DOCS / "measuring.md").read_text(encoding="utf-8") if DOCS.is_dir() else ""
+    return [section for section in re.split(r"^## ", text, flags=re.M)[1:] if not section.startswith("What they cost")]
+
+
+@pytest.mark.parametrize("section", measures(), ids=lambda section: section.split("\n")[0])
+def test_a_measure_has_a_unit_a_picture_limits_and_a_source(section):
+    for part in (r"\*Unit:\*", r"^!\[.*\]\(", r"\*Limits:\*", r"\*Source:\*", r"`analysis\.\w+"):
+        assert re.search(part, section, re.M), part
+
+
+# --- the site
+
+
+def test_formulas_become_mathml_and_code_stays():
+    page = "Take $x_1$ and $`\\mu_2`$, not `$HOME$`.\n\n```math\nx^2\n```\n\n```sh\necho $a$\n```\n"
+    text, formulas = site_math.take_out(page)
+    assert [html.unescape(re.sub("<[^>]*>", "", formula)) for formula in formulas] == ["x1", "μ2", "x2"]
+    assert ["display=\"block\"" in formula for formula in formulas] == [False, False, True]
+    assert "`$HOME$`" in text
+    assert "echo $a$" in text
+    assert "```math" not in text
+
+
+def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
+    for package in ("mkdocs", "material", "latex2mathml"):
+        if importlib.util.find_spec(package) is None:
+            pytest.skip(f"{package} is not installed: pip install -e .[docs]")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
+    assert done.returncode == 0, done.stderr
+    assert "WARNING" not in done.stderr
+    pages = {p.relative_to(tmp_path / "site").as_posix(): p.read_text("utf-8") for p in tmp_path.rglob("*.html")}
+    assert {name.removeprefix("docs/").replace(".md", ".html") for name in NAMES[1:]} <= set(pages)
+    for name, text in pages.items():
+        assert not re.findall(r"<(?:script|img|link|iframe)\b[^>]*(?:src|href)=\"?(?:https?:)?//", text), name
+        assert "OF-PAGE" not in text, name
+    assert pages["theory.html"].count("<math") > 50
+
+
+# --- numbers that pages name and no other test holds
+
+
+def test_a_person_is_folded_as_the_tutorial_says_and_the_average_has_as_many_hinges_as_peers_says():
+    said = float(re.search(r"gyrification index\s+of (\d\.\d+)", (DOCS / "tutorial-neuroimager.md").read_text())[1])
+    person = mf.read_cortex(mf.sample_path("S1"), hemi="lh").pial
+    assert analysis.gyrification_index(person.verts, person.faces) == pytest.approx(said, abs=0.005)
+    said = float(re.search(r"about (\d+) hinges a hemisphere", (DOCS / "peers.md").read_text())[1])
+    for hemi in ("lh", "rh"):
+        cortex = mf.read_cortex(mf.sample_path("fsaverage5"), hemi=hemi)
+        assert len(analysis.hinges(analysis.gyral_graph(cortex))) == pytest.approx(said, abs=2)
