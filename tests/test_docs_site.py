@@ -139,13 +139,37 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
             assert importlib.util.find_spec(words[2])
 
 
-@pytest.mark.parametrize("change", [text for _, text in fences("docs/extending.md", "diff")] if DOCS.is_dir() else [])
-def test_a_change_that_a_page_shows_fits_the_file(change):
-    head, *pieces = re.split(r"^@@\n", change, flags=re.M)
-    text = (ROOT / re.search(r"^--- a/(\S+)$", head, re.M)[1]).read_text(encoding="utf-8")
-    for piece in pieces:
-        kept = [line[1:] for line in piece.splitlines() if line.startswith(" ")]
-        assert text.count("\n".join(kept)) == 1
+def changed(text, change):
+    """A file with the lines that a change adds; each piece must stand at one place."""
+    for piece in re.split(r"^@@\n", change, flags=re.M)[1:]:
+        before, after = ("".join(f"{l[1:]}\n" for l in piece.splitlines() if l[0] in marks) for marks in (" ", " +"))
+        assert text.count(before) == 1, before
+        text = text.replace(before, after)
+    return text
+
+
+def test_the_effect_and_the_measure_of_a_page_can_be_added_as_it_says(tmp_path):
+    for room in ("morphofold", "sim", "analysis", "data_samples"):
+        shutil.copytree(ROOT / room, tmp_path / room, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "pyproject.toml").touch()                               # what a checkout is known by
+    page = (DOCS / "extending.md").read_text(encoding="utf-8")
+    for (_, code), name in zip(fences("docs/extending.md", "python")[::2], re.findall(r"The whole file, `(.*)`", page)):
+        (tmp_path / name).write_text(code, encoding="utf-8")
+    for _, change in fences("docs/extending.md", "diff"):
+        file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]
+        file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
+    use = """
+from morphofold import analysis
+from morphofold.analysis.surface_ratio import surface_ratio
+from morphofold.sim.effects import build_effects
+from morphofold.sim.scene_file import load_scene
+effects = build_effects(load_scene("fig5", ["effects.pressure={pressure=0.5}"]))
+print(analysis.__file__, [effect.name for effect in effects])
+"""
+    done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert str(tmp_path) in done.stdout
+    assert "'pressure'" in done.stdout
 
 
 # --- pages of commands
