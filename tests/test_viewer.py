@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.analysis import measure
 from morphofold.comparison import compare
+from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report, figures
 from morphofold.surface import Surface
 
@@ -438,3 +440,15 @@ def test_tables_sort_and_are_saved_with_all_digits(tab, tmp_path):
     assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
     tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
     assert tables == ["lh-regions", "lh-hinges"]
+
+
+@pytest.mark.slow
+def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path):
+    """One person's left hemisphere, 153,000 vertices, and its mirror image."""
+    left = measure(read_cortex(sample_path("S1")))
+    flip = np.array([-1.0, 1, 1])
+    shapes = {n: getattr(left.cortex, n) for n in ("white", "pial")}
+    mirrored = {n: Surface(s.verts * flip, s.faces[:, ::-1]) for n, s in shapes.items()}
+    right = measure(replace(left.cortex, **mirrored, hemi="rh"))
+    page = analysis_report([left, right], tmp_path / "report.html")
+    assert 2e6 < page.stat().st_size < 15e6
