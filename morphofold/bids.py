@@ -98,7 +98,7 @@ def write_dataset(
 
             grown = [Measures(cortex, {}, {}) for cortex in stages]
             analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
-        _describe(dataset)
+    _describe(dataset)
     return place
 
 
@@ -138,17 +138,23 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _describe(dataset: Path) -> None:
-    """Write what makes a folder a dataset, unless it is one."""
+    """Write what makes a folder a dataset; of one that is ours already only the version that wrote last."""
     import morphofold
 
-    if not _ours(dataset):
+    me = {"Name": "morphofold", "Version": morphofold.__version__}
+    path = dataset / "dataset_description.json"
+    if _ours(dataset):
+        said = _json(path)
+        said["GeneratedBy"] = [m for m in said["GeneratedBy"] if m.get("Name") != "morphofold"] + [me]
+    else:
+        said = {
+            "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.10.0", "DatasetType": "derivative",
+            "GeneratedBy": [me],
+        }  # fmt: skip
         with atomic_file(dataset / ".bidsignore") as file:
             file.write_text(IGNORED, encoding="utf-8")
-        with atomic_file(dataset / "dataset_description.json") as file:
-            file.write_text(strict_json({
-                "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.10.0", "DatasetType": "derivative",
-                "GeneratedBy": [{"Name": "morphofold", "Version": morphofold.__version__}],
-            }), encoding="utf-8")  # fmt: skip
+    with atomic_file(path) as file:
+        file.write_text(strict_json(said), encoding="utf-8")
 
 
 def _write_hemisphere(m: Measures, anat: Path, subject: str) -> None:

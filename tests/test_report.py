@@ -488,6 +488,14 @@ def nasty_page(tmp_path_factory):
     return page, (folder / "a.html").read_text(encoding="utf-8")
 
 
+def test_only_earlier_stages_of_the_same_body_are_shown_growing():
+    m = made_measures(info={"g": 1.5, "name": "body"})
+    at = lambda **info: made_measures(info={"name": "body", **info})
+    assert page._other_stage(at(g=1.2), m)
+    for other in (at(g=1.5), at(g=2.0), at(), at(g=1.2, name="another"), made_measures(level=2, info={"g": 1.2})):
+        assert not page._other_stage(other, m)
+
+
 def test_names_from_files_are_escaped_everywhere(nasty_page):
     for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
         assert "<script>alert" not in text

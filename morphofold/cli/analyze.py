@@ -68,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
-    called = args.name or args.subject or (Path(args.input).resolve().name if args.input else cortices[0].name)
+    folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
+    called = args.name or args.subject or folder
     out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
     read = {Path(file).parent for cortex in cortices for file in cortex.files}
     read |= {folder.parent for folder in read if folder.name == "surf"}
@@ -118,7 +119,8 @@ def _find_subject(args: argparse.Namespace) -> None:
         return
     if args.input is not None or args.white is not None or args.pial is not None:
         raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
-    args.input = str(subject_folder(args.subject, args.subjects_dir))
+    folder = subject_folder(args.subject, args.subjects_dir)
+    args.input, args.subject = str(folder), folder.name
 
 
 def _stages(args: argparse.Namespace) -> int:

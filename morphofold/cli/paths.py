@@ -34,6 +34,7 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     FileNotFoundError
         If the one or the other is not there; the message says which names are.
     """
+    subject = subject.rstrip("/")                                       # as a shell completes it
     said = subjects_dir or os.environ.get("SUBJECTS_DIR")
     if not said:
         raise ValueError(

@@ -34,7 +34,12 @@ _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command
 
 
 def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
-    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if whole."""
+    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if whole.
+
+    None for a surface that says it is in the scanner's frame: the geometry's ``C_RAS`` would move it there once more.
+    """
+    from nibabel import nifti1
+
     image = _load(path, "a GIFTI surface")
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
@@ -43,7 +48,8 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
             f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one each. "
             f"It holds {_intents(image)}; pass a .surf.gii."
         )
-    return points[0].data, triangles[0].data, _volume_geometry(points[0].meta)
+    there = points[0].coordsys is not None and points[0].coordsys.dataspace == nifti1.xform_codes["scanner"]
+    return points[0].data, triangles[0].data, None if there else _volume_geometry(points[0].meta)
 
 
 def read_gifti_map(path: Path) -> PerVertex:

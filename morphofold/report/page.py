@@ -127,10 +127,10 @@ def _entries(comparison: Comparison) -> list[Entry]:
 
 
 def _other_stage(stage: Measures, m: Measures) -> bool:
-    """Whether it is another stage of the same body: another growth, the same vertices (each stage cuts quads anew)."""
+    """Whether it is an earlier stage of the same body: less growth, the same vertices (each stage cuts quads anew)."""
     a, b = stage.cortex, m.cortex
     same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
-    return same and a.info.get("g") not in (None, b.info.get("g"))
+    return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
 
 
 def _sha256(script: str) -> str:

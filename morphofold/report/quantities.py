@@ -147,7 +147,8 @@ def column_words(name: str) -> tuple[str, str]:
 def _words(name: str) -> tuple[str, str]:
     for suffix, unit in _UNITS:
         if name.endswith(suffix):
-            return name.removesuffix(suffix).replace("_", " ").capitalize(), unit
+            words = name.removesuffix(suffix).replace("_", " ")
+            return words[:1].upper() + words[1:], unit
     words = name.replace("_", " ")
     return words[:1].upper() + words[1:], ""
 

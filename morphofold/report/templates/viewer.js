@@ -229,7 +229,7 @@ function pick(panel, px, py) {
     }
   }
   panel.picked = best;
-  panel.hinge = state.hinges && panel.net && panel.now === panel.final ? hingeAt(panel, px, py, front, perPx) : null;
+  panel.hinge = state.hinges && panel.net && panel.now === panel.final && best >= 0 ? hingeAt(panel, px, py, front, perPx) : null;
   if (panel.hinge) panel.picked = panel.hinge.at;
   describe(panel);
   redraw();
@@ -254,7 +254,7 @@ function describe(panel) {
     const dt = document.createElement("dt"), dd = document.createElement("dd");
     dt.textContent = label; dd.textContent = text; box.append(dt, dd);
   };
-  if (panel.hinge) for (const [label, text] of panel.hinge.lines) line(label, text);
+  if (panel.hinge && state.hinges && panel.now === panel.final) for (const [label, text] of panel.hinge.lines) line(label, text);
   line("Vertex", String(panel.ids[i]));
   if (panel.stages.length > 1) line("Growth", String(panel.now.g));
   if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
@@ -325,10 +325,11 @@ stage.addEventListener("pointerup", (e) => {
 stage.addEventListener("pointercancel", () => { drag = null; });
 stage.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
 stage.addEventListener("keydown", (e) => {
+  if (e.ctrlKey || e.metaKey || e.altKey) return;               // those are the browser's
   const step = 0.12, act = {
     ArrowLeft: () => rotate(-step, 0), ArrowRight: () => rotate(step, 0), ArrowUp: () => rotate(0, -step), ArrowDown: () => rotate(0, step),
     "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15), 0: reset,
-    Enter: () => panels.forEach((p) => pick(p, p.box.clientWidth / 2, p.box.clientHeight / 2)),
+    Enter: () => inView().forEach((p) => pick(p, p.box.clientWidth / 2, p.box.clientHeight / 2)),
   }[e.key];
   if (act) { e.preventDefault(); act(); }
 });
@@ -338,11 +339,14 @@ $("zoom-in").addEventListener("click", () => zoom(1.25));
 $("zoom-out").addEventListener("click", () => zoom(0.8));
 if ($("fit")) $("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
 for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value === "none" ? "" : r.value));
-for (const name of ["crests", "hinges"]) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; redraw(); });
+for (const name of ["crests", "hinges"]) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; panels.forEach(describe); redraw(); });
 if ($("growth")) {
   const steps = [...new Set(panels.flatMap((p) => p.stages.length > 1 ? p.stages.map((s) => s.g) : []))].sort((a, b) => a - b);
   $("growth").max = $("growth").value = steps.length - 1;
-  const say = () => { $("growth-now").textContent = "g = " + steps[$("growth").value]; };
+  const say = () => {
+    $("growth-now").textContent = "g = " + steps[$("growth").value];
+    $("growth").setAttribute("aria-valuetext", $("growth-now").textContent);
+  };
   $("growth").addEventListener("input", () => { say(); grow(steps[$("growth").value]); });
   say();
 }
