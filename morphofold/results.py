@@ -226,10 +226,14 @@ def read_analysis(folder: str | Path) -> list[Measures]:
     folder = Path(folder)
     path = folder / "summary.json"
     if not path.is_file():
-        raise FileNotFoundError(
-            f"{folder}: {'holds no summary.json' if folder.is_dir() else 'no such folder'}. "
-            "Name a folder that `morphofold analyze` wrote."
-        )
+        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote."
+        if folder.is_dir():
+            what = "holds no summary.json"
+            if (folder / "surf").is_dir():
+                how = f"It is a subject: `morphofold analyze {folder}` first, and name what that wrote."
+            elif any(folder.glob("anat/*_provenance.json")):
+                how = "It is of the BIDS layout; name an analysis that was written without --layout bids."
+        raise FileNotFoundError(f"{folder}: {what}. {how}")
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         entries = list(summary["surfaces"])

@@ -113,6 +113,23 @@ def test_simulate_refuses_missing_and_foreign_scene_files(here, capsys):
     assert not (here / "out").exists()
 
 
+def test_compare_says_what_to_do_with_a_subject_and_with_bids(here, capsys):
+    (here / "bert" / "surf").mkdir(parents=True)
+    refused(capsys, ["compare", "a=bert", "-o", "out"], "It is a subject: `morphofold analyze bert` first")
+    (here / "sub-bert" / "anat").mkdir(parents=True)
+    (here / "sub-bert" / "anat" / "sub-bert_desc-morphofold_provenance.json").write_text("{}")
+    refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "BIDS layout; name an analysis that was written without")
+
+
+def test_the_gyral_width_of_the_net_can_be_held(here):
+    for more, width in (([], None), (["--gyral-width", "9"], 9.0)):
+        assert main(["analyze", str(sample_path("simulated")), "-q", "--no-report", "-o", "out", *more]) == 0
+        told = json.loads((here / "out" / "summary.json").read_text())
+        assert told["parameters"]["gyral_width_mm"] == width
+        found = told["surfaces"][0]["parameters"]["graph_width_mm"]
+        assert (found == 9.0) == (width == 9.0)
+
+
 def test_compare_refuses_what_is_no_analysis(here, capsys):
     (here / "empty").mkdir()
     refused(capsys, ["compare", "a=empty", "-o", "out"], "empty")

@@ -624,7 +624,7 @@ def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
     assert re.search(r'class="warning".*model: the energy grew\.', top)
     assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
     assert "model: mesh is coarse. " in remarks
-    assert "MRI: no cortex label." in remarks
+    assert re.search(r'class="caution".*MRI: no cortex label\.', top)
     assert "MRI: no regions, so one point" in below
     for once in ("the energy grew", "mesh is coarse", "no cortex label", "no regions, so", "none here"):
         assert text.count(once) == 1

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from morphofold.analysis import Measures
     from morphofold.surface import Cortex
 
 
@@ -21,6 +24,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
     parser.add_argument("--curvature-scale", type=float, metavar="MM", help="radius of curvature neighbourhoods")
+    parser.add_argument(
+        "--gyral-width", type=float, metavar="MM",
+        help="lengths of the gyral net are shares of it; hold it to compare hinges of meshes of one brain, or of a "
+        "group (default: from the surface)",
+    )  # fmt: skip
     parser.add_argument(
         "--stages", action="store_true",
         help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
@@ -43,7 +51,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.analysis.measures import measure
     from morphofold.bids import subject_place, write_dataset
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
@@ -79,9 +86,9 @@ def run(args: argparse.Namespace) -> int:
         measures = []
         for i, cortex in enumerate(cortices):
             share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
-            measures.append(measure(cortex, curvature_scale=args.curvature_scale, progress=share))
+            measures.append(_measure(cortex, args, share))
         tell(0.8, "writing")
-        asked = {"hemi": args.hemi, "name": args.name, "curvature_scale_mm": args.curvature_scale}
+        asked = {"hemi": args.hemi, "name": args.name, **_scales(args)}
         report = not args.no_report
         stages = _stages_of(Path(args.input)) if report and args.input is not None else []
         if bids:
@@ -125,7 +132,6 @@ def _find_subject(args: argparse.Namespace) -> None:
 
 def _stages(args: argparse.Namespace) -> int:
     """Analyses of all stages of a simulation, those that are there already left as they are."""
-    from morphofold.analysis.measures import measure
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import atomic_folder, read_cortex
@@ -149,15 +155,25 @@ def _stages(args: argparse.Namespace) -> int:
         for i, place in enumerate(places):
             cortex = read_cortex(place, hemi="lh", name=args.name)
             share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
-            asked = {"hemi": None, "name": args.name, "curvature_scale_mm": args.curvature_scale}
+            asked = {"hemi": None, "name": args.name, **_scales(args)}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
-            found = measure(cortex, curvature_scale=args.curvature_scale, progress=share)
+            found = _measure(cortex, args, share)
             write_analysis([found], out / place.name, parameters=asked, report=False)
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
+
+
+def _scales(args: argparse.Namespace) -> dict[str, float | None]:
+    return {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+
+
+def _measure(cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None]) -> Measures:
+    from morphofold.analysis.measures import measure
+
+    return measure(cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, progress=progress)
 
 
 def _stages_of(folder: Path) -> list[Cortex]:

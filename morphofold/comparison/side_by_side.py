@@ -246,6 +246,9 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
     if differing := _by_value(named, "cortical_thickness_cap_mm", lambda mm: f"at {mm:g} mm" if mm else "nowhere"):
         where = _listed([f"{at} on {_listed(names)}" for at, names in differing.items()])
         said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")
+    if differing := _by_value(named, "graph_width_mm", lambda mm: f"{number(float(mm), 2)} mm"):
+        where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
+        said.append(f"Hinges are those of nets at a gyral width of {where}; compare them per square of that width.")
     if differing := _by_value(named, "cortex_mask", str):
         where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
         said.append(f"Cortex was marked out {where}; means without a label may count a medial wall as cortex.")

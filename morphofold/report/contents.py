@@ -32,7 +32,8 @@ CREST_COLUMNS = (
     "region",
 )  # fmt: skip
 WARNING = "simulation"                         # the note that speaks of a simulation's health
-REMARKS = ("cortex_mask", "curvature_scale")   # notes about a surface rather than about one number
+MASK = "cortex_mask"                           # the note that speaks of a medial wall which may count as cortex
+REMARKS = ("curvature_scale",)                 # notes about a surface rather than about one number
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
 
@@ -127,7 +128,7 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 def definitions(entries: Sequence[Entry]) -> Rows:
     """What the measures' notes say of the numbers that were had."""
-    apart = (WARNING, *REMARKS)
+    apart = (WARNING, MASK, *REMARKS)
     return _notes(
         entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
     )
@@ -136,6 +137,12 @@ def definitions(entries: Sequence[Entry]) -> Rows:
 def warnings(entries: Sequence[Entry]) -> list[str]:
     """What may make the numbers of a surface wrong: the health warnings of its simulation."""
     return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
+
+
+def cautions(entries: Sequence[Entry], comparison: Comparison) -> list[str]:
+    """What differs between the surfaces, and whose cortex was not marked out."""
+    unmarked = [f"{e.name}: {e.measures.notes[MASK]}" for e in entries if e.measures.notes.get(MASK)]
+    return [*unmarked, *comparison.cautions]
 
 
 def plot_notes(comparison: Comparison) -> list[str]:
