@@ -28,6 +28,7 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
+from morphofold.io.gifti import write_gifti_surface
 from morphofold.io.polygons import merge_equal
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
@@ -178,6 +179,15 @@ def test_the_volume_geometry_survives_a_round_trip(tmp_path, rough, name):
     assert list(again) == list(FOOTER)
     for key, value in FOOTER.items():
         assert np.array_equal(again[key], value), key
+
+
+def test_a_gifti_in_the_scanner_frame_is_not_moved_there_again(tmp_path, rough):
+    """Its ``C_RAS`` says how it came there; that of one in FreeSurfer's frame, how to go."""
+    path = tmp_path / "lh.pial.surf.gii"
+    for scanner in (False, True):
+        write_gifti_surface(path, Surface(rough.verts, rough.faces, geometry=FOOTER), "lh", scanner=scanner)
+        assert b"VolGeomC_R" in path.read_bytes()
+        assert (read_surface(path).geometry is None) == scanner
 
 
 def test_c_ras_becomes_the_shift_to_scanner_coordinates(tmp_path, rough):
