@@ -1,6 +1,8 @@
 """What the measures cost, and the page that shows it: numbers go where they belong, whoever made them."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,3 +134,11 @@ def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):
         measuring_page.write_page(page, speed, {"ball": ball})
     assert page.read_text() == "<!-- speed -->\n<!-- /speed -->\n"
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_what_the_docs_say_of_trust_is_in_their_table():
+    text = " ".join((Path(__file__).parent.parent / "docs" / "measuring.md").read_text(encoding="utf-8").split())
+    rows = [[float(n) for n in row] for row in re.findall(r"\| S1 \| \w[\w ]* \| ([\d.]+) \| \S+ \| (\d+) \|", text)]
+    (own,) = [n for times, n in rows if times == 1]
+    least, most = (f([n for times, n in rows if times in (0.5, 2)]) for f in (min, max))
+    assert f"the {own:.0f} hinges of S1 become {least:.0f} to {most:.0f}." in text
