@@ -46,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):
-            tell(0.3 * i / len(named), f"reading {name}")
+            tell(0.15 * i / len(named), f"reading {name}")
             measures[name] = read_analysis(folder)
         stages = {name: read_stages(folder) for name, folder in grown.items()}
-        tell(0.3, "drawing")
+        tell(0.15, "comparing")
         comparison = compare(measures, groups=groups, growth=stages, colours=colours)
-        page = comparison.report(args.out)
+        page = comparison.report(args.out, progress=lambda what, share: tell(0.25 + 0.75 * share, what))
         tell(1.0, "done")
     if args.json:
         print(page.with_name("comparison.json").read_text(encoding="utf-8"), end="")

@@ -78,10 +78,10 @@ class Comparison:
             "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
         }
 
-    def report(self, out: str | Path) -> Path:
+    def report(self, out: str | Path, *, progress: Callable[[str, float], None] = lambda what, share: None) -> Path:
         """Write ``out/`` whole or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
-        Returns the path of the page.
+        Returns the path of the page. ``progress`` is told what is being drawn and the share done, 0 to 1.
         """
         import morphofold
         from morphofold.io import atomic_folder
@@ -89,7 +89,7 @@ class Comparison:
         from morphofold.results import strict_json
 
         with atomic_folder(out) as folder:
-            comparison_report(self, folder)
+            comparison_report(self, folder, progress=progress)
             content = {"morphofold": morphofold.__version__, **self.to_dict()}
             (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
             with (folder / "comparison.tsv").open("w", encoding="utf-8", newline="") as file:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import resources
@@ -66,25 +66,33 @@ def analysis_report(
     return _write(comparison, Path(path), "Analysis", title, lede, inputs, with_tables=True)
 
 
-def comparison_report(comparison: Comparison, folder: str | Path, *, inputs: Inputs = ()) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/`` for a comparison."""
+def comparison_report(
+    comparison: Comparison, folder: str | Path, *, inputs: Inputs = (),
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Path:  # fmt: skip
+    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told what and the share."""
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured by the same code. Colours, bins and axes are shared by all surfaces."
-    return _write(comparison, Path(folder) / "report.html", "Comparison", title, lede, inputs)
+    return _write(comparison, Path(folder) / "report.html", "Comparison", title, lede, inputs, progress=progress)
 
 
 def _write(
-    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_tables: bool = False
-) -> Path:
+    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_tables: bool = False,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Path:  # fmt: skip
     entries = _entries(comparison)
     shown = _shown(entries)
+    progress("thinning surfaces", 0.0)
     thinned = [
         thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
         for e in entries
     ]
+    progress("drawing pictures", 0.15)
     pictures = _pictures(path.parent / "figures", entries, thinned, shown)
+    progress("packing surfaces", 0.65)
     viewer, blocks = _viewer(entries, thinned, shown)
+    progress("drawing charts and hinges", 0.75)
     templates = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = plots.environment().get_template("report.html").render(
