@@ -119,7 +119,10 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
 
 
 def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
-    """The hinge at a node of a gyral graph where three crests or more meet."""
+    """The hinge at a node of a gyral graph where three crests or more meet, as :func:`hinges` gives it.
+
+    ``KeyError`` if there is no such node; a node of fewer crests has no angles that mean anything.
+    """
     data, width = graph.nodes[node], graph.graph["scales"].width
     here, normal = data["position"], data["normal"]
     found = []
