@@ -163,7 +163,7 @@ def measure(
         **notes.of_local_gyrification(unfit),
         **notes.of_gyral_thickness(across),
         **(notes.of_regions() if rows else {}),
-        **dict.fromkeys(LINE, why),
+        **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS),
     }
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
     scalars.update(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphofold.analysis.checks import cortex_label
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
 
 Notes = dict[str, str]
 
+NO_REGIONS = (
+    "No parcellation came with the surfaces (FreeSurfer keeps one in label/?h.aparc.annot): no table of regions, and "
+    "no line through them."
+)
+AVERAGES = ("fsaverage", "cvs_avg")    # how the averages that come with FreeSurfer are called
 COARSEST = 4.0          # gyral width in mean edges, below which the mesh is remarked on
 
 GRAPH = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm")
@@ -44,8 +50,14 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
 
 
 def of_input(cortex: Cortex) -> Notes:
-    """A missing cortex label, and the health warnings of a simulation."""
+    """An average in place of a brain, a missing cortex label, and the health warnings of a simulation."""
     notes = {}
+    subjects = [Path(file).parent.parent.name for file in cortex.files]
+    if average := next((name for name in subjects if name.startswith(AVERAGES)), ""):
+        notes["average"] = (
+            f"{average} is an average of many brains, in which folds that differ between people are smoothed away: its "
+            "gyrification, hinges and gyral thickness are those of no person."
+        )
     word = cortex_label(cortex)[1]
     if word == "annotation":
         notes["cortex_mask"] = "No cortex label came with the surfaces: cortex is what the annotation's regions cover."

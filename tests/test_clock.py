@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from numba import njit
 
-from morphofold.cli.progress import COMPILING, progress
+from morphofold.cli.progress import COMPILING, progress, time_left
 from morphofold.clock import peak_memory, telling_of_compiling, working_seconds
 
 
@@ -69,6 +69,15 @@ def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch
             assert not said
     new_kernel()(3.0)                                   # nobody is told any more
     assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("seconds", "share", "words"),
+    [(10, 0, ""), (10, 0.5, "10 s left"), (60, 0.5, "60 s left"), (60, 0.1, "9 min left"), (60, 1, ""),
+     (3600, 0.25, "3 h 0 min left"), (3594, 0.1, "8 h 59 min left")],
+)  # fmt: skip
+def test_what_is_left_is_said_in_words(seconds, share, words):
+    assert time_left(seconds, share) == words
 
 
 def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():

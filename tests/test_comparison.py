@@ -66,6 +66,14 @@ def test_crests_stand_in_for_regions():
     assert cloud.fit.slope == pytest.approx(2.5)
 
 
+def test_regions_of_one_surface_are_not_set_beside_crests_of_another():
+    model, brain = made_measures(regions=False), made_measures("rh")
+    for m in (model, brain):
+        m.crests.append({"crest": 0, "cortical_thickness_mm": 2.0, "gyral_thickness_mm": 5.0})
+    assert [c.kind for c in compare({"model": model, "MRI": brain}).clouds] == ["crest", "crest"]
+    assert [c.kind for c in compare({"one": brain, "two": made_measures()}).clouds] == ["region", "region"]
+
+
 def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
     """95 % of intervals from noisy lines contain the slope they came from: 1900 of 2000, standard error 10."""
     x, inside = np.linspace(2, 3, 12), 0
@@ -116,10 +124,10 @@ def test_stiffness_comes_from_the_surfaces_unless_given():
     soft, stiff = made_measures(info={"mu_ratio": 1.0}), made_measures(info={"mu_ratio": 3.0})
     assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
     assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
-    assert [t.mu_ratio for t in compare({"a": made_measures()}).theory] == [1.0]
+    assert compare({"a": made_measures()}).theory == ()       # a brain has no stiffness that is known
     unsaid = made_measures(info={"mu_ratio": None})
     assert [t.mu_ratio for t in compare({"a": unsaid, "b": stiff}).theory] == [3.0]
-    assert [t.mu_ratio for t in compare({"a": unsaid}).theory] == [1.0]
+    assert compare({"a": unsaid}).theory == ()
     with pytest.raises(ValueError, match="must be a positive number, got 0"):
         compare({"a": soft}, mu_ratio=0.0)
 

@@ -57,7 +57,7 @@ def test_what_cannot_be_had_is_none_and_the_notes_say_why():
     assert all(len(m.notes[name]) > 20 for name in missing)
     assert (m.scalars["n_hinges"], m.scalars["crest_length_mm"], m.hinges, m.crests) == (0, 0.0, [], [])
     assert "has no gyri" in m.notes["n_hinges"]
-    assert "three regions" in m.notes["gyral_to_cortical_r"]
+    assert "aparc.annot" in m.notes["gyral_to_cortical_r"]                  # what there should have been
 
 
 def test_maps_are_nan_off_the_cortex_and_means_leave_it_out():
@@ -261,6 +261,12 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
         assert mask.all()
         assert "medial wall" in of_input(other)["cortex_mask"]
     assert cortex_label(cortex)[1] == "label"
+
+
+def test_an_average_is_not_taken_for_a_person(average):
+    assert "fsaverage5 is an average" in average[0].notes["average"]
+    for file in ("fsaverage_study/bert/surf/lh.white", "fsaverage/notes.txt", "lh.white"):
+        assert "average" not in of_input(replace(average[0].cortex, files=(file,)))
 
 
 @pytest.mark.parametrize(

@@ -617,16 +617,16 @@ def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portio
 def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
     model, other = made_measures(origin="simulation"), made_measures("rh", regions=False)
     model.notes.update(simulation="the energy grew.", curvature_scale="mesh is coarse.", n_crests="none here.")
-    other.notes["cortex_mask"] = "no cortex label."
+    other.notes.update(cortex_mask="no cortex label.", average="of no person.")
     text, _, _ = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})
     top, rest = text.split('<section id="viewer"')
     remarks, below = rest.split("Gyral thickness against cortical thickness</h2>")
     assert re.search(r'class="warning".*model: the energy grew\.', top)
     assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
     assert "model: mesh is coarse. " in remarks
-    assert re.search(r'class="caution".*MRI: no cortex label\.', top)
+    assert re.search(r'class="caution".*MRI: of no person\.</li><li>MRI: no cortex label\.', top)
     assert "MRI: no regions, so one point" in below
-    for once in ("the energy grew", "mesh is coarse", "no cortex label", "no regions, so", "none here"):
+    for once in ("the energy grew", "mesh is coarse", "no cortex label", "of no person", "no regions, so", "none here"):
         assert text.count(once) == 1
 
 

@@ -34,22 +34,34 @@ def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
             yield tell
 
 
+def time_left(seconds: float, share: float) -> str:
+    """What is left in words, after so many seconds for this share of the work; nothing at its ends."""
+    if not 0 < share < 1:
+        return ""
+    left = seconds * (1 - share) / share
+    if left < 90:
+        return f"{left:.0f} s left"
+    hours, minutes = divmod(round(left / 60), 60)
+    return f"{60 * hours + minutes} min left" if left < 5400 else f"{hours} h {minutes} min left"
+
+
 @contextmanager
 def _bar(label: str) -> Iterator[Tell]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from morphofold.clock import telling_of_compiling
+    from morphofold.clock import telling_of_compiling, working_seconds
 
     columns = (
         TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(), TextColumn("[dim]{task.fields[text]}"),
+        TextColumn("{task.fields[left]}"), TextColumn("[dim]{task.fields[text]}"),
     )  # fmt: skip
+    started = working_seconds()
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
-        task = bars.add_task(label, total=1.0, text="")
+        task = bars.add_task(label, total=1.0, text="", left="")
 
         def tell(share: float, text: str = "") -> None:
-            bars.update(task, completed=share, text=text)
+            bars.update(task, completed=share, text=text, left=time_left(working_seconds() - started, share))
 
         with telling_of_compiling(lambda: bars.update(task, text=COMPILING)):
             yield tell
@@ -66,8 +78,8 @@ def _lines(label: str) -> Iterator[Tell]:
         if tenth > told[0]:
             told[0] = tenth
             seconds = working_seconds() - started
-            left = f", {seconds * (1 - share) / share:.0f} s left" if 0 < share < 1 else ""
-            print(f"{label}: {share:4.0%} after {seconds:.0f} s{left}  {text}", file=sys.stderr, flush=True)
+            left = ", ".join(filter(None, (f"{share:4.0%} after {seconds:.0f} s", time_left(seconds, share))))
+            print(f"{label}: {left}  {text}", file=sys.stderr, flush=True)
 
     def tell_of_compiling() -> None:
         if not compiling[0]:

@@ -21,7 +21,7 @@ from morphofold.analysis.patterns import hinge_shapes
 from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.thickness import Cloud, Theory, thickness_cloud, thickness_ratios, wrinkling_wavelength
+from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
 from morphofold.report.colours import CATEGORICAL
 from morphofold.report.plots import number
 from morphofold.report.quantities import CREST_RATIO, RATIO
@@ -32,12 +32,11 @@ class Comparison:
     """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
 
     ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
-    ``theory`` are lines for each ratio of stiffness that occurs. ``groups`` hold the names of each group and
-    ``colours`` the colour of each name, "#0072b2", that of its group unless it was given one. ``hinges`` has what every
-    two groups say of each other's three-hinge patterns. ``folding`` are the terms of the law of
-    folding, None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow, ``stages``
-    what they were taken from. ``notes`` say what was
-    left out, ``cautions`` which scales and options differ between the surfaces.
+    ``theory`` are lines for each ratio of stiffness that occurs, none for brains alone. ``groups`` hold the names of
+    each group and ``colours`` the colour of each name, "#0072b2", that of its group unless it was given one. ``hinges``
+    has what every two groups say of each other's three-hinge patterns. ``folding`` are the terms of the law of folding,
+    None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow, ``stages`` what they were taken
+    from. ``notes`` say what was left out, ``cautions`` which scales and options differ between the surfaces.
     """
 
     names: tuple[str, ...]
@@ -114,7 +113,7 @@ def compare(
         Two hemispheres under one name become ``"name lh"`` and ``"name rh"``.
     mu_ratio : float, optional
         Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there
-        is, and 1 if there is none.
+        is, and no line if there is none.
     groups : mapping of group to names of ``surfaces``, optional
         Whose hinges are pooled and compared with those of other groups, in this order; None: each name is a group.
         Names in no group are compared in everything else.
@@ -145,7 +144,7 @@ def compare(
         for what, why in sorted(m.notes.items())
         if m.scalars.get(what) is None
     ]
-    clouds = tuple(thickness_cloud(m) for m in named.values())
+    clouds = thickness_clouds(list(named.values()))
     for name, cloud in zip(named, clouds):
         if not cloud.points:
             notes.append(f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two.")
@@ -234,7 +233,7 @@ def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise ValueError(f"mu_ratio must be a positive number, got {mu}.")
-    return ratios or [1.0]
+    return ratios
 
 
 def _cautions(named: Mapping[str, Measures]) -> list[str]:

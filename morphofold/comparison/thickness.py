@@ -81,22 +81,34 @@ def wrinkling_wavelength(mu_ratio: float) -> Theory:
     return Theory(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
 
-def thickness_cloud(measures: Measures) -> Cloud:
+def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
+    """Gyral against cortical thickness of several surfaces, each as :func:`thickness_cloud` has it.
+
+    Regions of one are not set beside crests of another: where a surface has crests only, all are taken by crests.
+    """
+    clouds = tuple(thickness_cloud(m) for m in surfaces)
+    if any(cloud.kind == "crest" for cloud in clouds):
+        clouds = tuple(thickness_cloud(m, by=("crest",)) for m in surfaces)
+    return clouds
+
+
+def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest")) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
     One point per region where there are regions with both thicknesses; else one per crest; else one for the
-    whole surface (median gyral, mean cortical thickness). Without regions, bins of vertices with equal counts
-    by cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or
-    crests, never to bins: their vertices are not independent.
+    whole surface (median gyral, mean cortical thickness). ``by``: which of the two are tried. Without regions, bins of
+    vertices with equal counts by cortical thickness show the spread (median and quartiles). The line is fitted to at
+    least three regions or crests, never to bins: their vertices are not independent.
     """
-    for kind, rows, label in (("region", measures.regions, "region"), ("crest", measures.crests, "crest")):
+    rows_of = {"region": measures.regions, "crest": measures.crests}
+    for kind in by:
         points = tuple(
             Point(
                 float(row["cortical_thickness_mm"]),
                 float(row["gyral_thickness_mm"]),
-                str(row.get(label, kind)),
+                str(row.get(kind, kind)),
             )
-            for row in rows
+            for row in rows_of[kind]
             if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
         )
         if points:

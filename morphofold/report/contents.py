@@ -32,7 +32,7 @@ CREST_COLUMNS = (
     "region",
 )  # fmt: skip
 WARNING = "simulation"                         # the note that speaks of a simulation's health
-MASK = "cortex_mask"                           # the note that speaks of a medial wall which may count as cortex
+OF_INPUT = ("average", "cortex_mask")          # notes that say what the surfaces are not: a person's, or marked out
 REMARKS = ("curvature_scale",)                 # notes about a surface rather than about one number
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
@@ -88,11 +88,11 @@ def verdict(comparison: Comparison) -> list[str]:
     ]
     if not known:
         return []
-    theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
-    return [
-        f"Width of a gyrus over thickness of the cortex: {'; '.join(known)}. "
-        f"Linear wrinkling theory puts the wavelength, gyrus and sulcus together, at {theory}."
-    ]
+    said = f"Width of a gyrus over thickness of the cortex: {'; '.join(known)}."
+    if comparison.theory:
+        theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
+        said += f" Linear wrinkling theory puts the wavelength, gyrus and sulcus together, at {theory}."
+    return [said]
 
 
 def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
@@ -128,7 +128,7 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 def definitions(entries: Sequence[Entry]) -> Rows:
     """What the measures' notes say of the numbers that were had."""
-    apart = (WARNING, MASK, *REMARKS)
+    apart = (WARNING, *OF_INPUT, *REMARKS)
     return _notes(
         entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
     )
@@ -140,9 +140,13 @@ def warnings(entries: Sequence[Entry]) -> list[str]:
 
 
 def cautions(entries: Sequence[Entry], comparison: Comparison) -> list[str]:
-    """What differs between the surfaces, and whose cortex was not marked out."""
-    unmarked = [f"{e.name}: {e.measures.notes[MASK]}" for e in entries if e.measures.notes.get(MASK)]
-    return [*unmarked, *comparison.cautions]
+    """Which surfaces are no person's or were not marked out, and what differs between them."""
+    told: dict[str, list[str]] = {}
+    for key in OF_INPUT:
+        for e in entries:
+            if said := e.measures.notes.get(key):
+                told.setdefault(said, []).append(e.name)
+    return [*(f"{', '.join(names)}: {said}" for said, names in told.items()), *comparison.cautions]
 
 
 def plot_notes(comparison: Comparison) -> list[str]:

@@ -174,8 +174,8 @@ def hinge_pairs(
             (image,) = draw(patch, ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, backend)
             y, x = top + line * (PANEL + WORDS), left + k * PANEL
             canvas[y : y + PANEL, x : x + PANEL] = image
-            words = f"{name}, hinge {number}" + (", mirrored" if pose >= 3 else "")
-            write(canvas, words, (x + PANEL / 2, y + PANEL), 14, anchor="middle", grey=60)
+            words = f"{name}, {number}" + (", mirrored" if pose >= 3 else "")
+            write(canvas, words, (x + PANEL / 2, y + PANEL), 20, anchor="middle", grey=60)
     for line, words in enumerate(rows):
-        write(canvas, words, (10, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 17, bold=True)
+        write(canvas, words, (10, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 22, bold=True)
     return canvas

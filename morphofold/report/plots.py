@@ -234,7 +234,7 @@ def folding_plot(
             "kind": "point", "colour": colour, "title": f"{name}: k = {number(t.k)}", "marker": marker, "big": True,
             "x": float(axes.px(x)), "y": float(axes.py(y)),
         })  # fmt: skip
-    labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm^2.5]"
+    labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
     return axes.render(*labels, "The law of folding")
 
 
