@@ -17,6 +17,7 @@ from matplotlib import pyplot
 
 import morphofold as mf
 from morphofold import analysis
+from morphofold.analysis.measures import SCALARS
 from morphofold.cli import COMMANDS, command_pages, parser
 from morphofold.report import site_math
 from morphofold.sim.effects import build_effects
@@ -202,16 +203,28 @@ def test_a_command_without_a_page_is_missed(tmp_path):
 # --- measures
 
 
-def measures():
-    """The sections of measuring.md, but for that of seconds."""
-    text = (DOCS / "measuring.md").read_text(encoding="utf-8") if DOCS.is_dir() else ""
-    return [section for section in re.split(r"^## ", text, flags=re.M)[1:] if not section.startswith("What they cost")]
+MEASURES = DOCS / "measures"
 
 
-@pytest.mark.parametrize("section", measures(), ids=lambda section: section.split("\n")[0])
-def test_a_measure_has_a_unit_a_picture_limits_and_a_source(section):
-    for part in (r"\*Unit:\*", r"^!\[.*\]\(", r"\*Limits:\*", r"\*Source:\*", r"`analysis\.\w+"):
-        assert re.search(part, section, re.M), part
+@pytest.mark.parametrize("page", sorted(p.name for p in MEASURES.glob("*.md") if p.name != "index.md"))
+def test_a_measure_has_a_definition_a_unit_a_picture_limits_and_a_source(page):
+    text = (MEASURES / page).read_text(encoding="utf-8")
+    for part in ("Where", "Definition", "Unit", "How well it is known", "Limits", "Source"):
+        assert text.count(f"\n**{part}.** ") == 1, part
+    assert re.search(r"^!\[.*\]\(", text, re.M)
+    names = re.findall(r"`analysis\.(\w+)", text)
+    assert names
+    assert all(hasattr(analysis, name) or importlib.util.find_spec(f"morphofold.analysis.{name}") for name in names)
+
+
+def test_every_number_map_and_page_is_in_the_table_of_measures():
+    text = (MEASURES / "index.md").read_text(encoding="utf-8").split("\n## ")[0]
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("|")][2:]
+    named = [set(re.findall(r"`(\w+)`", " ".join(row[k] for row in rows))) for k in (2, 3)]
+    assert named[1] == set(SCALARS)
+    assert named[0] == {*analysis.measure(mf.read_cortex(mf.sample_path("fsaverage5"))).maps}
+    linked = {page for row in rows for page in re.findall(r"\]\(([\w-]+\.md)", row[1])}
+    assert linked == {p.name for p in MEASURES.glob("*.md")} - {"index.md"}
 
 
 # --- the site

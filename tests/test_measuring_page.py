@@ -97,24 +97,32 @@ def test_crest_lines_have_the_colours_of_their_kind(ball):
     assert picture.ndim == 3
 
 
-def test_the_page_gets_its_tables_and_every_picture(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
-    page, speed = tmp_path / "measuring.md", tmp_path / "speed.json"
+def made_pages(folder, **texts):
+    """A folder of pages with marks, and a file of times beside it."""
+    folder.mkdir()
+    for name, text in {"index": "# By hand\n<!-- speed -->\n<!-- /speed -->\n",
+                       "gyral_net": "<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n", **texts}.items():  # fmt: skip
+        (folder / f"{name.replace('_', '-')}.md").write_text(text)
+    speed = folder.with_suffix(".json")
     speed.write_text(json.dumps(made_times()))
-    page.write_text("# By hand\n<!-- speed -->\n<!-- /speed -->\n<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n")
-    measuring_page.write_page(page, speed, {"ball": ball})
-    text = page.read_text()
+    return folder, speed
+
+
+def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
+    folder, speed = made_pages(tmp_path / "pages")
+    measuring_page.write_pages(folder, speed, {"ball": ball})
+    text = (folder / "index.md").read_text()
     assert text.startswith("# By hand\n")
-    assert "old" not in text
     assert "| seconds | 1,000 vertices | 10,000 vertices | 100,000 vertices | power of n log n |" in text
     assert "| all | 0.03 | 0.37 | 4.61 | 1.00 |" in text
+    text = (folder / "gyral-net.md").read_text()
+    assert "old" not in text
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
     assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
     names = {"H", "shape-index", "sulcal-depth", "local-gyrification-index", "cortical-thickness", "gyral-thickness",
              "crest-lines", "gyral-net", "speed", "sensitivity", "wavelength", "fractal-dimension"}  # fmt: skip
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "measuring.md", "speed.json", *(f"measure-{name}.png" for name in names)
-    }  # fmt: skip
+    assert {path.name for path in folder.iterdir()} == {"index.md", "gyral-net.md", *(f"{name}.png" for name in names)}
 
 
 def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
@@ -125,19 +133,17 @@ def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
     assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
 
-def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):
+def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
-    page, speed = tmp_path / "measuring.md", tmp_path / "speed.json"
-    speed.write_text(json.dumps(made_times()))
-    page.write_text("<!-- speed -->\n<!-- /speed -->\n")
+    folder, speed = made_pages(tmp_path / "pages", gyral_net="none\n")
+    before = {path: path.read_text() for path in folder.iterdir()}
     with pytest.raises(ValueError, match="has no one place for sensitivity"):
-        measuring_page.write_page(page, speed, {"ball": ball})
-    assert page.read_text() == "<!-- speed -->\n<!-- /speed -->\n"
-    assert len(list(tmp_path.iterdir())) == 2
+        measuring_page.write_pages(folder, speed, {"ball": ball})
+    assert {path: path.read_text() for path in folder.iterdir()} == before
 
 
 def test_what_the_docs_say_of_trust_is_in_their_table():
-    text = " ".join((Path(__file__).parent.parent / "docs" / "measuring.md").read_text(encoding="utf-8").split())
+    text = " ".join((Path(__file__).parent.parent / "docs" / "measures" / "gyral-net.md").read_text("utf-8").split())
     rows = [[float(n) for n in row] for row in re.findall(r"\| S1 \| \w[\w ]* \| ([\d.]+) \| \S+ \| (\d+) \|", text)]
     (own,) = [n for times, n in rows if times == 1]
     least, most = (f([n for times, n in rows if times in (0.5, 2)]) for f in (min, max))

@@ -1,9 +1,10 @@
-"""Pictures and generated parts of docs/measuring.md: every measure on several surfaces, what they cost, and how the
+"""Pictures and generated parts of docs/measures: every measure on several surfaces, what they cost, and how the
 number of hinges hangs on the lengths that they are found by.
 
-``python -m morphofold.report.measuring_page PAGE --speed FILE NAME=CORTEX...`` draws them beside the Markdown page PAGE
-and puts tables between its marks ``<!-- speed -->``, ``<!-- sensitivity -->`` and those that end them. FILE holds what
-``morphofold bench measures --json`` prints; a CORTEX is whatever ``morphofold.read_cortex`` reads, or S1, the sample.
+``python -m morphofold.report.measuring_page FOLDER --speed FILE NAME=CORTEX...`` draws them into the folder of pages
+and puts tables between the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
+and those that end them. FILE holds what ``morphofold bench measures --json`` prints; a CORTEX is whatever
+``morphofold.read_cortex`` reads, or S1, the sample.
 """
 
 from __future__ import annotations
@@ -43,23 +44,27 @@ PHASE = Quantity(
 )
 
 
-def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
-    """Renew pictures, plots and the marked parts of ``page``.
+def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> None:
+    """Renew pictures, plots and the marked parts of the pages in ``folder``.
 
     Raises
     ------
     FileNotFoundError
         If a file is not there.
     ValueError
-        If the page has not one pair of marks for each part. The page is as it was then.
+        If a page has not one pair of marks for its part. All is as it was then.
     """
-    text = page.read_text(encoding="utf-8")
     times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
     hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
-    for name, parts in (("speed", _speed(times)), ("sensitivity", _sensitivity(hinges))):
-        text = between_marks(text, name, parts, page)
+    pages = {
+        page: between_marks(page.read_text(encoding="utf-8"), name, parts, page)
+        for page, name, parts in (
+            (folder / "index.md", "speed", _speed(times)),
+            (folder / "gyral-net.md", "sensitivity", _sensitivity(hinges)),
+        )
+    }
     for name, picture in pictures(measured).items():
-        with atomic_file(page.with_name(f"measure-{name}.png")) as temporary:
+        with atomic_file(folder / f"{name}.png") as temporary:
             temporary.write_bytes(png_bytes(halved(picture)))
     plots = {
         "speed": speed_figure(times),
@@ -67,11 +72,11 @@ def write_page(page: Path, speed: Path, measured: dict[str, Measures]) -> None:
         "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
     }
     for name, plot in plots.items():
-        path = page.with_name(f"measure-{name}.png")
-        with atomic_file(path) as temporary:
+        with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    for page, text in pages.items():
+        with atomic_file(page) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
@@ -193,7 +198,7 @@ def main(words: Sequence[str]) -> int:
     import morphofold as mf
 
     parser = argparse.ArgumentParser(prog="python -m morphofold.report.measuring_page")
-    parser.add_argument("page", type=Path)
+    parser.add_argument("folder", type=Path)
     parser.add_argument("--speed", type=Path, required=True)
     parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
     asked = parser.parse_args(words)
@@ -203,7 +208,7 @@ def main(words: Sequence[str]) -> int:
         if not name:
             parser.error(f"{word!r} has no name; write it as NAME=CORTEX.")
         measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
-    write_page(asked.page, asked.speed, measured)
+    write_pages(asked.folder, asked.speed, measured)
     return 0
 
 
