@@ -156,8 +156,8 @@ def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") ->
 
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
+    from morphofold.records import strict_json
     from morphofold.report import line_plots
-    from morphofold.results import strict_json
 
     if args.what == "bifurcation":
         _sphere_or_body(args)
