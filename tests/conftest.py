@@ -9,8 +9,20 @@ if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the co
 import numpy as np
 import pytest
 
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
 
 @pytest.fixture
 def rng():
     """A fresh random generator with a fixed seed."""
     return np.random.default_rng(20150901)
+
+
+@pytest.fixture
+def rough(rng):
+    """A closed surface whose coordinates float32 holds exactly, near zero too."""
+    verts, faces = icosphere(2, radius=40.0)
+    verts = verts + 0.5 * rng.standard_normal(verts.shape)
+    verts[0] *= 1e-4
+    return Surface(verts.astype(np.float32), faces, "rough")
