@@ -9,6 +9,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the co
 import numpy as np
 import pytest
 
+from morphofold.report import figures
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -17,6 +18,16 @@ from morphofold.surface import Surface
 def rng():
     """A fresh random generator with a fixed seed."""
     return np.random.default_rng(20150901)
+
+
+@pytest.fixture(scope="module")
+def plain_pictures():
+    """Pictures are drawn without a graphics card, the same everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MORPHOFOLD_RENDERER", "raster")
+        figures.renderer.cache_clear()
+        yield
+    figures.renderer.cache_clear()
 
 
 @pytest.fixture
