@@ -112,77 +112,74 @@ def measure(
 
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
+    mask = checks.cortex_mask(cortex)
+    on_cortex = lambda values: np.where(mask, values, np.nan)
+    maps: dict[str, PerVertex] = {}
+    scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
+    said = notes.of_input(cortex)
 
     tell("areas", 0.0)
-    area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    euler = _mesh.euler_characteristic(faces)
-    mask = checks.cortex_mask(cortex)
     if closed:
         checks.check_sides(cortex)
-    sulcal = depth.sulcal_depth(pial.verts, faces)
-    gyrified = gyrification.gyrification_index(pial.verts, faces) if closed and pieces == 1 else None
-    scale, remark = _curvature_scale(cortex, curvature_scale, float(min(area_white.sum(), area_pial.sum())))
+    euler = _mesh.euler_characteristic(faces)
+    area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
+    maps["area"] = area_white
+    scalars.update(
+        n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
+        area_white_mm2=float(area_white.sum()),
+    )  # fmt: skip
+
+    maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
+    scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)
+    if closed and pieces == 1:
+        scalars["gyrification_index"] = gyrification.gyrification_index(pial.verts, faces)
+    said |= notes.of_gyrification(closed, pieces)
 
     tell("cortical thickness", 0.05)
     cap = FREESURFER_CAP if cortex.origin == "FreeSurfer" else None
-    cortical = thickness.cortical_thickness(white, pial, mode="surface", cap=cap)
+    maps["cortical_thickness"] = on_cortex(thickness.cortical_thickness(white, pial, mode="surface", cap=cap))
+    scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
+    if "thickness" in cortex.maps:
+        maps["thickness_file"] = on_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
+    said |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     tell("curvature", 0.3)
+    scale, remark = _curvature_scale(cortex, curvature_scale, float(min(area_white.sum(), area_pial.sum())))
     bent = curvature(pial.verts, faces, scale)
+    maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
+    scalars.update(
+        folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
+    )
+    said |= notes.of_folding(scale, folding, closed, euler)
+    if remark:
+        said["curvature_scale"] = remark
 
     tell("gyral thickness", 0.5)
     across = thickness.gyral_thickness(cortex, **(gyral or {}))
+    maps["gyral_thickness"] = on_cortex(across.per_vertex)
+    scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
+    said |= notes.of_gyral_thickness(across)
 
     tell("gyral graph", 0.7)
     graph = gyral_graph(cortex, width=gyral_width)
+    scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
+    said |= notes.of_gyral_graph(graph)
 
     tell("local gyrification", 0.9)
     local, unfit = _local_gyrification(cortex, closed, pieces)
-
-    maps = {name: getattr(bent, name) for name in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
-    maps |= {"sulcal_depth": sulcal, "cortical_thickness": cortical, "gyral_thickness": across.per_vertex}
     if local is not None:
-        maps["local_gyrification_index"] = local
-    if "thickness" in cortex.maps:
-        maps["thickness_file"] = np.asarray(cortex.maps["thickness"], dtype=np.float64)
-    maps = {name: np.where(mask, values, np.nan) for name, values in maps.items()} | {"area": area_white}
+        maps["local_gyrification_index"] = on_cortex(local)
+        scalars["mean_local_gyrification_index"] = _mean(maps["local_gyrification_index"], area_pial)
+    said |= notes.of_local_gyrification(unfit)
 
     tell("regions", 0.95)
     rows = regions.region_table(cortex, maps, across, graph)
     tables = gyral_tables(cortex, graph, maps)
     fitted, why = through_regions(rows)
-    said = {
-        **notes.of_gyral_graph(graph),
-        **notes.of_input(cortex),
-        **({"curvature_scale": remark} if remark else {}),
-        **notes.of_thickness(cap, "thickness" in cortex.maps),
-        **notes.of_folding(scale, folding, closed, euler),
-        **notes.of_gyrification(closed, pieces),
-        **notes.of_local_gyrification(unfit),
-        **notes.of_gyral_thickness(across),
-        **(notes.of_regions() if rows else {}),
-        **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS),
-    }
-    scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    scalars.update(
-        n_vertices=cortex.n_vertices,
-        euler_characteristic=euler,
-        area_pial_mm2=float(area_pial.sum()),
-        area_white_mm2=float(area_white.sum()),
-        gyrification_index=gyrified,
-        folding_index=folding.folding_index,
-        intrinsic_curvature_index=folding.intrinsic_curvature_index,
-        mean_cortical_thickness_mm=_mean(maps["cortical_thickness"]),
-        mean_sulcal_depth_mm=_mean(maps["sulcal_depth"], area_pial),
-        median_gyral_thickness_mm=_number(across.median),
-        wavelength_mm=_number(across.wavelength),
-        **dict(zip(LINE, _line_numbers(fitted))),
-        mean_local_gyrification_index=None if local is None else _mean(maps["local_gyrification_index"], area_pial),
-        spectral_wavelength_mm=_number(graph.graph["wavelength"]),
-        **tables.scalars,
-    )
+    scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
+    said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
     tell("done", 1.0)
     return Measures(
         cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms,

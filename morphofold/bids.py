@@ -18,9 +18,11 @@ import numpy as np
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.io import atomic_file, atomic_folder, flip_curvature_sign, write_gifti_map
 from morphofold.io.gifti import write_gifti_surface
+from morphofold.records import strict_json
 from morphofold.report.quantities import column_words, quantity
-from morphofold.results import COLUMNS, checked_inputs, strict_json, summary_of, write_table
+from morphofold.results import COLUMNS, checked_inputs, summary_of
 from morphofold.surface import Cortex, Surface, Verts
+from morphofold.tables import write_table
 
 SIDES = {"lh": "L", "rh": "R"}
 MAPS = {  # a map's name -> the end of its file's name

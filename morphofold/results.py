@@ -6,8 +6,6 @@ it can be opened in other tools and compared without the files it was made from.
 
 from __future__ import annotations
 
-import csv
-import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +28,9 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
+from morphofold.records import input_records, strict_json
 from morphofold.surface import Cortex
+from morphofold.tables import read_table, write_table
 
 COLUMNS = {
     "regions": REGION_COLUMNS,
@@ -48,7 +48,6 @@ COLUMNS = {
     ),
 }  # fmt: skip
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
-MISSING = "n/a"
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
 
@@ -237,7 +236,7 @@ def read_analysis(folder: str | Path) -> list[Measures]:
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         entries = list(summary["surfaces"])
-        tables = {name: _read_table(folder / f"{name}.tsv") for name in COLUMNS}
+        tables = {name: read_table(folder / f"{name}.tsv", WORDS) for name in COLUMNS}
         return [_read_surface(entry, tables, folder) for entry in entries]
     except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
@@ -330,85 +329,3 @@ def _sized(path: Path, n: int) -> np.ndarray:
     if values.shape != (n,):
         raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
     return values
-
-
-# tables -----------------------------------------------------------------------------------------------------
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Tab-separated, header always, ``n/a`` for what is missing; further columns follow as they appear."""
-    rows = list(rows)
-    extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
-        lines.writerow([*columns, *extra])
-        lines.writerows([_cell(row.get(k)) for k in (*columns, *extra)] for row in rows)
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return MISSING
-    if isinstance(value, bool | int | np.integer | np.bool_):
-        return str(int(value))
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return " ".join(str(value).split())  # no tab or line break may leave its cell
-
-
-def _read_table(path: Path) -> list[dict[str, Any]]:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    for number, row in enumerate(rows, start=2):
-        if None in row or None in row.values():
-            raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
-    return [{k: _value(k, v) for k, v in row.items()} for row in rows]
-
-
-def _value(column: str, text: str) -> Any:
-    if text == MISSING:
-        return None
-    if column not in WORDS:
-        for kind in (int, float):
-            try:
-                return kind(text)
-            except ValueError:
-                pass
-    return text
-
-
-# provenance -------------------------------------------------------------------------------------------------
-
-
-def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
-    """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None for what is not a file here."""
-    records: list[dict[str, Any]] = []
-    for name in map(str, paths):
-        path = Path(name)
-        if path.is_file():
-            with path.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-            records.append({"path": name, "sha256": digest, "bytes": path.stat().st_size})
-        else:
-            records.append({"path": name, "sha256": None, "bytes": None})
-    return records
-
-
-def strict_json(content: Any) -> str:
-    """JSON that every reader accepts: NumPy values made plain, NaN and infinity null, anything else text."""
-    return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, np.generic | np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, Sequence | set | frozenset):
-        return [_plain(v) for v in value]
-    return str(value)

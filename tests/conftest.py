@@ -9,8 +9,31 @@ if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the co
 import numpy as np
 import pytest
 
+from morphofold.report import figures
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
 
 @pytest.fixture
 def rng():
     """A fresh random generator with a fixed seed."""
     return np.random.default_rng(20150901)
+
+
+@pytest.fixture(scope="module")
+def plain_pictures():
+    """Pictures are drawn without a graphics card, the same everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MORPHOFOLD_RENDERER", "raster")
+        figures.renderer.cache_clear()
+        yield
+    figures.renderer.cache_clear()
+
+
+@pytest.fixture
+def rough(rng):
+    """A closed surface whose coordinates float32 holds exactly, near zero too."""
+    verts, faces = icosphere(2, radius=40.0)
+    verts = verts + 0.5 * rng.standard_normal(verts.shape)
+    verts[0] *= 1e-4
+    return Surface(verts.astype(np.float32), faces, "rough")

@@ -19,7 +19,7 @@ ROOMS = {
 }
 
 # who may not be imported by whom; a name stands for itself and all below it
-GROUND = ("clock", "surface", "io", "shapes", "threads")
+GROUND = ("clock", "records", "surface", "io", "shapes", "tables", "threads")
 UPSTAIRS = ("results", "bids", "comparison", "simulation", "report", "cohort")
 FORBIDDEN = {
     **{room: ("sim", "analysis", *UPSTAIRS, "cli") for room in GROUND},

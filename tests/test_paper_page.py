@@ -9,9 +9,9 @@ from matplotlib.image import imread
 from morphofold.report import fold_tables, paper_page, paper_parts
 from morphofold.report.paper_folds import FIG5, FIG6, FIG7
 from morphofold.report.png import png_bytes
-from morphofold.results import write_table
 from morphofold.sim import theory
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.tables import write_table
 
 PAGE = Path(__file__).parent.parent / "docs" / "figures.md"
 TOLD = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, "steps": 600, "seconds": 20.4}

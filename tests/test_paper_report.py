@@ -10,7 +10,7 @@ from morphofold.report.paper_folds import FIG7
 from morphofold.report.paper_report import duration, write_paper_report
 from morphofold.report.paper_verdicts import UNFOLDED, VERDICTS
 from morphofold.report.png import png_bytes
-from morphofold.results import write_table
+from morphofold.tables import write_table
 
 SCENES = {1.0: "fig7-ratio1", 2.0: "fig5", 4.0: "fig7-ratio4"}
 FIRST = {column.scene: column.growth[0] for column in FIG7}

@@ -13,7 +13,7 @@ from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
 from morphofold.io import read_cortex
-from morphofold.results import COLUMNS, read_analysis, strict_json, write_analysis
+from morphofold.results import COLUMNS, read_analysis, write_analysis
 
 
 def refuse_constant(token):
@@ -72,8 +72,6 @@ def test_json_is_strict_and_missing_values_are_null(written):
     assert summary["surfaces"][0]["measures"]["n_hinges"] is None
     assert summary["surfaces"][0]["notes"]["n_hinges"]
     assert "NaN" in summary["nan"]
-    odd = {"a": np.float64("nan"), "b": [np.inf, np.int32(3), np.bool_(True)], 5: np.arange(2), "c": {1.5: object}}
-    assert json.loads(strict_json(odd), parse_constant=refuse_constant)["b"] == [None, 3, True]
 
 
 def test_every_table_has_its_columns_even_when_empty(written):
@@ -124,12 +122,11 @@ def test_inputs_carry_their_hash(tmp_path):
     assert recorded[1] == {"path": "gone", "sha256": None, "bytes": None}
 
 
-def test_a_name_with_tabs_and_breaks_stays_in_its_cell(tmp_path):
+def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):
     m = made_measures()
-    m.regions[0]["region"] = "odd\tname\nhere"
     m.regions[1]["region"] = "007"
     read = read_analysis(write_analysis([m], tmp_path / "out", report=False))[0].regions
-    assert [r["region"] for r in read] == ["odd name here", "007", "back"]
+    assert [r["region"] for r in read] == ["front", "007", "back"]
 
 
 def test_one_hemisphere_twice_is_refused_and_leaves_nothing(tmp_path):
@@ -207,14 +204,6 @@ def test_a_summary_cannot_lead_outside_its_folder(tmp_path, hemi):
     summary["surfaces"][0].update(hemi="lh", maps=["../../secret"])
     (out / "summary.json").write_text(json.dumps(summary))
     with pytest.raises(ValueError, match="cannot be part of a file name"):
-        read_analysis(out)
-
-
-def test_a_table_cut_short_is_refused(tmp_path):
-    out = write_analysis([made_measures()], tmp_path / "out", report=False)
-    table = out / "regions.tsv"
-    table.write_text(table.read_text()[:-9])
-    with pytest.raises(ValueError, match=r"regions\.tsv: line 4"):
         read_analysis(out)
 
 

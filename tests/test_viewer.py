@@ -1,122 +1,17 @@
 """The page in a real browser: what is drawn, what the controls do, and that nothing is fetched or complained about."""
 
-import base64
-import http.client
-import json
-import os
-import shutil
-import socket
-import subprocess
-import time
 from dataclasses import replace
 
 import networkx as nx
 import numpy as np
 import pytest
+from browser import needs_browser, opened
 from made_measures import made_measures
 
-from morphofold.analysis import Measures
 from morphofold.comparison import compare
-from morphofold.io import read_cortex, sample_path
-from morphofold.report import analysis_report, figures
-from morphofold.report import page as page_module
-from morphofold.surface import Regions, Surface
+from morphofold.surface import Surface
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run",
-    "--disable-sync", "--disable-component-update", "--disable-quic", "--disable-extensions", "--hide-scrollbars",
-    "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*",
-)  # fmt: skip
-"""Software GL, and no conversation with anyone but the test."""
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason=f"no browser here; looked for {', '.join(BROWSERS)}")
-
-
-class Tab:
-    """One page of a headless browser, spoken to over its debugging socket (a WebSocket, kept as small as will do)."""
-
-    def __init__(self, port):
-        http_ = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        http_.request("GET", "/json")
-        target = next(t for t in json.loads(http_.getresponse().read()) if t["type"] == "page")
-        path = "/" + target["webSocketDebuggerUrl"].split("/", 3)[3]
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=60)
-        key = base64.b64encode(os.urandom(16)).decode()
-        self.socket.sendall(
-            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
-        )
-        self.stream = self.socket.makefile("rb")
-        assert b" 101 " in self.stream.readline()
-        while self.stream.readline() != b"\r\n":
-            pass
-        self.number, self.events = 0, []
-
-    def call(self, method, **params):
-        self.number += 1
-        data = json.dumps({"id": self.number, "method": method, "params": params}).encode()
-        size = len(data)
-        head = bytes([0x81, 0x80 | size]) if size < 126 else b"\x81\xfe" + size.to_bytes(2, "big")
-        self.socket.sendall(head + bytes(4) + data)  # a mask of zeros leaves the text as it is
-        while True:
-            message = self.receive()
-            if message.get("id") == self.number:
-                assert "error" not in message, message
-                return message["result"]
-            self.events.append(message)
-
-    def receive(self):
-        text, last = b"", False
-        while not last:
-            first, size = self.stream.read(2)
-            last = bool(first & 0x80)
-            if size >= 126:
-                size = int.from_bytes(self.stream.read(2 if size == 126 else 8), "big")
-            text += self.stream.read(size)
-        return json.loads(text)
-
-    def js(self, expression):
-        got = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in got, got
-        return got["result"].get("value")
-
-    def frame(self):
-        """Let the page draw, then read the state it leaves on the document."""
-        return self.js(
-            "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => "
-            "done({...document.documentElement.dataset}))))"
-        )
-
-    def middle_of(self, panel):
-        """Where the middle of a panel lies in the window, (x, y) in pixels."""
-        box = self.js(f"document.getElementById('{panel}').getBoundingClientRect().toJSON()")
-        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-    def pixels(self):
-        """Colours of the canvas, sampled on a grid of 64 x 64, (4096, 3)."""
-        rgba = self.js(
-            "(() => { const c = document.createElement('canvas'); c.width = c.height = 64; "
-            "const g = c.getContext('2d'); g.drawImage(document.getElementById('canvas'), 0, 0, 64, 64); "
-            "return [...g.getImageData(0, 0, 64, 64).data]; })()"
-        )
-        return np.array(rgba, dtype=float).reshape(-1, 4)[:, :3]
-
-
-    def count(self, rgb):
-        """How many pixels of the canvas have a colour, within 3, in each third of its width."""
-        return self.js(
-            "(() => { const c = document.getElementById('canvas'), d = document.createElement('canvas'); "
-            "d.width = c.width; d.height = c.height; const g = d.getContext('2d'); g.drawImage(c, 0, 0); "
-            "const p = g.getImageData(0, 0, d.width, d.height).data, n = [0, 0, 0], want = " + str(list(rgb)) + "; "
-            "for (let i = 0; i < p.length; i += 4) if (want.every((w, k) => Math.abs(p[i + k] - w) < 4)) "
-            "n[Math.floor(3 * (i / 4 % d.width) / d.width)]++; return n; })()"
-        )
-
-
-MAPS = ("H", "K", "k1", "k2", "curvedness", "shape_index", "cortical_thickness", "gyral_thickness", "sulcal_depth",
-        "local_gyrification_index", "area", "thickness_file")  # fmt: skip
+pytestmark = needs_browser
 SMALL = 0.8
 LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
 
@@ -154,44 +49,15 @@ def small(m):
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory):
+def tab(tmp_path_factory, plain_pictures):
     """A comparison of a model and two hemispheres, open in the browser."""
     folder = tmp_path_factory.mktemp("viewer")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MORPHOFOLD_RENDERER", "raster")
-        figures.renderer.cache_clear()
-        pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
-        model = small(made_measures(regions=False, origin="simulation", info={"g": 2.0}))
-        grown = [shrunk(model, g) for g in (1.0, 1.5)]
-        page = compare({"model": model, "MRI": pair}, growth={"model": [*grown, model]}).report(folder / "out")
-    figures.renderer.cache_clear()
-    profile = folder / "profile"
-    browser = subprocess.Popen(
-        [BROWSER, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
-        stderr=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-    )
-    try:
-        port_file = profile / "DevToolsActivePort"
-        for _ in range(300):
-            if port_file.is_file() and port_file.read_text().count("\n"):
-                break
-            time.sleep(0.1)
-        else:
-            pytest.fail("the browser did not start within 30 s")
-        tab = Tab(int(port_file.read_text().split()[0]))
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            tab.call(f"{domain}.enable")
-        tab.call("Page.navigate", url=page.as_uri())
-        for _ in range(300):
-            if tab.js("document.documentElement?.dataset.viewer"):
-                break
-            time.sleep(0.1)
+    pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
+    model = small(made_measures(regions=False, origin="simulation", info={"g": 2.0}))
+    grown = [shrunk(model, g) for g in (1.0, 1.5)]
+    page = compare({"model": model, "MRI": pair}, growth={"model": [*grown, model]}).report(folder / "out")
+    with opened(page, folder / "profile", "viewer") as tab:
         yield tab
-        tab.socket.close()
-    finally:
-        browser.terminate()
-        browser.wait(10)
 
 
 def coloured(pixels):
@@ -425,62 +291,3 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
         or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
     ]  # fmt: skip
     assert wrong == []
-
-
-def test_tables_sort_and_are_saved_with_all_digits(tab, tmp_path):
-    """After the page of the tests above: another one, of an analysis."""
-    m = made_measures("lh")
-    m.regions[1]["gyral_thickness_mm"] = None
-    m.regions[2]["area_mm2"] = 1234.56789
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MORPHOFOLD_RENDERER", "raster")
-        figures.renderer.cache_clear()
-        page = analysis_report([m], tmp_path / "report.html")
-    figures.renderer.cache_clear()
-    tab.call("Page.navigate", url=page.as_uri())
-    for _ in range(300):
-        if tab.js("document.documentElement?.dataset.tables"):
-            break
-        time.sleep(0.1)
-    names = "[...document.querySelectorAll('[data-name=lh-regions] tbody th')].map(t => t.textContent)"
-    head = "document.querySelector('[data-name=lh-regions] th[data-key={}] button').click()"
-    assert tab.js(names) == ["front", "middle", "back"]
-    tab.js(head.format("region"))
-    assert tab.js(names) == ["back", "front", "middle"]
-    tab.js(head.format("gyral_thickness_mm"))
-    assert tab.js(names) == ["front", "back", "middle"]                     # without a value: last
-    tab.js(head.format("gyral_thickness_mm"))
-    assert tab.js(names) == ["back", "front", "middle"]                     # falling, and still last
-    assert tab.js("document.querySelector('th[aria-sort]').getAttribute('aria-sort')") == "descending"
-    tab.js("URL.createObjectURL = (blob) => { window.saved = blob; return '#'; }")
-    tab.js("document.querySelector('[data-name=lh-regions] + .save').click()")
-    lines = [line.split("\t") for line in tab.js("window.saved.text()").splitlines()]
-    assert lines[0][:3] == ["region", "n_vertices", "area_mm2"]
-    assert [line[0] for line in lines[1:]] == ["back", "front", "middle"]
-    assert lines[1][2] == "1234.56789"
-    assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
-    tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
-    assert tables == ["lh-regions", "lh-hinges"]
-
-
-def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
-    """One person's left hemisphere, 153,000 vertices, and its mirror image, with all that a subject may bring."""
-    monkeypatch.setattr(page_module, "_pictures", lambda *args: [])         # about half a megabyte each, seen elsewhere
-    left = read_cortex(sample_path("S1"))
-    x, y, z = left.pial.verts.T
-    names = tuple(f"region {k}" for k in range(34))
-    labels = np.floor(34 * np.argsort(np.argsort(y)) / len(y)).astype(np.int64)
-    regions = Regions(labels, names, np.zeros((34, 3), dtype=np.uint8))
-    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))    # as rough as curvature is
-    maps = {name: noisy(x + k * y - z) for k, name in enumerate(MAPS)}
-    pair = []
-    for hemi, flip in (("lh", 1.0), ("rh", -1.0)):
-        surfaces = {n: getattr(left, n).verts * [flip, 1, 1] for n in ("white", "pial")}
-        surfaces["inflated"] = 1.3 * surfaces["pial"]
-        faces = left.faces if hemi == "lh" else left.faces[:, ::-1]
-        shapes = {n: Surface(v, faces) for n, v in surfaces.items()}
-        cortex = replace(left, **shapes, hemi=hemi, regions=regions)
-        rows = [{**made_measures().regions[0], "hemi": hemi, "region": name} for name in names]
-        pair.append(Measures(cortex, {}, maps, rows))
-    page = analysis_report(pair, tmp_path / "report.html")
-    assert 4e6 < page.stat().st_size < 15e6 - 5 * 0.7e6                     # of room for five pictures

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from morphofold import __version__
 
@@ -39,10 +40,15 @@ def parser() -> argparse.ArgumentParser:
         module = importlib.import_module(f"morphofold.cli.{name}")
         sub = commands.add_parser(name, help=words, description=module.__doc__, formatter_class=RichHelpFormatter)
         module.add_args(sub)
-        sub.add_argument("-q", "--quiet", action="store_true", help="no progress")
-        sub.add_argument("--debug", action="store_true", help="show the traceback of an error")
+        add_shared(sub, default=False)
         sub.set_defaults(run=module.run)
     return top
+
+
+def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
+    """The options that every command has."""
+    parser.add_argument("-q", "--quiet", action="store_true", default=default, help="no progress")
+    parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

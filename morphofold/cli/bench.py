@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from morphofold.cli import add_shared
+
 WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
@@ -64,10 +66,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
     parser.add_argument("--json", action="store_true", help=json_words)
-    # the command's own; without a default, so that they count on either side of WHAT
-    shared: Any = {"action": "store_true", "default": argparse.SUPPRESS}
-    parser.add_argument("-q", "--quiet", help="no progress", **shared)
-    parser.add_argument("--debug", help="show the traceback of an error", **shared)
+    add_shared(parser, default=argparse.SUPPRESS)           # so that they count on either side of WHAT
 
 
 def run(args: argparse.Namespace) -> int:

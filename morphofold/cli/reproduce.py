@@ -43,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
+    from morphofold.records import strict_json
     from morphofold.report.paper import REPRODUCTIONS
     from morphofold.report.paper_report import write_paper_report
-    from morphofold.results import strict_json
 
     out = Path(args.out)
     runs = Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)

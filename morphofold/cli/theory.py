@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from morphofold.cli import add_shared
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -148,20 +150,21 @@ def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") ->
     parser.add_argument("--law", choices=[*LAWS, "both"], default=law, help=f"growth of the cortex (default: {law})")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument("--plot", metavar="FILE", help=f"also draw {drawn}: .png, .svg or .pdf")
-    # the command's own; without a default, so that they count on either side of WHAT
-    shared: Any = {"action": "store_true", "default": argparse.SUPPRESS}
-    parser.add_argument("-q", "--quiet", help="no progress", **shared)
-    parser.add_argument("--debug", help="show the traceback of an error", **shared)
+    add_shared(parser, default=argparse.SUPPRESS)           # so that they count on either side of WHAT
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
-    from morphofold.report import line_plots
-    from morphofold.results import strict_json
+    from morphofold.io.files import check_place
+    from morphofold.records import strict_json
+    from morphofold.report.line_plots import check_format
 
     if args.what == "bifurcation":
         _sphere_or_body(args)
-    plot = None if args.plot is None else _writable(Path(args.plot), line_plots.check_format)
+    plot = None if args.plot is None else Path(args.plot)
+    if plot is not None:                                    # refused before anything is computed
+        check_format(plot)
+        check_place(plot)
     _read_numbers(args)
     _refuse_too_much(args)
     answer = {"radius": _radius, "stress": _stress, "critical": _critical, "bifurcation": _bifurcation}[args.what](args)
@@ -398,16 +401,6 @@ def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
     if apart:
         warnings.warn(f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
                       "routes, or were found by one alone; see difference.", stacklevel=2)  # fmt: skip
-
-
-def _writable(path: Path, check_format: Callable[[Path], str]) -> Path:
-    """The path, once it is clear that a figure can go there: known before anything is computed."""
-    check_format(path)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
-    return path
 
 
 def _write_plot(figure: Figure, plot: Path) -> None:

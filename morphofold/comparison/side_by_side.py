@@ -84,8 +84,8 @@ class Comparison:
         """
         import morphofold
         from morphofold.io import atomic_folder
+        from morphofold.records import strict_json
         from morphofold.report.page import comparison_report
-        from morphofold.results import strict_json
 
         with atomic_folder(out) as folder:
             comparison_report(self, folder, progress=progress)

@@ -86,6 +86,14 @@ def beginning(head: bytes) -> str:
     return f"bytes, beginning {head[:8].hex(' ')}"
 
 
+def check_place(path: Path) -> None:
+    """Refuse a name that no file can be written to."""
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
+
+
 @contextmanager
 def atomic_file(path: StrPath) -> Iterator[Path]:
     """Write a file whole or not at all: yields a temporary name beside ``path``, moved onto it on success.
@@ -93,10 +101,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
     The temporary name keeps the ending, so that writers which go by it still do.
     """
     path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
+    check_place(path)
     temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name}")
     try:
         yield temporary

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
+from morphofold.records import strict_json
 from morphofold.report.fold_statistics import (
     BY_THICKNESS,
     DIRECTIONS,
@@ -26,11 +27,11 @@ from morphofold.report.fold_statistics import (
 )
 from morphofold.report.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.report.paper_runs import Runs, told
-from morphofold.results import strict_json, write_table
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene_file import load_scene
+from morphofold.tables import write_table
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
+from morphofold.records import input_records
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
@@ -148,8 +149,6 @@ def _sha256(script: str) -> str:
 
 
 def _inputs(entries: Sequence[Entry]) -> Inputs:
-    from morphofold.results import input_records
-
     return input_records(dict.fromkeys(f for e in entries for f in e.measures.cortex.files))
 
 

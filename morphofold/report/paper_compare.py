@@ -28,7 +28,7 @@ from morphofold.report.paper_runs import Runs, told
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import Quantity
 from morphofold.report.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
-from morphofold.results import write_table
+from morphofold.tables import write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,8 @@ from morphofold.report.fold_pictures import DISPLACEMENT, Panel, displaced, pict
 from morphofold.report.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.report.paper_runs import Runs, told
 from morphofold.report.png import png_bytes
-from morphofold.results import write_table
 from morphofold.sim.run import Simulation
+from morphofold.tables import write_table
 
 #: growths at which every fold is written; 1 is the reference of displacement and height
 STAGES = (1.0, 1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.6, 1.8, 2.0)

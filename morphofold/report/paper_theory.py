@@ -19,12 +19,12 @@ from morphofold.report.line_plots import BLACK, legend_below, line_style, new_fi
 from morphofold.report.paper_runs import Runs, told
 from morphofold.report.theory_plots import LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.report.theory_tables import Row, critical_rows, radius_rows, stress_rows
-from morphofold.results import write_table
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.surface import Surface
+from morphofold.tables import write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,124 @@
+"""A cortex from a subject, a simulation, an analysis or two files: what is read, and what does not go together."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from morphofold.io import read_cortex, sample_path, write_morph, write_surface
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
+
+def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name():
+    folder = sample_path("fsaverage5/surf")
+    c = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
+    assert (c.hemi, c.origin, c.maps) == ("rh", "files", {})
+    for wrong in ({"pial": folder / "rh.pial"}, {"pial": folder / "lh.pial", "hemi": "rh"}):
+        with pytest.raises(ValueError, match=r"is named .h, but .h was asked for"):
+            read_cortex(**{"white": folder / "lh.white", **wrong})
+
+
+def test_the_surf_folder_itself_stands_for_its_subject():
+    assert read_cortex(sample_path("fsaverage5/surf")).regions is not None
+
+
+def simulation(folder, growths=(1.2, 1.8, 9.5, 10.0)):
+    verts, faces = icosphere(1, radius=50.0)
+    for g in growths:
+        stage = folder / "stages" / f"g{g:.2f}"
+        (stage / "surf").mkdir(parents=True)
+        write_surface(stage / "surf" / "lh.white", Surface(verts, faces))
+        write_surface(stage / "surf" / "lh.pial", Surface(verts * 1.04, faces))
+        write_morph(stage / "surf" / "lh.thickness", np.full(len(verts), 2.0))
+        facts = {"name": "fig5", "g": g, "portion": 0.125, "units": "mm", "law": "isotropic", "mu_ratio": 2.0}
+        (stage / "stage.json").write_text(json.dumps(facts))
+    return folder
+
+
+def test_a_simulation_reads_as_its_last_stage(tmp_path):
+    c = read_cortex(simulation(tmp_path / "out"))
+    assert (c.origin, c.name, c.hemi, c.units, c.portion) == ("simulation", "fig5 g10.00", "lh", "mm", 0.125)
+    assert (c.info["g"], c.info["law"], c.info["mu_ratio"]) == (10.0, "isotropic", 2.0)
+    assert c.maps["thickness"].tolist() == [2.0] * 42
+
+
+def test_one_stage_of_a_simulation_can_be_named(tmp_path):
+    assert read_cortex(simulation(tmp_path) / "stages" / "g1.20").info["g"] == 1.2
+
+
+def test_a_simulation_without_a_stage_says_so(tmp_path):
+    (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
+    with pytest.raises(FileNotFoundError, match=r"no stage .* is written yet"):
+        read_cortex(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("{", "not JSON"), ("[]", "portion in"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
+)
+def test_a_damaged_stage_record_is_refused(tmp_path, text, message):
+    stage = simulation(tmp_path) / "stages" / "g1.80"
+    (stage / "stage.json").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_cortex(stage)
+
+
+def test_a_map_of_another_surface_is_refused_when_a_cortex_is_read(tmp_path):
+    stage = simulation(tmp_path) / "stages" / "g1.80"
+    write_morph(stage / "surf" / "lh.thickness", np.ones(41))
+    with pytest.raises(ValueError, match=r"thickness has shape \(41,\), the surfaces have 42 vertices"):
+        read_cortex(stage)
+
+
+def test_white_and_pial_of_two_subjects_are_refused():
+    with pytest.raises(ValueError, match=r"has 10242 vertices and pial .* has 152893"):
+        read_cortex(white=sample_path("fsaverage5/surf/lh.white"), pial=sample_path("S1/lh.pial.surf.gii"))
+
+
+@pytest.mark.parametrize("arguments", [{}, {"white": "lh.white"}, {"path": "x", "white": "w", "pial": "p"}])
+def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
+    with pytest.raises(TypeError, match="white="):
+        read_cortex(**arguments)
+
+
+def test_a_missing_hemisphere_says_what_was_looked_for():
+    with pytest.raises(FileNotFoundError, match=r"rh\.white: no such surface.*tried: rh\.white\.surf\.gii"):
+        read_cortex(sample_path("S1"), "rh")
+
+
+def test_a_missing_folder_says_how_far_the_path_exists(tmp_path):
+    with pytest.raises(FileNotFoundError, match=f"exists up to {re.escape(str(tmp_path))}"):
+        read_cortex(tmp_path / "no" / "such" / "subject")
+
+
+def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
+    """Origin, portion and info decide how a cortex is measured, so measuring an analysis again changes nothing."""
+    (tmp_path / "surf").mkdir()
+    stage = sample_path("simulated")
+    for name in ("lh.white", "lh.pial"):
+        (tmp_path / "surf" / name).write_bytes((stage / "surf" / name).read_bytes())
+    entry = {"hemi": "lh", "name": "mine", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
+    (tmp_path / "summary.json").write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
+    cortex = read_cortex(tmp_path)
+    assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("mine", "simulation", 0.5, {"g": 1.9})
+    (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
+    with pytest.raises(ValueError, match=r"summary.json: is not the summary of an analysis of lh \(portion"):
+        read_cortex(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["rh.white", "sub-01_hemi-R_white.surf.gii", "100307.R.white.surf.gii"])
+def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
+    cortex = read_cortex(sample_path("fsaverage5"), hemi="rh")
+    white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
+    write_surface(white, cortex.white)
+    write_surface(pial, cortex.pial)
+    assert read_cortex(white=white, pial=pial).hemi == "rh"
+    with pytest.raises(ValueError, match="is named rh, but lh was asked for"):
+        read_cortex(white=white, pial=pial, hemi="lh")
+
+
+def test_a_simulation_has_no_right_hemisphere_and_says_so():
+    with pytest.raises(ValueError, match="one closed surface named lh"):
+        read_cortex(sample_path("simulated"), hemi="rh")

@@ -1,0 +1,182 @@
+"""Per-vertex maps, annotations and labels in and out: bit-equal round trips, and refusals in one clear line."""
+
+import math
+import os
+import struct
+
+import numpy as np
+import pytest
+from made_surfaces import NO_SURFACE, one_line
+
+from morphofold.io import (
+    flip_curvature_sign,
+    read_annotation,
+    read_cortex,
+    read_label,
+    read_morph,
+    sample_path,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+)
+from morphofold.surface import Regions
+
+
+@pytest.fixture(scope="module")
+def fsaverage5():
+    return read_cortex(sample_path("fsaverage5"))
+
+
+@pytest.mark.parametrize("name", ["lh.k", "lh.k.shape.gii", "lh.k.shape.gii.gz"])
+def test_a_map_comes_back_bit_for_bit(tmp_path, rng, name):
+    values = rng.standard_normal(500).astype(np.float32)
+    (write_gifti_map if ".gii" in name else write_morph)(tmp_path / name, values)
+    assert np.array_equal(read_morph(tmp_path / name), values)
+
+
+@pytest.mark.parametrize(("write", "name"), [(write_morph, "lh.k"), (write_gifti_map, "lh.k.gii")])
+def test_nan_is_refused_with_its_count_unless_a_replacement_is_given(tmp_path, write, name):
+    values = np.array([1.0, np.nan, 3.0, np.nan])
+    with pytest.raises(ValueError, match="2 of 4 values are NaN; the first is at vertex 1"):
+        write(tmp_path / name, values)
+    assert os.listdir(tmp_path) == []
+    write(tmp_path / name, values, nan=-1.0)
+    assert read_morph(tmp_path / name).tolist() == [1, -1, 3, -1]
+    write(tmp_path / name, values, nan=math.nan)
+    assert np.array_equal(read_morph(tmp_path / name), values, equal_nan=True)
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e39])
+def test_a_value_that_float32_cannot_hold_is_refused(tmp_path, value):
+    with pytest.raises(ValueError, match=r"1 of 2 values are infinite or beyond float32.*vertex 1"):
+        write_morph(tmp_path / "lh.k", [0.0, value])
+
+
+def test_a_map_of_the_wrong_shape_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"one value per vertex, shape \(N,\); got \(4, 3\)"):
+        write_morph(tmp_path / "lh.k", np.ones((4, 3)))
+
+
+def test_flipping_the_sign_twice_gives_the_values_back(fsaverage5):
+    curv = fsaverage5.maps["curv"]
+    assert np.array_equal(flip_curvature_sign(flip_curvature_sign(curv)), curv)
+    assert np.array_equal(flip_curvature_sign([1.0, np.nan]), [-1.0, np.nan], equal_nan=True)
+    assert not np.signbit(flip_curvature_sign([0.0])[0])
+
+
+def test_flipped_curv_is_positive_where_the_surface_stands_out(fsaverage5):
+    """Gyral crowns lie farther from the centre than sulci: convex positive correlates with radius."""
+    verts = fsaverage5.white.verts
+    radius = np.linalg.norm((verts - verts.mean(0)) / verts.std(0), axis=1)
+    convex = flip_curvature_sign(fsaverage5.maps["sulc"])[fsaverage5.cortex]
+    assert np.corrcoef(convex, radius[fsaverage5.cortex])[0, 1] > 0.2
+
+
+def some_regions():
+    colours = np.array([[25, 5, 25], [0, 0, 255], [120, 70, 50]], dtype=np.uint8)
+    return Regions(np.array([0, 2, -1, 1, 2, 2]), ("unknown", "ünder", "corpuscallosum"), colours, "aparc")
+
+
+def test_an_annotation_comes_back_with_unlabelled_vertices(tmp_path):
+    regions = some_regions()
+    write_annotation(tmp_path / "lh.aparc.annot", regions)
+    again = read_annotation(tmp_path / "lh.aparc.annot")
+    assert again.labels.tolist() == [0, 2, -1, 1, 2, 2]
+    assert (again.names, again.name) == (regions.names, "aparc")
+    assert np.array_equal(again.colours, regions.colours)
+
+
+def test_a_value_that_the_colour_table_lacks_is_no_region(tmp_path):
+    write_annotation(tmp_path / "a.annot", some_regions())
+    raw = bytearray((tmp_path / "a.annot").read_bytes())
+    raw[4 + 4 : 4 + 8] = struct.pack(">i", 12345)      # the value of vertex 0
+    (tmp_path / "a.annot").write_bytes(raw)
+    assert read_annotation(tmp_path / "a.annot").labels.tolist() == [-1, 2, -1, 1, 2, 2]
+
+
+def test_names_stay_with_their_colours_when_the_table_has_gaps(tmp_path):
+    def text(s):
+        return struct.pack(">i", len(s) + 1) + s.encode() + b"\0"
+
+    entries = [(5, "late", (9, 0, 0)), (2, "early", (7, 0, 0))]
+    raw = struct.pack(">8i", 2, 0, 9, 1, 7, 1, -2, 6) + text("table") + struct.pack(">i", 2)
+    for slot, name, rgb in entries:
+        raw += struct.pack(">i", slot) + text(name) + struct.pack(">4i", *rgb, 0)
+    (tmp_path / "lh.x.annot").write_bytes(raw)
+    regions = read_annotation(tmp_path / "lh.x.annot")
+    assert [regions.names[i] for i in regions.labels] == ["late", "early"]
+
+
+def test_the_reader_of_annotations_agrees_with_nibabel_on_fsaverage5():
+    import nibabel.freesurfer as fs
+
+    for hemi in ("lh", "rh"):
+        path = sample_path(f"fsaverage5/label/{hemi}.aparc.annot")
+        labels, table, names = fs.read_annot(path)
+        regions = read_annotation(path)
+        assert np.array_equal(regions.labels, labels)
+        assert np.array_equal(regions.colours, table[:, :3])
+        assert regions.names == tuple(n.decode() for n in names)
+
+
+@pytest.mark.parametrize(
+    ("colours", "labels", "message"),
+    [
+        ([[1, 1, 1], [1, 1, 1]], [0, 1], "two regions have the same colour"),
+        ([[0, 0, 0], [1, 1, 1]], [0, -1], "means 'no region'"),
+        ([[2, 2, 2], [1, 1, 1]], [0, 2], r"labels are 0\.\.2, allowed -1\.\.1"),
+        ([[2, 2, 2]], [0, 0], r"2 region names, but colours of shape \(1, 3\)"),
+    ],
+)
+def test_regions_that_the_format_cannot_hold_are_refused(tmp_path, colours, labels, message):
+    regions = Regions(np.array(labels), ("a", "b"), np.array(colours, dtype=np.uint8))
+    with pytest.raises(ValueError, match=message):
+        write_annotation(tmp_path / "a.annot", regions)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("#!ascii label\n3\n0 0 0 0 0\n1 0 0 0 0\n", "promises 3 vertices, it has 2"),
+        ("#!ascii label\n1\n42 0 0 0 0\n", r"names vertices 42\.\.42, the surface has 0\.\.41"),
+        ("hello\nworld\n", "is not a FreeSurfer label"),
+    ],
+)
+def test_a_label_that_does_not_fit_is_refused(tmp_path, text, message):
+    (tmp_path / "a.label").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_label(tmp_path / "a.label", 42)
+
+
+def test_a_label_becomes_a_mask(tmp_path):
+    (tmp_path / "a.label").write_text("#!ascii label\n2\n1 0 0 0 0\n3 0 0 0 0\n")
+    assert read_label(tmp_path / "a.label", 5).tolist() == [False, True, False, True, False]
+    (tmp_path / "b.label").write_text("#!ascii label\n0\n")
+    assert not read_label(tmp_path / "b.label", 5).any()
+
+
+@pytest.mark.parametrize("length", [1, 5, 14, 15, 1000, 40982])
+@pytest.mark.parametrize("kind", ["thickness", "annotation"])
+def test_a_truncated_map_or_annotation_is_refused_in_one_line(tmp_path, kind, length):
+    read = {"thickness": read_morph, "annotation": read_annotation}[kind]
+    source = {"thickness": "surf/lh.thickness", "annotation": "label/lh.aparc.annot"}[kind]
+    (tmp_path / "lh.x").write_bytes(sample_path(f"fsaverage5/{source}").read_bytes()[:length])
+    with pytest.raises(ValueError, match=r"lh\.x") as error:
+        read(tmp_path / "lh.x")
+    one_line(error)
+
+
+@pytest.mark.parametrize("cut", [1, 30, 500, 1400])
+def test_a_truncated_colour_table_is_refused(tmp_path, cut):
+    (tmp_path / "a.annot").write_bytes(sample_path("fsaverage5/label/lh.aparc.annot").read_bytes()[:-cut])
+    with pytest.raises(ValueError, match="truncated, damaged, or not a FreeSurfer annotation"):
+        read_annotation(tmp_path / "a.annot")
+
+
+@pytest.mark.parametrize("read", [read_morph, read_annotation])
+def test_text_is_neither_a_map_nor_an_annotation(tmp_path, read):
+    (tmp_path / "lh.x").write_text(NO_SURFACE)
+    with pytest.raises(ValueError, match=r"lh\.x") as error:
+        read(tmp_path / "lh.x")
+    one_line(error)

@@ -1,0 +1,77 @@
+"""Surfaces and maps packed for the page: back within their step, and thinned without a change of shape."""
+
+import base64
+import zlib
+
+import numpy as np
+import pytest
+from made_measures import made_cortex, made_measures
+from made_surfaces import area
+
+from morphofold.report import pack
+from morphofold.surface import Surface
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.uint32])
+@pytest.mark.parametrize("stride", [1, 3])
+def test_encoding_is_undone_by_decoding_for_any_numbers(rng, dtype, stride):
+    a = rng.integers(0, np.iinfo(dtype).max, 1000, dtype=dtype, endpoint=True)
+    data = pack.encode(a, stride)
+    np.testing.assert_array_equal(pack.decode(data, a.size, a.itemsize, stride), a)
+    assert len(data) == a.nbytes
+    with pytest.raises(TypeError, match="got float64"):
+        pack.encode(a.astype(float))
+
+
+def unpack(packed):
+    raw = zlib.decompress(base64.b64decode(packed.data))
+    arrays = packed.meta["arrays"]
+    return {
+        name: pack.decode(raw[a["at"] : a["at"] + a["n"] * a["bytes"]], a["n"], a["bytes"], a["stride"])
+        for name, a in arrays.items()
+    }
+
+
+def test_a_packed_surface_and_its_maps_come_back_within_their_step():
+    m = made_measures()
+    packed = pack.pack(m.cortex, m.maps, {"sulcal_depth": 0.01})
+    arrays, ids = unpack(packed), unpack(packed)["ids"].astype(int)
+    box = packed.meta["surfaces"]["white"]
+    verts = np.array(box["low"]) + arrays["white"].reshape(-1, 3) * box["edge"] / 65535
+    assert np.abs(verts - m.cortex.white.verts[ids]).max() < box["edge"] / 65535
+    for key, step in (("H", 0.4 / 65534), ("sulcal_depth", 0.01)):
+        span = packed.meta["maps"][key]
+        codes = arrays[f"map:{key}"]
+        values = np.where(codes == pack.NAN16, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"]))
+        np.testing.assert_allclose(values, m.maps[key][ids], atol=0.51 * step)
+    np.testing.assert_array_equal(arrays["regions"] - 1.0, m.cortex.regions.labels[ids])
+    assert packed.meta["regions"] == ["no region", "front", "middle", "back"]
+
+
+def test_packing_keeps_every_triangle_and_its_sense():
+    m = made_measures()
+    packed = pack.pack(m.cortex, {})
+    arrays = unpack(packed)
+    faces = arrays["ids"][arrays["faces"].reshape(-1, 3)].astype(int)
+    turned = lambda f: sorted(tuple(np.roll(row, -row.argmin())) for row in f)
+    assert turned(faces) == turned(m.cortex.faces)
+
+
+def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
+    cortex = made_cortex(level=5)
+    shown = pack.thin(cortex, 2500)
+    assert shown.thinned
+    assert 2300 < len(shown.ids) < 2600
+    assert len(np.unique(shown.ids)) == len(shown.ids)
+    for surface in (cortex.pial, cortex.white):
+        thinned = Surface(surface.verts[shown.ids], shown.faces)
+        assert area(thinned) == pytest.approx(area(surface), rel=0.01)
+    edges = np.sort(np.concatenate([shown.faces[:, [0, 1]], shown.faces[:, [1, 2]], shown.faces[:, [2, 0]]]), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    assert not pack.thin(cortex, 10_242).thinned
+
+
+def test_no_vertex_is_chosen_twice_while_another_is_free():
+    near = np.array([[0, 1, 2], [0, 2, 1], [0, 1, 3]])
+    np.testing.assert_array_equal(pack.distinct(near), [0, 2, 1])
+    np.testing.assert_array_equal(pack.distinct(np.array([[5], [5]])), [5, 5])

@@ -1,0 +1,225 @@
+"""The page: what it says, that names are escaped, and that it asks for nothing outside itself."""
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from made_measures import made_measures
+from made_surfaces import area
+from matplotlib.image import imread
+
+from morphofold.analysis import Measures
+from morphofold.comparison import compare
+from morphofold.io import read_cortex, sample_path
+from morphofold.report import page, plots
+from morphofold.report.page import analysis_report
+from morphofold.surface import Regions, Surface
+
+NASTY = '<script>alert("x")</script>&"\''
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page: its tags, its scripts, and whatever points elsewhere."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.scripts, self.links, self.open = [], [], None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
+        assert not any(k.startswith("on") for k, _ in attrs)
+        self.open = dict(attrs) if tag == "script" else None
+
+    def handle_data(self, data):
+        if self.open is not None:
+            self.scripts.append((self.open, data))
+            self.open = None
+
+
+@pytest.fixture(scope="module")
+def nasty_page(tmp_path_factory, plain_pictures):
+    m = made_measures(name=NASTY, info={NASTY: NASTY})
+    m.maps[NASTY] = m.maps["H"]
+    m.regions[0]["region"] = NASTY
+    m.notes["n_crests"] = NASTY
+    folder = tmp_path_factory.mktemp("page")
+    result = compare({NASTY: m, "other": made_measures("rh", regions=False)})
+    analysis_report([m], folder / "a.html", inputs=[{"path": NASTY, "sha256": "0"}])
+    return result.report(folder / "c"), (folder / "a.html").read_text(encoding="utf-8")
+
+
+def test_only_earlier_stages_of_the_same_body_are_shown_growing():
+    m = made_measures(info={"g": 1.5, "name": "body"})
+    at = lambda **info: made_measures(info={"name": "body", **info})
+    assert page._other_stage(at(g=1.2), m)
+    for other in (at(g=1.5), at(g=2.0), at(), at(g=1.2, name="another"), made_measures(level=2, info={"g": 1.2})):
+        assert not page._other_stage(other, m)
+
+
+def test_names_from_files_are_escaped_everywhere(nasty_page):
+    for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
+        assert "<script>alert" not in text
+        assert "&lt;script&gt;alert" in text
+        scripts = [s for a, s in Page(text).scripts if "type" not in a]
+        assert len(scripts) == 1
+        assert scripts[0].startswith("// Tables that sort")
+
+
+def test_the_page_names_the_one_script_it_may_run(nasty_page):
+    text = nasty_page[1]
+    script = next(s for a, s in Page(text).scripts if "type" not in a)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
+    assert f"sha256-{digest}" in policy.replace("&#43;", "+")
+    assert policy.startswith("default-src 'none'")
+
+
+def test_the_page_points_at_nothing_outside_itself(nasty_page):
+    for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
+        assert Page(text).links
+        assert all(link.startswith("data:") for link in Page(text).links)
+        style = re.search(r"<style>(.*?)</style>", text, re.S).group(1)
+        assert "url(" not in style
+        assert "@import" not in style
+
+
+def test_a_comparison_writes_its_pictures_and_tables(nasty_page):
+    folder = nasty_page[0].parent
+    names = {p.name for p in (folder / "figures").iterdir()}
+    assert names == {"H.png", "cortical_thickness.png", "gyral_thickness.png", "sulcal_depth.png"}
+    assert imread(folder / "figures" / "H.png").std() > 0.02
+    assert (folder / "comparison.json").is_file()
+    header = (folder / "comparison.tsv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.startswith("measure\t")
+
+
+def test_the_page_says_what_was_left_out_and_what_was_used(nasty_page):
+    text = nasty_page[1]
+    assert "What was left out" in text
+    assert "Hinges were not counted." in text
+    assert "curvature_scale_mm" in text
+    assert "No reason was recorded" in text
+    assert "medial wall" in text
+    assert re.search(r"numpy \d+\.\d+", text)
+
+
+def config(text):
+    """What the page tells its viewer."""
+    return json.loads(next(s for a, s in Page(text).scripts if a.get("id") == "viewer-config"))
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path, plain_pictures):
+    """Write a comparison or analysis page; its text, the rows of its pictures and the series of its charts."""
+    rows, series = [], []
+    histograms, blank = plots.histograms, np.full((4, 4, 3), 255, np.uint8)
+    monkeypatch.setattr(page, "figure", lambda r, *a, **k: (rows.extend(r), blank)[1])
+    monkeypatch.setattr(plots, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
+
+    def draw(what):
+        path = tmp_path / "report.html"
+        page.comparison_report(compare(what), tmp_path) if isinstance(what, dict) else analysis_report(what, path)
+        return path.read_text(encoding="utf-8"), rows, series
+
+    return draw
+
+
+def test_each_hemisphere_is_drawn_as_the_side_it_is_and_weighed_by_its_pial_area(drawn):
+    pair = {"right": made_measures("rh"), "left": made_measures("lh")}
+    text, rows, series = drawn(pair)
+    assert [s["hemi"] for s in config(text)["surfaces"]] == ["rh", "lh"]
+    assert [(r.name, r.hemi) for r in rows] == [("right", "rh"), ("left", "lh")] * 4
+    pial = area(pair["left"].cortex.pial)
+    assert abs(area(pair["left"].cortex.white) / pial - 1) > 0.1
+    for name, _, weights, _, _ in series[0]:
+        assert weights.sum() == pytest.approx(pial, rel=1e-9), name
+
+
+def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
+    several = {name: made_measures(name=name) for name in ("a", "b", "c")}
+    del several["b"].maps["sulcal_depth"]
+    text, _, series = drawn(several)
+    assert [[(s[0], s[4]) for s in chart] for chart in series] == [
+        *[[("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])]] * 3,
+        [("a", plots.DASHES[0]), ("c", plots.DASHES[2])],
+        [("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])],        # gyral over cortical thickness
+    ]
+    keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
+    assert keys == [*plots.DASHES[:3]] * 2                                 # in the legends of fits and of curves
+
+
+def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
+    m = made_measures(origin="simulation", portion=0.5)
+    text, _, _ = drawn([m])
+    assert "All surfaces share" not in text
+    assert 'id="fit"' not in text
+    assert "A simulated cortex, measured from" in text
+    assert "hemisphere" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
+    assert "Half of the closed surface of bump was simulated" in text
+    assert "crossed bars" not in text                                      # regions, so no bins
+    assert "crossed bars" in drawn([made_measures("rh", regions=False)])[0]
+    assert "The right hemisphere, measured" in drawn([made_measures("rh")])[0]
+
+
+@pytest.mark.parametrize(("portion", "words"), [(0.125, "One eighth"), (0.25, "A quarter"), (0.3, "0.3")])
+def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portion, words):
+    assert f"{words} of the closed surface" in drawn([made_measures(portion=portion)])[0]
+
+
+def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
+    model, other = made_measures(origin="simulation"), made_measures("rh", regions=False)
+    model.notes.update(simulation="the energy grew.", curvature_scale="mesh is coarse.", n_crests="none here.")
+    other.notes.update(cortex_mask="no cortex label.", average="of no person.")
+    text, _, _ = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})
+    top, rest = text.split('<section id="viewer"')
+    remarks, below = rest.split("Gyral thickness against cortical thickness</h2>")
+    assert re.search(r'class="warning".*model: the energy grew\.', top)
+    assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
+    assert "model: mesh is coarse. " in remarks
+    assert re.search(r'class="caution".*MRI: of no person\.</li><li>MRI: no cortex label\.', top)
+    assert "MRI: no regions, so one point" in below
+    for once in ("the energy grew", "mesh is coarse", "no cortex label", "of no person", "no regions, so", "none here"):
+        assert text.count(once) == 1
+
+
+def test_a_fit_not_different_from_none_is_called_so(drawn):
+    m = made_measures()
+    assert "not different from none" not in drawn([m])[0]
+    for row, gyral in zip(m.regions, (8.0, 13.0, 9.0)):
+        row["gyral_thickness_mm"] = gyral
+    text, _, _ = drawn([m])
+    assert text.count("not different from none") == 2                      # in the caption and in the table
+    assert 'class="fit faint"' in text
+
+
+MAPS = ("H", "K", "k1", "k2", "curvedness", "shape_index", "cortical_thickness", "gyral_thickness", "sulcal_depth",
+        "local_gyrification_index", "area", "thickness_file")  # fmt: skip
+
+
+def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
+    """One person's left hemisphere, 153,000 vertices, and its mirror image, with all that a subject may bring."""
+    monkeypatch.setattr(page, "_pictures", lambda *args: [])         # about half a megabyte each, seen elsewhere
+    left = read_cortex(sample_path("S1"))
+    x, y, z = left.pial.verts.T
+    names = tuple(f"region {k}" for k in range(34))
+    labels = np.floor(34 * np.argsort(np.argsort(y)) / len(y)).astype(np.int64)
+    regions = Regions(labels, names, np.zeros((34, 3), dtype=np.uint8))
+    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))    # as rough as curvature is
+    maps = {name: noisy(x + k * y - z) for k, name in enumerate(MAPS)}
+    pair = []
+    for hemi, flip in (("lh", 1.0), ("rh", -1.0)):
+        surfaces = {n: getattr(left, n).verts * [flip, 1, 1] for n in ("white", "pial")}
+        surfaces["inflated"] = 1.3 * surfaces["pial"]
+        faces = left.faces if hemi == "lh" else left.faces[:, ::-1]
+        shapes = {n: Surface(v, faces) for n, v in surfaces.items()}
+        cortex = replace(left, **shapes, hemi=hemi, regions=regions)
+        rows = [{**made_measures().regions[0], "hemi": hemi, "region": name} for name in names]
+        pair.append(Measures(cortex, {}, maps, rows))
+    path = analysis_report(pair, tmp_path / "report.html")
+    assert 4e6 < path.stat().st_size < 15e6 - 5 * 0.7e6                     # of room for five pictures
