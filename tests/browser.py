@@ -73,6 +73,14 @@ class Tab:
         assert "exceptionDetails" not in got, got
         return got["result"].get("value")
 
+    def go(self, page, script):
+        """Open the page at a path; wait, half a minute at most, for the word that its script leaves on the document."""
+        self.call("Page.navigate", url=page.as_uri())
+        for _ in range(1500):
+            if self.js(f"document.documentElement?.dataset.{script}"):
+                break
+            time.sleep(0.02)
+
     def frame(self):
         """Let the page draw, then read the state it leaves on the document."""
         return self.js(
@@ -124,11 +132,7 @@ def opened(page, profile, script):
         tab = Tab(int(port_file.read_text().split()[0]))
         for domain in ("Page", "Runtime", "Log", "Network"):
             tab.call(f"{domain}.enable")
-        tab.call("Page.navigate", url=page.as_uri())
-        for _ in range(300):
-            if tab.js(f"document.documentElement?.dataset.{script}"):
-                break
-            time.sleep(0.1)
+        tab.go(page, script)
         yield tab
         tab.socket.close()
     finally:

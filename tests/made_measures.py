@@ -1,8 +1,11 @@
 """Measures made by hand of generated shapes, for tests of results, comparison and report."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import bumpy_sphere
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -75,3 +78,30 @@ def made_measures(hemi="lh", **options):
         cortex, scalars, maps, rows, hinges=hinges, arms=arms, parameters={"curvature_scale_mm": 3.0},
         notes={"n_hinges": "Hinges were not counted."},
     )  # fmt: skip
+
+
+SUBJECT_MAPS = (
+    "H", "K", "k1", "k2", "curvedness", "shape_index", "cortical_thickness", "gyral_thickness", "sulcal_depth",
+    "local_gyrification_index", "area", "thickness_file",
+)  # fmt: skip
+
+
+def large_pair(rng):
+    """One person's left hemisphere, 153,000 vertices, and its mirror image, with all that a subject may bring."""
+    left = read_cortex(sample_path("S1"))
+    x, y, z = left.pial.verts.T
+    names = tuple(f"region {k}" for k in range(34))
+    labels = np.floor(34 * np.argsort(np.argsort(y)) / len(y)).astype(np.int64)
+    regions = Regions(labels, names, np.zeros((34, 3), dtype=np.uint8))
+    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))    # as rough as curvature is
+    maps = {name: noisy(x + k * y - z) for k, name in enumerate(SUBJECT_MAPS)}
+    pair = []
+    for hemi, flip in (("lh", 1.0), ("rh", -1.0)):
+        surfaces = {n: getattr(left, n).verts * [flip, 1, 1] for n in ("white", "pial")}
+        surfaces["inflated"] = 1.3 * surfaces["pial"]
+        faces = left.faces if hemi == "lh" else left.faces[:, ::-1]
+        shapes = {n: Surface(v, faces) for n, v in surfaces.items()}
+        cortex = replace(left, **shapes, hemi=hemi, regions=regions)
+        rows = [{**made_measures().regions[0], "hemi": hemi, "region": name} for name in names]
+        pair.append(Measures(cortex, {}, maps, rows))
+    return pair

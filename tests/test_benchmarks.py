@@ -7,11 +7,14 @@ import shutil
 import numba
 import numpy as np
 import pytest
+from browser import BROWSER, needs_browser, opened
+from made_measures import large_pair
 
 from morphofold import analysis
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
+from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import irregular_sphere
 from morphofold.sim import theory
@@ -98,6 +101,18 @@ def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):
         return compare(read, groups={"model": [*bodies], "MRI": ["S1", "again"]}).report(tmp_path / "out")
 
     assert benchmark.pedantic(page, rounds=2, warmup_rounds=1).stat().st_size > 5e6
+
+
+@needs_browser
+def test_the_first_picture_of_a_page_of_two_large_hemispheres(benchmark, tmp_path, rng):
+    """Asked: below 2 s in a browser that runs, drawing without a graphics card."""
+    page = analysis_report(large_pair(rng), tmp_path / "report.html")
+    benchmark.extra_info.update(bytes=page.stat().st_size, browser=BROWSER)
+    with opened(page, tmp_path / "profile", "viewer") as tab:
+        away = lambda: tab.call("Page.navigate", url="about:blank") and None
+        benchmark.pedantic(tab.go, (page, "viewer"), setup=away, rounds=5)
+        assert tab.frame()["viewer"] == "ready"
+        assert np.ptp(tab.pixels(), axis=1).max() > 20                      # colours
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])

@@ -9,16 +9,13 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from made_measures import made_measures
+from made_measures import large_pair, made_measures
 from made_surfaces import area
 from matplotlib.image import imread
 
-from morphofold.analysis import Measures
 from morphofold.comparison import compare
-from morphofold.io import read_cortex, sample_path
 from morphofold.report import page, plots
 from morphofold.report.page import analysis_report
-from morphofold.surface import Regions, Surface
 
 NASTY = '<script>alert("x")</script>&"\''
 
@@ -198,28 +195,7 @@ def test_a_fit_not_different_from_none_is_called_so(drawn):
     assert 'class="fit faint"' in text
 
 
-MAPS = ("H", "K", "k1", "k2", "curvedness", "shape_index", "cortical_thickness", "gyral_thickness", "sulcal_depth",
-        "local_gyrification_index", "area", "thickness_file")  # fmt: skip
-
-
 def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
-    """One person's left hemisphere, 153,000 vertices, and its mirror image, with all that a subject may bring."""
     monkeypatch.setattr(page, "_pictures", lambda *args: [])         # about half a megabyte each, seen elsewhere
-    left = read_cortex(sample_path("S1"))
-    x, y, z = left.pial.verts.T
-    names = tuple(f"region {k}" for k in range(34))
-    labels = np.floor(34 * np.argsort(np.argsort(y)) / len(y)).astype(np.int64)
-    regions = Regions(labels, names, np.zeros((34, 3), dtype=np.uint8))
-    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))    # as rough as curvature is
-    maps = {name: noisy(x + k * y - z) for k, name in enumerate(MAPS)}
-    pair = []
-    for hemi, flip in (("lh", 1.0), ("rh", -1.0)):
-        surfaces = {n: getattr(left, n).verts * [flip, 1, 1] for n in ("white", "pial")}
-        surfaces["inflated"] = 1.3 * surfaces["pial"]
-        faces = left.faces if hemi == "lh" else left.faces[:, ::-1]
-        shapes = {n: Surface(v, faces) for n, v in surfaces.items()}
-        cortex = replace(left, **shapes, hemi=hemi, regions=regions)
-        rows = [{**made_measures().regions[0], "hemi": hemi, "region": name} for name in names]
-        pair.append(Measures(cortex, {}, maps, rows))
-    path = analysis_report(pair, tmp_path / "report.html")
+    path = analysis_report(large_pair(rng), tmp_path / "report.html")
     assert 4e6 < path.stat().st_size < 15e6 - 5 * 0.7e6                     # of room for five pictures
