@@ -28,7 +28,7 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.io.gifti import write_gifti_surface
+from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
 from morphofold.io.polygons import merge_equal
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
@@ -610,6 +610,34 @@ def test_a_map_in_place_of_a_surface_and_the_reverse_are_told_apart():
         read_morph(sample_path("fsaverage5/surf/lh.white"))
     with pytest.raises(ValueError, match="a map has one array with one value per vertex"):
         read_morph(sample_path("S1/lh.white.surf.gii"))
+
+
+def test_regions_come_back_from_gifti_whatever_their_names(tmp_path, fsaverage5):
+    names = ("???", "a&b <c>", "", *fsaverage5.regions.names[3:])
+    labels = np.where(fsaverage5.pial.verts[:, 2] > 0, fsaverage5.regions.labels, -1)
+    regions = Regions(labels, names, fsaverage5.regions.colours, "aparc")
+    write_gifti_regions(tmp_path / "lh.aparc.label.gii", regions)
+    again = read_gifti_regions(tmp_path / "lh.aparc.label.gii", "aparc")
+    assert (again.names, again.name) == (names, "aparc")
+    assert np.array_equal(again.labels, labels)
+    assert np.array_equal(again.colours, regions.colours)
+
+
+def test_a_gifti_without_whole_regions_is_refused(tmp_path):
+    regions = Regions(np.array([0, 1, -1]), ("front", "back"), np.zeros((2, 3), np.uint8))
+    path = tmp_path / "lh.a.label.gii"
+    write_gifti_regions(path, regions)
+    path.write_text(path.read_text().replace('Key="2"', 'Key="7"'))
+    with pytest.raises(ValueError, match="its table lacks 1 of its keys, the first is 2"):
+        read_gifti_regions(path)
+    path.write_text(path.read_text()[:-200])
+    with pytest.raises(ValueError, match=r"lh\.a\.label\.gii: is truncated, damaged, or not a GIFTI label file"):
+        read_gifti_regions(path)
+    write_gifti_map(path, np.ones(3))
+    with pytest.raises(ValueError, match="regions are one array with one key per vertex"):
+        read_gifti_regions(path)
+    with pytest.raises(ValueError, match=r"labels are -1\.\.1, allowed -1\.\.0"):
+        write_gifti_regions(path, Regions(regions.labels, ("front",), regions.colours[:1]))
 
 
 def test_a_gifti_map_is_no_surface(tmp_path):
