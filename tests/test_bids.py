@@ -314,6 +314,16 @@ def test_other_subjects_stay_and_the_same_one_is_replaced(tmp_path):
     assert not list((tmp_path / "d" / "sub-anna").rglob("*hemi-L*"))
 
 
+def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
+    write_dataset([made_measures()], tmp_path / "d", "anna", report=False)
+    (tmp_path / "d" / ".bidsignore").write_text("*.html\nmine\n")
+    said = json_of(tmp_path / "d" / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
+    (tmp_path / "d" / "dataset_description.json").write_text(json.dumps(said))
+    write_dataset([made_measures()], tmp_path / "d", "bert", report=False)
+    assert json_of(tmp_path / "d" / "dataset_description.json") == said
+    assert (tmp_path / "d" / ".bidsignore").read_text() == "*.html\nmine\n"
+
+
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
     m = [made_measures()]
     write_analysis(m, tmp_path / "plain", report=False)
