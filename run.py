@@ -42,7 +42,7 @@ def main(words: list[str]) -> int:
 
 def set_up() -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
-    print("setting up .venv (once; downloads about 350 MB)", flush=True)
+    print("setting up .venv (once; downloads about 390 MB)", flush=True)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
     uv = str(ROOT / ".tools" / "bin" / "uv")
     python = str(BIN / "python")

@@ -1,37 +1,47 @@
-"""An analysis as one subject of a BIDS derivatives dataset: ``write_dataset``.
+"""An analysis as one subject of a BIDS derivatives dataset: ``write_dataset`` and, back again, ``read_subject``.
 
 Names follow the derivatives of the Brain Imaging Data Structure (Gorgolewski and others, Sci. Data 3, 160044, 2016;
 https://bids-specification.readthedocs.io): ``sub-NAME/anat/sub-NAME_hemi-L_desc-gyral_thickness.shape.gii``, each
-with a JSON file that says what it holds. What BIDS has no suffix for is a ``_morph``.
+with a JSON file that says what it holds. What BIDS has no suffix for is a ``_morph``. Of all these BIDS knows the
+regions alone (``_dseg.label.gii``); all else, named as fMRIPrep does where it has the like, is in ``.bidsignore``.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.io import atomic_file, atomic_folder, flip_curvature_sign, write_gifti_map
-from morphofold.io.gifti import write_gifti_surface
+from morphofold.bids_hemisphere import MISSING, in_bids_letters, moved_rows, read_hemisphere, write_hemisphere
+from morphofold.io import atomic_file, atomic_folder
 from morphofold.records import strict_json
-from morphofold.report.quantities import column_words, quantity
-from morphofold.results import COLUMNS, checked_inputs, summary_of
-from morphofold.surface import Cortex, Surface, Verts
-from morphofold.tables import write_table
+from morphofold.report.quantities import column_words
+from morphofold.results import COLUMNS, WORDS, checked_inputs, summary_of
+from morphofold.surface import Cortex
+from morphofold.tables import read_table, write_table
 
-SIDES = {"lh": "L", "rh": "R"}
-MAPS = {  # a map's name -> the end of its file's name
-    "H": "curv", "cortical_thickness": "thickness", "gyral_thickness": "desc-gyral_thickness",
-    "thickness_file": "desc-input_thickness", "area": "area",
-}  # fmt: skip
-CURV = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
-MISSING = "NaN where there is no value, as on the medial wall"
-IGNORED = "*.html\nfigures/\n*_morph.*\n*_provenance.json\n"
+PROVENANCE = "_desc-morphofold_provenance.json"
+IGNORED = """\
+*.html
+figures
+*.surf.gii
+*.shape.gii
+*_area.json
+*_curv.json
+*_sulc.json
+*_thickness.json
+*_mask.*
+*_morph.*
+*_provenance.json
+"""
+README = """\
+# Cortical morphometry by morphofold
+
+Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject; the `.json` beside a map
+or table says what it holds, `*_provenance.json` where it comes from. What BIDS has no name for is in `.bidsignore`.
+"""
 LEVELS = {"hemi": {"lh": "left", "rh": "right"}}
 
 
@@ -75,9 +85,9 @@ def write_dataset(
 
     Notes
     -----
-    Surfaces and hinges are in scanner coordinates where the surfaces' footer leads there, as other BIDS software
-    expects of GIFTI, and else where they were; ``inflated`` never moves. ``curv`` has FreeSurfer's sign, all else is
-    positive where convex.
+    Surfaces, hinges and gyral graph are in scanner coordinates where the surfaces' footer leads there, as other BIDS
+    software expects of GIFTI, and else where they were; ``inflated`` never moves. ``curv`` has FreeSurfer's sign, all
+    else that was measured is positive where convex; ``desc-input`` is what came with the surfaces, as it came.
     """
     dataset = Path(dataset)
     place = subject_place(dataset, name)
@@ -86,15 +96,15 @@ def write_dataset(
         anat = folder / "anat"
         anat.mkdir()
         for m in measures:
-            _write_hemisphere(m, anat, place.name)
+            write_hemisphere(m, anat, place.name)
         tables = {key: [row for m in measures for row in getattr(m, key)] for key in COLUMNS}
-        tables["hinges"] = [row for m in measures for row in _moved_rows(m)]
+        tables["hinges"] = [row for m in measures for row in moved_rows(m.hinges, m.cortex.transform)]
         for key, columns in COLUMNS.items():
             _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
         scalars = [{"hemi": m.cortex.hemi, **m.scalars} for m in measures]
         _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", ("hemi", *SCALARS), scalars)
         said = {"subject": name, **summary_of(measures, records, parameters), "nan": f"{MISSING}; n/a in tables"}
-        (anat / f"{place.name}_desc-morphofold_provenance.json").write_text(strict_json(said), encoding="utf-8")
+        (anat / f"{place.name}{PROVENANCE}").write_text(strict_json(said), encoding="utf-8")
         if report:
             from morphofold.report import analysis_report
 
@@ -102,6 +112,38 @@ def write_dataset(
             analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
     _describe(dataset)
     return place
+
+
+def read_subject(folder: str | Path) -> list[Measures]:
+    """Read what ``write_dataset`` wrote of one subject, ``dataset/sub-NAME``.
+
+    Surfaces, hinges and graph are where they were, whether the files are in scanner coordinates or not; they and maps
+    have the precision of float32. A FreeSurfer surface's footer is gone but for the transform it gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file of it is missing.
+    ValueError
+        If a file there cannot be understood; the message names it.
+    """
+    anat = Path(folder) / "anat"
+    found = sorted(anat.glob(f"sub-*{PROVENANCE}"))
+    if len(found) != 1:
+        what = "holds no" if not found else "holds more than one"
+        raise FileNotFoundError(
+            f"{anat}: {what} sub-NAME{PROVENANCE}. Name a folder DATASET/sub-NAME that `morphofold analyze --layout "
+            "bids` wrote."
+        )
+    path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
+    try:
+        entries = list(json.loads(path.read_text(encoding="utf-8"))["surfaces"])
+        tables = {name: read_table(anat / f"{stem}_desc-{name}_morph.tsv", WORDS) for name in COLUMNS}
+        return [read_hemisphere(entry, tables, anat, stem) for entry in entries]
+    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(
+            f"{path}: not as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
+        ) from error
 
 
 def subject_place(dataset: Path, name: str) -> Path:
@@ -117,7 +159,7 @@ def subject_place(dataset: Path, name: str) -> Path:
                 "Name such a one, or a new folder."
             )
     place = dataset / f"sub-{label}"
-    known = _json(place / "anat" / f"{place.name}_desc-morphofold_provenance.json").get("subject", name)
+    known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
     if known != name:
         raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same. Pass another name.")
     return place
@@ -150,49 +192,14 @@ def _describe(dataset: Path) -> None:
         said["GeneratedBy"] = [m for m in said["GeneratedBy"] if m.get("Name") != "morphofold"] + [me]
     else:
         said = {
-            "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.10.0", "DatasetType": "derivative",
+            "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",
             "GeneratedBy": [me],
         }  # fmt: skip
-        with atomic_file(dataset / ".bidsignore") as file:
-            file.write_text(IGNORED, encoding="utf-8")
+        for name, text in ((".bidsignore", IGNORED), ("README.md", README)):
+            with atomic_file(dataset / name) as file:
+                file.write_text(text, encoding="utf-8")
     with atomic_file(path) as file:
         file.write_text(strict_json(said), encoding="utf-8")
-
-
-def _write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
-    """Surfaces and maps of one hemisphere, each map with what it is."""
-    cortex, stem = m.cortex, f"{subject}_hemi-{SIDES[m.cortex.hemi]}"
-    to = cortex.transform
-    for kind, surface in (("white", cortex.white), ("pial", cortex.pial)):
-        moved = surface if to is None else Surface(_moved(surface.verts, to), surface.faces, surface.name)
-        write_gifti_surface(anat / f"{stem}_{kind}.surf.gii", moved, cortex.hemi, scanner=to is not None)
-    if cortex.inflated is not None:
-        nowhere = replace(cortex.inflated, geometry=None)
-        write_gifti_surface(anat / f"{stem}_inflated.surf.gii", nowhere, cortex.hemi)
-    for name, values in m.maps.items():
-        end, what = MAPS.get(name, f"desc-{_joined(name)}_morph"), quantity(name)
-        values = flip_curvature_sign(values) if name == "H" else values
-        write_gifti_map(anat / f"{stem}_{end}.shape.gii", values, name=end, nan=np.nan, hemi=cortex.hemi)
-        said = {"Description": CURV if name == "H" else what.label, "Units": _bids(what.unit), "Missing": MISSING}
-        (anat / f"{stem}_{end}.json").write_text(strict_json(said), encoding="utf-8")
-
-
-def _moved(verts: Verts, transform: np.ndarray) -> Verts:
-    return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
-
-
-def _moved_rows(m: Measures) -> list[dict[str, Any]]:
-    """Hinges, where the surfaces that are written are."""
-    if m.cortex.transform is None:
-        return m.hinges
-    to = m.cortex.transform
-    return [row | dict(zip("xyz", _moved(np.array([row[k] for k in "xyz"]), to).tolist())) for row in m.hinges]
-
-
-def _joined(name: str) -> str:
-    """``shape_index`` as BIDS takes it: ``shapeIndex``."""
-    first, *rest = ("".join(c for c in word if c.isascii() and c.isalnum()) for word in name.split("_"))
-    return first + "".join(word[:1].upper() + word[1:] for word in rest)
 
 
 def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -201,11 +208,6 @@ def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str,
     said: dict[str, Any] = {}
     for key in dict.fromkeys([*columns, *(k for row in rows for k in row)]):
         label, unit = column_words(key)
-        said[key] = {"Description": label, **({"Units": _bids(unit)} if unit else {})}
+        said[key] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
         said[key] |= {"Levels": LEVELS[key]} if key in LEVELS else {}
     path.with_suffix(".json").write_text(strict_json(said), encoding="utf-8")
-
-
-def _bids(unit: str) -> str:
-    """A unit in the letters that BIDS asks for."""
-    return unit.replace("²", "^2").replace("³", "^3") or "1"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,8 +29,12 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.records import input_records, strict_json
-from morphofold.surface import Cortex
+from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table, write_table
+
+if TYPE_CHECKING:
+    import networkx as nx
+    from numpy.typing import NDArray
 
 COLUMNS = {
     "regions": REGION_COLUMNS,
@@ -211,7 +215,7 @@ def _file_word(name: str) -> str:
 
 
 def read_analysis(folder: str | Path) -> list[Measures]:
-    """Read what ``write_analysis`` wrote.
+    """Read what ``write_analysis`` wrote, or a subject that ``morphofold.bids.write_dataset`` wrote.
 
     Maps come from GIFTI, so NaN is NaN again; coordinates and maps have the precision of float32.
 
@@ -224,14 +228,19 @@ def read_analysis(folder: str | Path) -> list[Measures]:
     """
     folder = Path(folder)
     path = folder / "summary.json"
+    if not path.is_file() and (folder / "anat").is_dir():
+        from morphofold.bids import read_subject
+
+        return read_subject(folder)
     if not path.is_file():
         what, how = "no such folder", "Name a folder that `morphofold analyze` wrote."
         if folder.is_dir():
             what = "holds no summary.json"
             if (folder / "surf").is_dir():
                 how = f"It is a subject: `morphofold analyze {folder}` first, and name what that wrote."
-            elif any(folder.glob("anat/*_provenance.json")):
-                how = "It is of the BIDS layout; name an analysis that was written without --layout bids."
+            elif (folder / "dataset_description.json").is_file():
+                names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
+                how = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{' ...' * (len(names) > 4)}."
         raise FileNotFoundError(f"{folder}: {what}. {how}")
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
@@ -282,46 +291,49 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
 
 
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
-    hemi = entry["hemi"]
+    hemi, surf, label = entry["hemi"], folder / "surf", folder / "label"
     if hemi not in ("lh", "rh"):  # it becomes part of file names below
         raise ValueError(f"{folder / 'summary.json'}: hemi must be 'lh' or 'rh', got {hemi!r}.")
-    surf = folder / "surf"
     white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
-    mask = read_label(folder / "label" / f"{hemi}.cortex.label", len(white.verts)) if entry["cortex_label"] else None
-    regions = None
+    n, regions = len(white.verts), None
     if entry["annotation"] is not None:
-        regions = read_annotation(folder / "label" / f"{hemi}.{_file_word(entry['annotation'])}.annot")
-    cortex = Cortex(
-        white=white,
-        pial=pial,
-        hemi=hemi,
-        name=str(entry["name"]),
-        maps={n: read_morph(surf / f"{hemi}.{_file_word(n)}") for n in entry["came_with"]},
-        cortex=mask,
-        regions=regions,
+        regions = read_annotation(label / f"{hemi}.{_file_word(entry['annotation'])}.annot")
+    return measures_of(
+        entry, tables, white, pial,
         inflated=read_surface(surf / f"{hemi}.inflated") if entry["inflated"] else None,
-        origin=str(entry["origin"]),
-        units=str(entry["units"]),
-        transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
-        portion=float(entry["portion"]),
-        info=dict(entry["info"]),
-        files=tuple(map(str, entry["files"])),
-    )
-    own = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+        cortex=read_label(label / f"{hemi}.cortex.label", n) if entry["cortex_label"] else None,
+        regions=regions,
+        came_with={name: read_morph(surf / f"{hemi}.{_file_word(name)}") for name in entry["came_with"]},
+        maps={name: _sized(folder / "maps" / f"{hemi}.{_file_word(name)}.shape.gii", n) for name in entry["maps"]},
+        graph=read_graph(folder / "graph" / f"{hemi}.json", n) if entry.get("graph") else None,
+    )  # fmt: skip
+
+
+def measures_of(
+    entry: Mapping[str, Any],
+    tables: Mapping[str, list[dict[str, Any]]],
+    white: Surface,
+    pial: Surface,
+    *,
+    inflated: Surface | None,
+    cortex: NDArray[np.bool_] | None,
+    regions: Regions | None,
+    came_with: Mapping[str, PerVertex],
+    maps: Mapping[str, PerVertex],
+    graph: nx.MultiGraph | None,
+) -> Measures:
+    """Measures from what the summary says of a surface, the tables of both, and what was read of its own files."""
+    own = {name: [row for row in rows if row["hemi"] == entry["hemi"]] for name, rows in tables.items()}
     return Measures(
-        cortex,
-        scalars=dict(entry["measures"]),
-        maps={
-            n: _sized(folder / "maps" / f"{hemi}.{_file_word(n)}.shape.gii", len(white.verts)) for n in entry["maps"]
-        },
-        regions=own["regions"],
-        crests=own["crests"],
-        hinges=own["hinges"],
-        arms=own["arms"],
-        parameters=dict(entry["parameters"]),
-        notes=dict(entry["notes"]),
-        graph=read_graph(folder / "graph" / f"{hemi}.json", len(white.verts)) if entry.get("graph") else None,
-    )
+        Cortex(
+            white, pial, entry["hemi"], str(entry["name"]), came_with, cortex, regions, inflated,
+            origin=str(entry["origin"]), units=str(entry["units"]),
+            transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
+            portion=float(entry["portion"]), info=dict(entry["info"]), files=tuple(map(str, entry["files"])),
+        ),
+        dict(entry["measures"]), maps, own["regions"], own["crests"], own["hinges"], own["arms"],
+        parameters=dict(entry["parameters"]), notes=dict(entry["notes"]), graph=graph,
+    )  # fmt: skip
 
 
 def _sized(path: Path, n: int) -> np.ndarray:

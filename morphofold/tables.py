@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -40,12 +41,14 @@ def read_table(path: Path, words: Collection[str] = ()) -> list[dict[str, Any]]:
     FileNotFoundError
         If there is no such file.
     ValueError
-        If a line has another number of cells than the header.
+        If it was cut, or a line has another number of cells than the header.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
+    text = path.read_text(encoding="utf-8")
+    if not text.endswith("\n"):
+        raise ValueError(f"{path}: was cut: its last line has no end. Analyze anew.")
+    rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
     for number, row in enumerate(rows, start=2):
         if None in row or None in row.values():
             raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")

@@ -2,23 +2,32 @@
 
 import csv
 import json
+import os
 import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import nibabel as nib
 import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.analysis import gyral_graph
 from morphofold.analysis.measures import SCALARS
-from morphofold.bids import write_dataset
+from morphofold.bids import read_subject, write_dataset
 from morphofold.cli import main
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report.quantities import COLUMN_WORDS, SCALAR_WORDS
-from morphofold.results import COLUMNS, write_analysis
+from morphofold.results import COLUMNS, read_analysis, write_analysis
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
+TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
 FILE = re.compile(
-    r"sub-[A-Za-z0-9]+(_hemi-[LR])?(_desc-[A-Za-z0-9]+)?_[A-Za-z]+(\.surf\.gii|\.shape\.gii|\.tsv|\.json)"
+    r"sub-[A-Za-z0-9]+(_hemi-[LR])?(_seg-[A-Za-z0-9]+)?(_desc-[A-Za-z0-9]+)?_[A-Za-z]+"
+    r"(\.(surf|shape|label)\.gii|\.tsv|\.json)"
 )
 
 
@@ -28,6 +37,15 @@ def written(tmp_path_factory):
     pair = [made_measures("lh", transform=TRANSFORM), made_measures("rh")]
     dataset = tmp_path_factory.mktemp("bids") / "derivatives"
     return pair, dataset, write_dataset(pair, dataset, "sub-bert_01", report=False)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """One analysis in both layouts: a turned left hemisphere with all there is, a bare right one."""
+    left = made_measures("lh", level=4, transform=TURNED, info={"g": 1.8}, portion=0.125, files=("lh.white",))
+    left = replace(left, graph=gyral_graph(left.cortex.pial))
+    pair, out = [left, made_measures("rh", mask=False, regions=False)], tmp_path_factory.mktemp("both")
+    return write_analysis(pair, out / "plain", report=False), write_dataset(pair, out / "d", "bert", report=False)
 
 
 def json_of(path):
@@ -44,15 +62,16 @@ def test_the_dataset_says_who_made_it_and_every_file_has_a_bids_name(written):
     assert [n for n in names if not FILE.fullmatch(n)] == []
     assert {f"sub-bert01_hemi-{side}_{end}" for side in "LR" for end in (
         "white.surf.gii", "pial.surf.gii", "thickness.shape.gii", "curv.shape.gii", "desc-gyral_thickness.shape.gii",
-        "desc-sulcalDepth_morph.shape.gii",
+        "desc-sulcalDepth_morph.shape.gii", "desc-input_thickness.shape.gii", "desc-cortex_mask.label.gii",
+        "seg-aparc_dseg.label.gii",
     )} <= set(names)  # fmt: skip
-    data = {n.split(".")[0] for n in names if n.endswith((".shape.gii", ".tsv"))}
+    data = {n.split(".")[0] for n in names if n.endswith((".shape.gii", ".label.gii", ".tsv"))}
     assert data == {n.split(".")[0] for n in names if n.endswith(".json")} - {"sub-bert01_desc-morphofold_provenance"}
 
 
 def test_every_column_of_every_table_is_described(written):
     _, _, place = written
-    tables = sorted((place / "anat").glob("*.tsv"))
+    tables = sorted((place / "anat").glob("*_morph.tsv"))
     assert len(tables) == len(COLUMNS) + 1
     for table in tables:
         with table.open(newline="") as file:
@@ -106,6 +125,176 @@ def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(wr
     assert (left, right) == ([6.5, -9.0, 32.0], [1.5, -2.0, 30.0])
 
 
+def test_regions_and_mask_have_a_key_per_vertex_and_say_what_it_stands_for(written):
+    pair, dataset, place = written
+    for m, side in zip(pair, "LR"):
+        stem = place / "anat" / f"sub-bert01_hemi-{side}"
+        for end, labels in (("seg-aparc_dseg", m.cortex.regions.labels), ("desc-cortex_mask", m.cortex.cortex - 1)):
+            image = nib.load(f"{stem}_{end}.label.gii")
+            np.testing.assert_array_equal(image.darrays[0].data, labels + 1)
+            assert image.labeltable.get_labels_as_dict()[0] == "???"
+            said = json_of(stem.with_name(f"{stem.name}_{end}.json"))
+            assert (dataset / said["SpatialReference"].removeprefix("bids::")).is_file()
+        with stem.with_name(f"{stem.name}_seg-aparc_dseg.tsv").open(newline="") as file:
+            rows = {int(row["index"]): row for row in csv.DictReader(file, delimiter="\t")}
+        table = nib.load(f"{stem}_seg-aparc_dseg.label.gii").labeltable
+        assert {k: row["name"] for k, row in rows.items() if k} == {
+            label.key: label.label for label in table.labels if label.key}  # fmt: skip
+        colours = [tuple(bytes.fromhex(rows[label.key]["color"][1:])) for label in table.labels[1:]]
+        assert colours == [tuple(colour) for colour in m.cortex.regions.colours.tolist()]
+        np.testing.assert_allclose([label.rgba[:3] for label in table.labels[1:]], np.array(colours) / 255, atol=1e-6)
+
+
+def test_the_gyral_graph_lies_on_the_surface_beside_it(both):
+    """Both are in scanner coordinates, which are far from the surface's own."""
+    anat = both[1] / "anat"
+    pial = read_surface(anat / "sub-bert_hemi-L_pial.surf.gii")
+    nodes = json_of(anat / "sub-bert_hemi-L_desc-graph_morph.json")["nodes"]
+    there = np.array([node["position"] for node in nodes])
+    edges = pial.verts[pial.faces] - pial.verts[np.roll(pial.faces, 1, axis=1)]
+    off = np.linalg.norm(there - pial.verts[[node["vertex"] for node in nodes]], axis=1)
+    assert off.max() < np.linalg.norm(edges, axis=2).max()
+    outward = np.array([node["normal"] for node in nodes])
+    assert (((there - pial.verts.mean(0)) * outward).sum(1) > 0).all()                 # it was turned, too
+
+
+def test_an_analysis_reads_back_alike_from_both_layouts(both):
+    plain, place = both
+    for want, got in zip(read_analysis(plain), read_analysis(place), strict=True):
+        a, b = want.cortex, got.cortex
+        for name in ("hemi", "name", "origin", "units", "portion", "info", "files"):
+            assert getattr(a, name) == getattr(b, name)
+        np.testing.assert_array_equal(a.transform, b.transform)
+        np.testing.assert_array_equal(a.faces, b.faces)
+        for kind in ("white", "pial", "inflated"):
+            np.testing.assert_allclose(getattr(b, kind).verts, getattr(a, kind).verts, atol=2e-5)
+        np.testing.assert_array_equal(a.cortex, b.cortex)
+        assert (a.regions is None) == (b.regions is None) == (a.hemi == "rh")
+        if a.regions is not None:
+            assert (a.regions.names, a.regions.name) == (b.regions.names, b.regions.name)
+            np.testing.assert_array_equal(a.regions.labels, b.regions.labels)
+            np.testing.assert_array_equal(a.regions.colours, b.regions.colours)
+        for theirs, ours in ((want.maps, got.maps), (a.maps, b.maps)):
+            assert set(theirs) == set(ours)
+            for name in theirs:
+                np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-6)
+        for name in ("scalars", "parameters", "notes", "regions", "crests", "arms"):
+            assert getattr(want, name) == getattr(got, name)
+        for theirs, ours in zip(want.hinges, got.hinges, strict=True):
+            np.testing.assert_allclose([ours.pop(k) for k in "xyz"], [theirs.pop(k) for k in "xyz"], atol=1e-5)
+            assert ours == theirs
+        assert (want.graph is None) == (got.graph is None) == (a.hemi == "rh")
+        if want.graph is not None:
+            assert want.graph.graph == got.graph.graph
+            assert set(want.graph.edges(keys=True)) == set(got.graph.edges(keys=True))
+            for node, data in want.graph.nodes(data=True):
+                for key in ("position", "normal"):
+                    np.testing.assert_allclose(got.graph.nodes[node][key], data[key], atol=2e-5)
+            for edge in want.graph.edges(keys=True):
+                theirs, ours = want.graph.edges[edge], got.graph.edges[edge]
+                np.testing.assert_allclose(ours["polyline"], theirs["polyline"], atol=2e-5)
+                np.testing.assert_array_equal(ours["vertices"], theirs["vertices"])
+                assert ours["length"] == theirs["length"]
+
+
+def test_compare_takes_a_subject_beside_an_analysis_and_names_those_of_a_dataset(both, tmp_path, capsys):
+    plain, place = both
+    assert main(["compare", f"a={place}", f"b={plain}", "-o", str(tmp_path / "out"), "-q"]) == 0
+    said = json_of(tmp_path / "out" / "comparison.json")
+    assert said["names"] == ["a lh", "a rh", "b lh", "b rh"]
+    assert all(row["a lh"] == row["b lh"] for row in said["table"])
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+    assert main(["compare", f"a={place.parent}", "-o", str(tmp_path / "out2")]) == 2
+    assert f"It is a BIDS dataset; name a subject of it: {place}." in capsys.readouterr().err
+
+
+def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
+    place = tmp_path / "sub-bert"
+    shutil.copytree(both[1], place)
+    files = [
+        file for file in sorted((place / "anat").iterdir())
+        if ("hemi-L" in file.name and (file.name.endswith(".gii") or "graph" in file.name))
+        or file.name.endswith(("hinges_morph.tsv", "provenance.json"))
+    ]  # fmt: skip
+    assert len(files) == 13
+    for file in files:
+        content = file.read_bytes()
+        file.write_bytes(content[: len(content) * 2 // 3])
+        with pytest.raises(ValueError, match=re.escape(str(file))):
+            read_subject(place)
+        file.unlink()
+        name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
+        with pytest.raises(FileNotFoundError, match=re.escape(name)):
+            read_subject(place)
+        file.write_bytes(content)
+    read_subject(place)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [("hemi", "xh", "'xh'"), ("transform", np.zeros((4, 4)).tolist(), "cannot be inverted"), ("maps", 3, "TypeError")],
+)
+def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, words):
+    place = tmp_path / "sub-bert"
+    shutil.copytree(both[1], place)
+    path = place / "anat" / "sub-bert_desc-morphofold_provenance.json"
+    said = json_of(path)
+    said["surfaces"][0][key] = value
+    path.write_text(json.dumps(said))
+    with pytest.raises(ValueError, match=f"provenance.json: not as `morphofold analyze` writes it .*{words}"):
+        read_subject(place)
+
+
+def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
+    place = tmp_path / "sub-bert"
+    for end in ("thickness.shape.gii", "seg-aparc_dseg.label.gii"):
+        shutil.copytree(both[1], place)
+        shutil.copy(written[2] / "anat" / f"sub-bert01_hemi-L_{end}", place / "anat" / f"sub-bert_hemi-L_{end}")
+        with pytest.raises(ValueError, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) values for 2562 vertices"):
+            read_subject(place)
+        shutil.rmtree(place)
+
+
+# the official validator -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def validate(tmp_path):
+    """Runs the validator on a dataset: codes and places of errors, codes of warnings, and the subjects it saw."""
+    where = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    command = shutil.which("bids-validator-deno", path=where)
+    if command is None:
+        pytest.skip("the BIDS validator is not installed: pip install bids-validator-deno")
+    quiet = {"DENO_DIR": str(tmp_path / "deno"), "DENO_NO_UPDATE_CHECK": "1", "NO_COLOR": "1"}
+
+    def run(dataset):
+        words = [command, str(dataset), "--format", "json"]
+        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **quiet}, check=False)
+        assert done.stdout.startswith("{"), done.stderr
+        said = json.loads(done.stdout)
+        issues = [(i["severity"], i["code"], i["location"]) for i in said["issues"]["issues"]]
+        return (
+            [(code, place) for severity, code, place in issues if severity == "error"],
+            {code for severity, code, _ in issues if severity != "error"}, said["summary"]["subjects"],
+        )  # fmt: skip
+
+    return run
+
+
+def test_the_official_validator_finds_no_error(written, validate, tmp_path):
+    dataset = tmp_path / "d"
+    shutil.copytree(written[1], dataset)
+    (dataset / "sub-bert01" / "figures").mkdir()
+    for name in ("report.html", "figures/H.png"):
+        (dataset / "sub-bert01" / name).write_text("as with a report")
+    errors, warnings, subjects = validate(dataset)
+    assert (errors, subjects) == ([], ["bert01"])
+    assert warnings <= {"TOO_FEW_AUTHORS"}                                   # which we cannot know
+    regions = dataset / "sub-bert01" / "anat" / "sub-bert01_hemi-L_seg-aparc_dseg.label.gii"
+    regions.rename(regions.with_name("sub-bert01_hemi-L_parcellation-aparc_dseg.label.gii"))
+    assert validate(dataset)[0]                                              # it looks at names, and at this one
+
+
 def test_a_pair_of_its_surfaces_is_read_as_a_cortex(written):
     _, _, place = written
     white, pial = (place / "anat" / f"sub-bert01_hemi-R_{kind}.surf.gii" for kind in ("white", "pial"))
@@ -120,9 +309,19 @@ def test_other_subjects_stay_and_the_same_one_is_replaced(tmp_path):
     (tmp_path / "d" / "sub-anna" / "anat" / "more.txt").unlink()
     write_dataset([made_measures("rh")], tmp_path / "d", "anna", report=False)
     assert sorted(p.name for p in (tmp_path / "d").iterdir()) == [
-        ".bidsignore", "dataset_description.json", "participants.tsv", "sub-anna", "sub-bert"]  # fmt: skip
+        ".bidsignore", "README.md", "dataset_description.json", "participants.tsv", "sub-anna", "sub-bert"]  # fmt: skip
     assert (tmp_path / "d" / "sub-bert" / "anat" / "more.txt").is_file()
     assert not list((tmp_path / "d" / "sub-anna").rglob("*hemi-L*"))
+
+
+def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
+    write_dataset([made_measures()], tmp_path / "d", "anna", report=False)
+    (tmp_path / "d" / ".bidsignore").write_text("*.html\nmine\n")
+    said = json_of(tmp_path / "d" / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
+    (tmp_path / "d" / "dataset_description.json").write_text(json.dumps(said))
+    write_dataset([made_measures()], tmp_path / "d", "bert", report=False)
+    assert json_of(tmp_path / "d" / "dataset_description.json") == said
+    assert (tmp_path / "d" / ".bidsignore").read_text() == "*.html\nmine\n"
 
 
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):

@@ -113,12 +113,11 @@ def test_simulate_refuses_missing_and_foreign_scene_files(here, capsys):
     assert not (here / "out").exists()
 
 
-def test_compare_says_what_to_do_with_a_subject_and_with_bids(here, capsys):
+def test_compare_says_what_to_do_with_a_subject_and_with_a_foreign_one_of_bids(here, capsys):
     (here / "bert" / "surf").mkdir(parents=True)
     refused(capsys, ["compare", "a=bert", "-o", "out"], "It is a subject: `morphofold analyze bert` first")
     (here / "sub-bert" / "anat").mkdir(parents=True)
-    (here / "sub-bert" / "anat" / "sub-bert_desc-morphofold_provenance.json").write_text("{}")
-    refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "BIDS layout; name an analysis that was written without")
+    refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "anat: holds no sub-NAME_desc-morphofold_provenance.json")
 
 
 def test_the_gyral_width_of_the_net_can_be_held(here):

@@ -19,6 +19,7 @@ from morphofold.io import (
     write_gifti_map,
     write_morph,
 )
+from morphofold.io.gifti import read_gifti_regions, write_gifti_regions
 from morphofold.surface import Regions
 
 
@@ -133,6 +134,34 @@ def test_regions_that_the_format_cannot_hold_are_refused(tmp_path, colours, labe
     with pytest.raises(ValueError, match=message):
         write_annotation(tmp_path / "a.annot", regions)
     assert os.listdir(tmp_path) == []
+
+
+def test_regions_come_back_from_gifti_whatever_their_names(tmp_path, fsaverage5):
+    names = ("???", "a&b <c>", "", *fsaverage5.regions.names[3:])
+    labels = np.where(fsaverage5.pial.verts[:, 2] > 0, fsaverage5.regions.labels, -1)
+    regions = Regions(labels, names, fsaverage5.regions.colours, "aparc")
+    write_gifti_regions(tmp_path / "lh.aparc.label.gii", regions)
+    again = read_gifti_regions(tmp_path / "lh.aparc.label.gii", "aparc")
+    assert (again.names, again.name) == (names, "aparc")
+    assert np.array_equal(again.labels, labels)
+    assert np.array_equal(again.colours, regions.colours)
+
+
+def test_a_gifti_without_whole_regions_is_refused(tmp_path):
+    regions = Regions(np.array([0, 1, -1]), ("front", "back"), np.zeros((2, 3), np.uint8))
+    path = tmp_path / "lh.a.label.gii"
+    write_gifti_regions(path, regions)
+    path.write_text(path.read_text().replace('Key="2"', 'Key="7"'))
+    with pytest.raises(ValueError, match="its table lacks 1 of its keys, the first is 2"):
+        read_gifti_regions(path)
+    path.write_text(path.read_text()[:-200])
+    with pytest.raises(ValueError, match=r"lh\.a\.label\.gii: is truncated, damaged, or not a GIFTI label file"):
+        read_gifti_regions(path)
+    write_gifti_map(path, np.ones(3))
+    with pytest.raises(ValueError, match="regions are one array with one key per vertex"):
+        read_gifti_regions(path)
+    with pytest.raises(ValueError, match=r"labels are -1\.\.1, allowed -1\.\.0"):
+        write_gifti_regions(path, Regions(regions.labels, ("front",), regions.colours[:1]))
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,23 @@ def test_workbench_finds_the_statistics_of_every_map(analysed, workbench):
     assert curv == pytest.approx(-m.maps["H"].min(), rel=1e-5)
 
 
+def test_workbench_opens_regions_and_mask_and_counts_their_vertices(average, workbench, tmp_path):
+    m, anat = average
+    regions, mask = (anat / f"sub-average_hemi-R_{end}.label.gii" for end in ("seg-aparc_dseg", "desc-cortex_mask"))
+    for file, key, name in ((regions, 1, m.cortex.regions.names[0]), (mask, 1, "cortex")):
+        said = workbench("-file-information", file)
+        assert (told(said, "Type"), told(said, "Structure")) == ("Label", "CortexRight")
+        assert int(told(said, "Number of Vertices")) == m.cortex.n_vertices
+        assert re.search(rf"^\s+0\s+\?\?\?\s.*\n\s+{key}\s+{name}\s", said, re.M)
+    for file, name, inside in (
+        (regions, "precuneus", m.cortex.regions.labels == m.cortex.regions.names.index("precuneus")),
+        (mask, "cortex", m.cortex.cortex),
+    ):
+        workbench("-gifti-label-to-roi", file, tmp_path / "roi.shape.gii", "-name", name)
+        count = float(workbench("-metric-stats", tmp_path / "roi.shape.gii", "-reduce", "SUM"))
+        assert count == np.count_nonzero(inside) > 0
+
+
 def test_workbench_finds_our_mean_thickness_within_the_cortex_label(average, workbench, tmp_path):
     m, anat = average
     file = anat / "sub-average_hemi-R_thickness.shape.gii"

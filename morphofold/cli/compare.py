@@ -8,7 +8,10 @@ from typing import Any
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("analyses", metavar="NAME=DIR", nargs="+", help="a folder that analyze wrote, and its name")
+    parser.add_argument(
+        "analyses", metavar="NAME=DIR", nargs="+",
+        help="a folder that analyze wrote, in the BIDS layout DATASET/sub-NAME, and its name",
+    )  # fmt: skip
     parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder (default: comparison)")
     parser.add_argument(
         "--group", metavar="GROUP=NAME,NAME", action="append", default=[],

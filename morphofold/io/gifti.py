@@ -1,4 +1,4 @@
-"""GIFTI surfaces and per-vertex maps, through nibabel.
+"""GIFTI surfaces, per-vertex maps and regions, through nibabel.
 
 GIFTI compresses its arrays, so its size says little about what it unpacks to: each array is first unpacked in
 a bounded way and held against the size that its header gives.
@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding
-from morphofold.surface import Faces, PerVertex, Surface, Verts
+from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding, existing_file
+from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
 _KINDS = {  # as Connectome Workbench calls them
@@ -59,6 +59,32 @@ def read_gifti_map(path: Path) -> PerVertex:
     if len(image.darrays) != 1 or len(values) != 1:
         raise ValueError(f"{path}: holds {_intents(image)}; a map has one array with one value per vertex.")
     return np.asarray(values[0], dtype=np.float64).reshape(-1)
+
+
+def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
+    """Regions of a GIFTI label file (``.label.gii``), in the order of their keys; key 0 stands for no region.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it is damaged, holds anything but one array of keys, or a key that its table lacks.
+    """
+    image = _load(existing_file(path, "label file"), "a GIFTI label file")
+    arrays = image.get_arrays_from_intent("NIFTI_INTENT_LABEL")
+    if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
+        raise ValueError(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
+    table = {label.key: label for label in image.labeltable.labels if label.key != 0}
+    keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
+    missing = np.setdiff1d(values, [0, *keys])
+    if missing.size:
+        raise ValueError(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")
+    shades = [[x or 0.0 for x in (table[k].red, table[k].green, table[k].blue)] for k in keys]
+    colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
+    names = tuple(getattr(table[k], "label", None) or "" for k in keys)  # nibabel leaves it out where it is empty
+    labels = np.where(values == 0, -1, np.searchsorted(keys, values))
+    return Regions(labels, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
 
 
 def _load(path: Path, what: str) -> Any:
@@ -164,16 +190,33 @@ def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, 
     _save(path, [array], _structure(path, hemi))
 
 
+def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
+    """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, is no region."""
+    from nibabel.gifti import GiftiDataArray, GiftiLabel, GiftiLabelTable
+
+    labels, count = np.asarray(regions.labels), len(regions.names)
+    if labels.ndim != 1 or labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
+        raise ValueError(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
+    table = GiftiLabelTable()
+    for key, (name, colour) in enumerate([("???", None), *zip(regions.names, regions.colours.tolist())]):
+        rgba = (1.0, 1.0, 1.0, 0.0) if colour is None else (*(x / 255 for x in colour), 1.0)
+        table.labels.append(GiftiLabel(key, *rgba))
+        table.labels[-1].label = name
+    keys, meta = (labels + 1).astype(np.int32), {"Name": regions.name}
+    array = GiftiDataArray(keys, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=meta)
+    _save(path, [array], _structure(path, hemi), table)
+
+
 def _structure(path: StrPath, hemi: str | None) -> dict[str, str]:
     hemi = hemi or Path(path).name[:2]
     return {"AnatomicalStructurePrimary": _STRUCTURE[hemi]} if hemi in _STRUCTURE else {}
 
 
-def _save(path: StrPath, arrays: list[Any], meta: dict[str, str]) -> None:
+def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
     if not os.fspath(path).endswith((".gii", ".gii.gz")):
         raise ValueError(f"{path}: a GIFTI file ends in .gii or .gii.gz.")
-    raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta)).to_bytes()
+    raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

@@ -1,0 +1,217 @@
+"""One hemisphere of a subject of a BIDS dataset: ``write_hemisphere`` and, back again, ``read_hemisphere``.
+
+Surfaces and gyral graph are in scanner coordinates where the cortex has a transform to them, ``curv`` has FreeSurfer's
+sign; reading undoes both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.graph_file import read_graph, write_graph
+from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_gifti_map
+from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
+from morphofold.report.quantities import quantity
+from morphofold.results import measures_of, strict_json, write_table
+from morphofold.surface import PerVertex, Regions, Surface, Verts
+
+SIDES = {"lh": "L", "rh": "R"}
+MAPS = {  # a map's name -> the end of its file's name
+    "H": "curv", "cortical_thickness": "thickness", "gyral_thickness": "desc-gyral_thickness", "area": "area",
+}  # fmt: skip
+INPUT = {"thickness": "mm", "curv": "1/mm", "sulc": "mm", "area": "mm^2"}   # maps that come with surfaces, their units
+CURV = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
+MISSING = "NaN where there is no value, as on the medial wall"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the files of a hemisphere are: ``anat/sub-NAME_hemi-L_...``."""
+
+    anat: Path
+    subject: str
+    hemi: str
+
+    def file(self, end: str) -> Path:
+        return self.anat / f"{self.subject}_hemi-{SIDES[self.hemi]}_{end}"
+
+    def say(self, end: str, **said: Any) -> None:
+        """Write the JSON file beside a map or the like."""
+        self.file(f"{end}.json").write_text(strict_json(said), encoding="utf-8")
+
+
+def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
+    """Surfaces, maps, regions, mask and graph; beside all but surfaces and graph a JSON file that says what it is."""
+    cortex, place = m.cortex, Place(anat, subject, m.cortex.hemi)
+    for kind, surface in (("white", cortex.white), ("pial", cortex.pial)):
+        there = surface
+        if cortex.transform is not None:
+            there = Surface(moved(surface.verts, cortex.transform), surface.faces, surface.name)
+        write_gifti_surface(
+            place.file(f"{kind}.surf.gii"), there, cortex.hemi, scanner=cortex.transform is not None
+        )
+    if cortex.inflated is not None:
+        write_gifti_surface(place.file("inflated.surf.gii"), replace(cortex.inflated, geometry=None), cortex.hemi)
+    for name, values in m.maps.items():
+        label, unit = (CURV, "1/mm") if name == "H" else (quantity(name).label, in_bids_letters(quantity(name).unit))
+        values = flip_curvature_sign(values) if name == "H" else values
+        _write_map(place, _map_end(name), values, Description=label, Units=unit, Missing=MISSING)
+    for name, values in cortex.maps.items():
+        known = {"Units": INPUT[name]} if name in INPUT else {}
+        _write_map(place, _input_end(name), values, Description=f"{name} as it came with the surfaces", **known)
+    on = f"bids::{subject}/anat/{place.file('white.surf.gii').name}"
+    if cortex.regions is not None:
+        _write_regions(place, cortex.regions, on)
+    if cortex.cortex is not None:
+        mask = Regions(np.where(cortex.cortex, 0, -1), ("cortex",), np.array([[255, 255, 255]], np.uint8), "cortex")
+        write_gifti_regions(place.file("desc-cortex_mask.label.gii"), mask, cortex.hemi)
+        what = "1 where the vertex is cortex, else 0"
+        place.say("desc-cortex_mask", Description=what, Type="ROI", SpatialReference=on)
+    if m.graph is not None:
+        write_graph(place.file("desc-graph_morph.json"), _moved_graph(m.graph, cortex.transform))
+
+
+def read_hemisphere(
+    entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], anat: Path, subject: str
+) -> Measures:
+    """What ``write_hemisphere`` wrote, with what the provenance and the tables say of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file of it is missing.
+    KeyError, TypeError
+        If the entry is none that ``morphofold`` wrote.
+    ValueError
+        If a file cannot be understood; the message names it.
+    """
+    place = Place(anat, subject, entry["hemi"])
+    back = None if entry["transform"] is None else _inverse(entry["transform"])
+
+    def surface(kind: str) -> Surface:
+        found = read_surface(place.file(f"{kind}.surf.gii"))
+        verts = found.verts if back is None or kind == "inflated" else moved(found.verts, back)
+        return Surface(verts, found.faces, f"{place.hemi}.{kind}")
+
+    white, regions, mask = surface("white"), None, None
+    n = len(white.verts)
+    if entry["annotation"] is not None:
+        regions = _read_regions(place.file(f"{_regions_end(entry['annotation'])}.label.gii"), n, entry["annotation"])
+    if entry["cortex_label"]:
+        mask = _read_regions(place.file("desc-cortex_mask.label.gii"), n, "cortex").labels == 0
+    maps = {name: _read_map(place.file(f"{_map_end(name)}.shape.gii"), n) for name in entry["maps"]}
+    maps |= {"H": flip_curvature_sign(maps["H"])} if "H" in maps else {}
+    found = measures_of(
+        entry, tables, white, surface("pial"),
+        inflated=surface("inflated") if entry["inflated"] else None,
+        cortex=mask,
+        regions=regions,
+        came_with={name: _read_map(place.file(f"{_input_end(name)}.shape.gii"), n) for name in entry["came_with"]},
+        maps=maps,
+        graph=_moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back) if entry["graph"] else None,
+    )  # fmt: skip
+    return replace(found, hinges=moved_rows(found.hinges, back))
+
+
+# elsewhere --------------------------------------------------------------------------------------------------
+
+
+def moved(verts: Verts, transform: np.ndarray) -> Verts:
+    """Points (N, 3) or (3,) where an affine (4, 4) takes them."""
+    return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
+
+
+def moved_rows(rows: list[dict[str, Any]], transform: np.ndarray | None) -> list[dict[str, Any]]:
+    """Rows of hinges where it takes their points."""
+    if transform is None:
+        return rows
+    return [row | dict(zip("xyz", moved(np.array([row[k] for k in "xyz"]), transform).tolist())) for row in rows]
+
+
+def _inverse(transform: Any) -> np.ndarray:
+    try:
+        return np.linalg.inv(np.array(transform, dtype=np.float64).reshape(4, 4))
+    except ValueError as error:  # singular, too
+        raise TypeError(f"its transform cannot be inverted, {error}") from None
+
+
+def _moved_graph(graph: Any, transform: np.ndarray | None) -> Any:
+    if transform is None:
+        return graph
+    there = graph.copy()
+    for _, node in there.nodes(data=True):
+        node |= {"position": moved(node["position"], transform), "normal": node["normal"] @ transform[:3, :3].T}
+    for _, _, edge in there.edges(data=True):
+        edge |= {"polyline": moved(edge["polyline"], transform)}
+    return there
+
+
+# names ------------------------------------------------------------------------------------------------------
+
+
+def in_bids_letters(unit: str) -> str:
+    """A unit in the letters that BIDS asks for."""
+    return unit.replace("²", "^2").replace("³", "^3") or "1"
+
+
+def _map_end(name: str) -> str:
+    """How the name of a map's file ends: ``desc-sulcalDepth_morph``."""
+    return MAPS.get(name, f"desc-{_joined(name)}_morph")
+
+
+def _input_end(name: str) -> str:
+    """The same for a map that came with the surfaces: ``desc-input_sulc``."""
+    return f"desc-input_{name}" if name in INPUT else f"desc-{_joined(f'input_{name}')}_morph"
+
+
+def _regions_end(name: str) -> str:
+    return f"seg-{_joined(name)}_dseg"
+
+
+def _joined(name: str) -> str:
+    """``shape_index`` as BIDS takes it: ``shapeIndex``."""
+    first, *rest = ("".join(c for c in word if c.isascii() and c.isalnum()) for word in name.split("_"))
+    return first + "".join(word[:1].upper() + word[1:] for word in rest)
+
+
+# maps and regions -------------------------------------------------------------------------------------------
+
+
+def _write_map(place: Place, end: str, values: PerVertex, **said: Any) -> None:
+    write_gifti_map(place.file(f"{end}.shape.gii"), values, name=end, nan=np.nan, hemi=place.hemi)
+    place.say(end, **said)
+
+
+def _read_map(path: Path, n: int) -> PerVertex:
+    values = read_morph(path)
+    _check_size(path, values, n)
+    return values
+
+
+def _write_regions(place: Place, regions: Regions, on: str) -> None:
+    """Regions, and what their keys stand for once more in a table, as BIDS has it."""
+    end = _regions_end(regions.name)
+    write_gifti_regions(place.file(f"{end}.label.gii"), regions, place.hemi)
+    named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)
+    rows = [{"index": key, "name": name, "color": "#{:02x}{:02x}{:02x}".format(*rgb)} for key, (name, rgb) in named]
+    rows.insert(0, {"index": 0, "name": "no region", "color": None})
+    write_table(place.file(f"{end}.tsv"), ("index", "name", "color"), rows)
+    what = f"Regions of the parcellation {regions.name}, one key per vertex"
+    place.say(end, Description=what, SpatialReference=on)
+
+
+def _read_regions(path: Path, n: int, name: str) -> Regions:
+    regions = read_gifti_regions(path, name)
+    _check_size(path, regions.labels, n)
+    return regions
+
+
+def _check_size(path: Path, values: np.ndarray, n: int) -> None:
+    if values.shape != (n,):
+        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
