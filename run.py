@@ -11,9 +11,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
-READY = ROOT / ".venv" / ".ready"
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": "[test,docs]"}     # of pyproject.toml, that a task needs
+SIZES = {"": 300, "[docs]": 320, "[test,docs]": 430}                             # MB to load
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
@@ -28,10 +29,13 @@ def main(words: list[str]) -> int:
     if not words or words[0] not in TASKS:
         return fail(f"name a task: {', '.join(TASKS)}.")
     os.chdir(ROOT)
-    if not READY.exists() or any(s.stat().st_mtime > READY.stat().st_mtime for s in SOURCES):
-        code = set_up()
+    extras = EXTRAS[words[0]]
+    ready = ROOT / ".venv" / f".ready{extras}"
+    if not ready.exists() or any(s.stat().st_mtime > ready.stat().st_mtime for s in SOURCES):
+        code = set_up(extras)
         if code:
             return code
+        ready.touch()
     for i, command in enumerate(TASKS[words[0]]):
         last = i == len(TASKS[words[0]]) - 1
         code = call([str(BIN / command[0]), *command[1:], *(words[1:] if last else [])])
@@ -40,9 +44,9 @@ def main(words: list[str]) -> int:
     return 0
 
 
-def set_up() -> int:
+def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
-    print("setting up .venv (once; downloads about 390 MB)", flush=True)
+    print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", flush=True)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
     uv = str(ROOT / ".tools" / "bin" / "uv")
     python = str(BIN / "python")
@@ -51,13 +55,12 @@ def set_up() -> int:
         [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, ".venv"],
         [
             *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
-            *["-c", "constraints.txt", "-e", ".[test,docs]"],
+            *["-c", "constraints.txt", "-e", f".{extras}"],
         ],
     ):
         code = call(command)
         if code:
             return fail(f"set-up failed at: {' '.join(command)}")
-    READY.touch()
     print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", flush=True)
     return 0
 

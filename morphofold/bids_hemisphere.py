@@ -17,9 +17,11 @@ from morphofold.analysis.measures import Measures
 from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_gifti_map
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
+from morphofold.records import strict_json
 from morphofold.report.quantities import quantity
-from morphofold.results import measures_of, strict_json, write_table
+from morphofold.results import measures_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
+from morphofold.tables import write_table
 
 SIDES = {"lh": "L", "rh": "R"}
 MAPS = {  # a map's name -> the end of its file's name
