@@ -46,7 +46,8 @@ def hinge_sensitivity(
         ``length`` (its name; empty in the first row, which changes nothing), ``factor``, ``mm``, ``n_hinges``,
         ``n_hinges_3``, ``n_hinges_4``, ``n_ends``, ``crest_length_mm`` of the net before its curves move onto the
         crowns, so a little less than that of ``measure``; ``kept``, the share of the unchanged net's hinges that are
-        within half a gyral width of one of these, and ``old``, the share of these within it of one of those. Empty if the surface has no folds.
+        within half a gyral width of one of these, and ``old``, the share of these within it of one of those. Empty if
+        the surface has no folds.
 
     Raises
     ------

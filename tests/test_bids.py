@@ -17,11 +17,11 @@ from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.measures import SCALARS
-from morphofold.bids import read_subject, write_dataset
 from morphofold.cli import main
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report.quantities import COLUMN_WORDS, SCALAR_WORDS
-from morphofold.results import COLUMNS, read_analysis, write_analysis
+from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
+from morphofold.results.bids import read_subject
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])

@@ -11,9 +11,8 @@ from made_simulations import harmonic, made_simulation
 
 from morphofold.analysis import vertex_areas
 from morphofold.analysis.measures import measure
-from morphofold.bids import write_dataset
 from morphofold.io import read_cortex, read_label, sample_path, write_gifti_map, write_surface
-from morphofold.results import write_analysis
+from morphofold.results import write_analysis, write_dataset
 from morphofold.simulation import freesurfer_maps
 
 quiet = pytest.mark.filterwarnings("ignore:.*:UserWarning:nibabel")      # a stage has no volume it came from

@@ -51,11 +51,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.bids import subject_place, write_dataset
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
-    from morphofold.results import refuse_place_of_inputs, write_analysis
+    from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
 
     set_threads(args.threads)

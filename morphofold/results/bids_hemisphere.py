@@ -19,7 +19,7 @@ from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_g
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
 from morphofold.records import strict_json
 from morphofold.report.quantities import quantity
-from morphofold.results import measures_of
+from morphofold.results.summary import measures_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 

@@ -14,11 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.bids_hemisphere import MISSING, in_bids_letters, moved_rows, read_hemisphere, write_hemisphere
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.records import strict_json
 from morphofold.report.quantities import column_words
-from morphofold.results import COLUMNS, WORDS, checked_inputs, summary_of
+from morphofold.results.bids_hemisphere import (
+    MISSING,
+    in_bids_letters,
+    moved_rows,
+    read_hemisphere,
+    write_hemisphere,
+)
+from morphofold.results.summary import COLUMNS, WORDS, checked_inputs, summary_of
 from morphofold.surface import Cortex
 from morphofold.tables import read_table, write_table
 

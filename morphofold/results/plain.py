@@ -1,0 +1,175 @@
+"""An analysis on disk in our own layout: ``write_analysis`` writes the folder of measures, ``read_plain`` reads it.
+
+The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page beside it, so
+it can be opened in other tools and compared without the files it was made from.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.regions import wide_table
+from morphofold.graph_file import read_graph, write_graph
+from morphofold.io import (
+    atomic_folder,
+    read_annotation,
+    read_label,
+    read_morph,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
+from morphofold.records import strict_json
+from morphofold.results.summary import COLUMNS, WORDS, checked_inputs, file_word, measures_of, summary_of
+from morphofold.surface import Cortex
+from morphofold.tables import read_table, write_table
+
+if TYPE_CHECKING:
+    pass
+
+
+
+
+def write_analysis(
+    measures: Sequence[Measures],
+    out: str | Path,
+    *,
+    inputs: Iterable[str | Path] = (),
+    parameters: Mapping[str, Any] | None = None,
+    report: bool = True,
+    stages: Sequence[Cortex] = (),
+    mgh: bool = False,
+    wide: bool = False,
+) -> Path:
+    """Write an analysis, whole or not at all.
+
+    Parameters
+    ----------
+    measures : sequence of Measures
+        One hemisphere, or a left and a right one.
+    out : str or path
+        Folder to write. One that an earlier run wrote is replaced; any other that is not empty is refused.
+    inputs : iterable of path
+        Files to record with their SHA-256 beside those the cortices name.
+    parameters : mapping, optional
+        Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
+    report : bool
+        Whether to draw figures/*.png and report.html.
+    stages : sequence of Cortex
+        Those of the one body that was measured, for the page to draw it as it grows.
+    mgh : bool
+        Whether to write the maps as MGH, too, beside those for FreeSurfer and in GIFTI.
+    wide : bool
+        Whether to write regions_wide.tsv, too: the region table as one row.
+
+    Returns
+    -------
+    out : Path
+
+    Raises
+    ------
+    ValueError
+        If there is no surface, two of one hemisphere, or ``out`` is, holds or lies in a subject the surfaces were
+        read from: writing would replace or fill it.
+    FileExistsError
+        If ``out`` holds something morphofold did not write.
+    """
+    records = checked_inputs(measures, out, inputs)
+    with atomic_folder(out) as folder:
+        for name in ("surf", "maps"):
+            (folder / name).mkdir()
+        for m in measures:
+            _write_surface(m, folder, mgh)
+        (folder / "summary.json").write_text(strict_json(summary_of(measures, records, parameters)), encoding="utf-8")
+        for name, columns in COLUMNS.items():
+            write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
+        if wide:
+            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), row)
+        if report:
+            from morphofold.report import analysis_report
+
+            grown = [Measures(cortex, {}, {}) for cortex in stages]
+            analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
+    return Path(out)
+
+
+def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
+    """Surfaces, labels, maps and net of one hemisphere."""
+    cortex, hemi = m.cortex, m.cortex.hemi
+    write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
+    write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
+    if cortex.inflated is not None:
+        write_surface(folder / "surf" / f"{hemi}.inflated", cortex.inflated)
+    for name, values in cortex.maps.items():
+        write_morph(folder / "surf" / f"{hemi}.{file_word(name)}", values, nan=0.0)
+    if cortex.regions is not None or cortex.cortex is not None:
+        (folder / "label").mkdir(exist_ok=True)
+    if cortex.regions is not None:
+        write_annotation(folder / "label" / f"{hemi}.{file_word(cortex.regions.name)}.annot", cortex.regions)
+    if cortex.cortex is not None:
+        _write_label(folder / "label" / f"{hemi}.cortex.label", cortex)
+    for name, values in m.maps.items():
+        write_morph(folder / "maps" / f"{hemi}.{file_word(name)}", values, nan=0.0)
+        write_gifti_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
+        if mgh:
+            write_morph(folder / "maps" / f"{hemi}.{file_word(name)}.mgh", values, nan=0.0)
+    if m.graph is not None:
+        (folder / "graph").mkdir(exist_ok=True)
+        write_graph(folder / "graph" / f"{hemi}.json", m.graph)
+
+
+def _write_label(path: Path, cortex: Cortex) -> None:
+    assert cortex.cortex is not None
+    vertices = np.flatnonzero(cortex.cortex)
+    lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
+    lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, cortex.white.verts[vertices])]
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def read_plain(folder: Path) -> list[Measures]:
+    """Read what ``write_analysis`` wrote; raises as :func:`morphofold.results.read_analysis` says."""
+    path = folder / "summary.json"
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        entries = list(summary["surfaces"])
+        tables = {name: read_table(folder / f"{name}.tsv", WORDS) for name in COLUMNS}
+        return [_read_surface(entry, tables, folder) for entry in entries]
+    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(
+            f"{path}: not a summary as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
+        ) from error
+
+
+def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
+    hemi, surf, label = entry["hemi"], folder / "surf", folder / "label"
+    if hemi not in ("lh", "rh"):  # it becomes part of file names below
+        raise ValueError(f"{folder / 'summary.json'}: hemi must be 'lh' or 'rh', got {hemi!r}.")
+    white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
+    n, regions = len(white.verts), None
+    if entry["annotation"] is not None:
+        regions = read_annotation(label / f"{hemi}.{file_word(entry['annotation'])}.annot")
+    return measures_of(
+        entry, tables, white, pial,
+        inflated=read_surface(surf / f"{hemi}.inflated") if entry["inflated"] else None,
+        cortex=read_label(label / f"{hemi}.cortex.label", n) if entry["cortex_label"] else None,
+        regions=regions,
+        came_with={name: read_morph(surf / f"{hemi}.{file_word(name)}") for name in entry["came_with"]},
+        maps={name: _sized(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n) for name in entry["maps"]},
+        graph=read_graph(folder / "graph" / f"{hemi}.json", n) if entry.get("graph") else None,
+    )  # fmt: skip
+
+
+def _sized(path: Path, n: int) -> np.ndarray:
+    values = read_morph(path)
+    if values.shape != (n,):
+        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
+    return values

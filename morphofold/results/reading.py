@@ -1,0 +1,80 @@
+"""Analyses read back, whichever layout they were written in: ``read_analysis``, ``read_stages``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from morphofold.analysis.measures import Measures
+from morphofold.records import input_records
+from morphofold.results.bids import read_subject
+from morphofold.results.plain import read_plain
+from morphofold.surface import Cortex
+
+
+def read_analysis(folder: str | Path) -> list[Measures]:
+    """Read what ``write_analysis`` wrote, or a subject that ``write_dataset`` wrote.
+
+    Maps come from GIFTI, so NaN is NaN again; coordinates and maps have the precision of float32.
+
+    Raises
+    ------
+    FileNotFoundError
+        If ``folder`` or a file in it is missing.
+    ValueError
+        If a file there cannot be understood; the message names it.
+    """
+    folder = Path(folder)
+    path = folder / "summary.json"
+    if not path.is_file() and (folder / "anat").is_dir():
+        return read_subject(folder)
+    if not path.is_file():
+        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote."
+        if folder.is_dir():
+            what = "holds no summary.json"
+            if (folder / "surf").is_dir():
+                how = f"It is a subject: `morphofold analyze {folder}` first, and name what that wrote."
+            elif (folder / "dataset_description.json").is_file():
+                names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
+                how = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{' ...' * (len(names) > 4)}."
+        raise FileNotFoundError(f"{folder}: {what}. {how}")
+    return read_plain(folder)
+
+
+def read_stages(folder: str | Path) -> list[Measures]:
+    """The analyses of the stages of one simulation: those in ``folder``/g1.20 and so on, in the order of their growth.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If one cannot be understood, or has two hemispheres.
+    """
+    folder = Path(folder)
+    parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
+    if not parts:
+        raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
+    stages = []
+    for part in parts:
+        found = read_analysis(part)
+        if len(found) != 1:
+            raise ValueError(f"{part}: has two hemispheres, so it is no stage of a simulation.")
+        stages += found
+    return stages
+
+
+def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
+    """Whether ``folder`` holds what this version wrote of the very files of ``cortex``, with these parameters."""
+    import morphofold
+
+    try:
+        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
+        known = {row["path"]: row["sha256"] for row in summary["inputs"]}
+        made_by, with_which = summary["morphofold"], summary["parameters"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # there is none, or none to be relied on
+        return False
+    files = {row["path"]: row["sha256"] for row in input_records(cortex.files)}
+    return (made_by, with_which, known) == (morphofold.__version__, dict(parameters), files)

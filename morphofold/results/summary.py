@@ -1,0 +1,125 @@
+"""What an analysis on disk says of itself, whatever its layout: names of tables, the summary, and measures from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.records import input_records
+from morphofold.surface import Cortex, PerVertex, Regions, Surface
+
+if TYPE_CHECKING:
+    import networkx as nx
+    from numpy.typing import NDArray
+
+COLUMNS = {
+    "regions": REGION_COLUMNS,
+    "crests": (
+        "hemi", "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm",
+        "mean_H_per_mm", "region", "altitude_mm", "strength_mm", "blind",
+    ),
+    "hinges": (
+        "hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region", "vertex",
+        "mean_arm_length_mm", "persistence_mm", "blind",
+    ),
+    "arms": (
+        "hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge", "altitude_mm",
+        "lowest_altitude_mm", "blind", "crest",
+    ),
+}  # fmt: skip
+WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
+NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
+
+
+def checked_inputs(
+    measures: Sequence[Measures], out: str | Path, inputs: Iterable[str | Path] = ()
+) -> list[dict[str, Any]]:
+    """Records of the files that an analysis is of; raises ``ValueError`` as ``write_analysis`` says."""
+    hemis = [m.cortex.hemi for m in measures]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise ValueError(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
+    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
+    refuse_place_of_inputs(Path(out), files)
+    return input_records(files)
+
+
+def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
+    """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
+    there = out.resolve()
+    for file in map(Path, files):
+        if not file.is_file():  # nothing here to lose
+            continue
+        folder = file.parent.resolve()
+        subject = folder.parent if folder.name in ("surf", "label") else None
+        place = subject or folder
+        if place.is_relative_to(there) or (subject is not None and there.is_relative_to(subject)):
+            how = "is" if there == place else "holds" if place.is_relative_to(there) else "lies in"
+            raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
+
+
+def summary_of(
+    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What summary.json holds: where the numbers come from, the scalars, and what is said of them."""
+    import morphofold
+
+    return {
+        "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
+        "nan": NAN_RULE, "surfaces": [_entry(m) for m in measures],
+    }  # fmt: skip
+
+
+def _entry(m: Measures) -> dict[str, Any]:
+    cortex = m.cortex
+    return {
+        "hemi": cortex.hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
+        "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
+        "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
+        "maps": sorted(m.maps), "came_with": sorted(cortex.maps),
+        "inflated": cortex.inflated is not None, "cortex_label": cortex.cortex is not None,
+        "graph": m.graph is not None,
+        "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
+        "files": list(cortex.files),
+    }  # fmt: skip
+
+
+def measures_of(
+    entry: Mapping[str, Any],
+    tables: Mapping[str, list[dict[str, Any]]],
+    white: Surface,
+    pial: Surface,
+    *,
+    inflated: Surface | None,
+    cortex: NDArray[np.bool_] | None,
+    regions: Regions | None,
+    came_with: Mapping[str, PerVertex],
+    maps: Mapping[str, PerVertex],
+    graph: nx.MultiGraph | None,
+) -> Measures:
+    """Measures from what the summary says of a surface, the tables of both, and what was read of its own files."""
+    own = {name: [row for row in rows if row["hemi"] == entry["hemi"]] for name, rows in tables.items()}
+    return Measures(
+        Cortex(
+            white, pial, entry["hemi"], str(entry["name"]), came_with, cortex, regions, inflated,
+            origin=str(entry["origin"]), units=str(entry["units"]),
+            transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
+            portion=float(entry["portion"]), info=dict(entry["info"]), files=tuple(map(str, entry["files"])),
+        ),
+        dict(entry["measures"]), maps, own["regions"], own["crests"], own["hinges"], own["arms"],
+        parameters=dict(entry["parameters"]), notes=dict(entry["notes"]), graph=graph,
+    )  # fmt: skip
+
+
+def file_word(name: str) -> str:
+    """A map's or annotation's name, refused if it cannot be part of a file name."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
+        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
+    return name
