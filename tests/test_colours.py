@@ -62,3 +62,28 @@ def test_limits_are_the_quantity_own_when_they_suit_and_rounded_percentiles_when
 def test_an_unknown_map_is_described_by_its_name():
     got = quantity("bending_per_mm2", [np.linspace(-1, 2, 99)])
     assert (got.label, got.unit, got.signed) == ("Bending", "1/mm²", True)
+
+
+#: what is left of linear RGB to protanopes and deuteranopes: Machado, Oliveira, Fernandes 2009 (IEEE TVCG 15)
+SIGHT = {
+    "normal": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+}
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+def test_colours_of_surfaces_stay_apart_for_every_eye(sight):
+    """By distance in OKLab: 0.02 is just seen, 1 lies between black and white; amber and vermilion had 0.004."""
+    rgb = np.array([colours.rgb_of(c) for c in colours.CATEGORICAL]) / 255
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ np.transpose(SIGHT[sight])
+    cones = np.cbrt(np.clip(linear, 0, 1) @ np.transpose([
+        [0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]))  # fmt: skip
+    lab = cones @ np.transpose([
+        [0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ])  # fmt: skip
+    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lab), 1)]
+    assert apart.min() > 0.09

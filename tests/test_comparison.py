@@ -66,6 +66,18 @@ def test_crests_stand_in_for_regions():
     assert cloud.fit.slope == pytest.approx(2.5)
 
 
+def test_crests_of_a_medial_wall_are_no_points():
+    m = made_measures(regions=False)                                       # its cortex is 2.5 mm thick
+    for number, thickness in enumerate((0.1, 1.2, 1.3)):
+        m.crests.append({"crest": number, "cortical_thickness_mm": thickness, "gyral_thickness_mm": 5.0})
+    assert [p.cortical for p in thickness_cloud(m).points] == [1.3]
+
+
+def test_mirror_images_are_remarked_on():
+    assert not any("mirror" in note for note in compare({"a": made_measures()}).notes)
+    assert any("a: a part was simulated" in note for note in compare({"a": made_measures(portion=0.125)}).notes)
+
+
 def test_regions_of_one_surface_are_not_set_beside_crests_of_another():
     model, brain = made_measures(regions=False), made_measures("rh")
     for m in (model, brain):

@@ -164,6 +164,30 @@ def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
     assert "The right hemisphere, measured" in drawn([made_measures("rh")])[0]
 
 
+def test_the_methods_say_what_was_done_to_which_surface(drawn):
+    info = {"g": 2.0, "law": "isotropic", "mu_ratio": 4.0}
+    model = replace(made_measures(origin="simulation", info=info), parameters={"curvature_scale_mm": 9.4})
+    brain = [replace(made_measures(hemi), parameters={"curvature_scale_mm": mm, "cortical_thickness_cap_mm": 5.0})
+             for hemi, mm in (("lh", 3.901), ("rh", 3.899))]  # fmt: skip
+    text, _, _ = drawn({"model": model, "MRI": brain})
+    said = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "within 3.9 or 9.4 mm" in said
+    assert "each 5 mm at most in FreeSurfer&#39;s subjects" in said                # the model has no bound
+    assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in said
+    assert said.count("Chen X, Hutchinson JW") == 1
+    alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "each 5 mm at most (Fischl" in alone
+    assert not re.search("grown|Chen|in FreeSurfer", alone)
+
+
+def test_a_comparison_has_the_tables_of_its_surfaces(drawn):
+    text = drawn({"a": made_measures(), "b": made_measures("rh")})[0]
+    assert re.findall(r'<table class="numbers sortable" data-name="([^"]*)"', text)[0] == "measures"
+    for name in ("a", "b"):
+        assert f"Regions of {name}, 3" in text
+        assert f"Hinges of {name}, 1" in text
+
+
 @pytest.mark.parametrize(("portion", "words"), [(0.125, "One eighth"), (0.25, "A quarter"), (0.3, "0.3")])
 def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portion, words):
     assert f"{words} of the closed surface" in drawn([made_measures(portion=portion)])[0]

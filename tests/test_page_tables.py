@@ -31,4 +31,4 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
         assert lines[1][2] == "1234.56789"
         assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
         tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
-        assert tables == ["lh-regions", "lh-hinges"]
+        assert tables == ["measures", "lh-regions", "lh-hinges"]

@@ -291,3 +291,19 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
         or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
     ]  # fmt: skip
     assert wrong == []
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_surfaces_are_in_sight_on_the_first_screen_of_a_laptop(count, tmp_path, plain_pictures):
+    """At 1280 x 720 most of the first row of surfaces is seen without scrolling, however much is remarked on."""
+    surfaces = {}
+    for k in range(count):
+        m = made_measures(name=f"subject {k}")
+        m.notes.update(cortex_mask=f"no label came with surface {k}.", average=f"surface {k} is an average.")
+        surfaces[m.cortex.name] = m
+    page = compare(surfaces).report(tmp_path / "out")
+    with opened(page, tmp_path / "profile", "viewer") as tab:
+        tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
+        tab.frame()
+        box = tab.js("document.getElementById('panel-0').getBoundingClientRect().toJSON()")
+        assert 720 - box["top"] > 0.7 * box["height"], box

@@ -37,7 +37,7 @@ NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "k of the law of folding": _k,
     "hinges per gyral width²": _hinges,
     "gyral over cortical thickness": lambda m: thickness_ratios(m)[0],
-    "gyral over cortical thickness at crests": lambda m: thickness_ratios(m)[1],
+    "gyral over cortical, at crests": lambda m: thickness_ratios(m)[1],
     "wavelength over cortical thickness": _wavelength,
 }
 

@@ -148,6 +148,17 @@ def compare(
     for name, cloud in zip(named, clouds):
         if not cloud.points:
             notes.append(f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two.")
+    by_kind = zip(named, named.values(), clouds)
+    if crests := [name for name, m, cloud in by_kind if cloud.kind == "crest" and m.regions]:
+        notes.append(
+            f"{_listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
+            "All measures."
+        )
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        notes.append(
+            f"{_listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
+            "as further evidence: they are too narrow, and too small."
+        )
     if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
         notes.append(
             f"{_listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "

@@ -95,11 +95,13 @@ def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
 def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest")) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
-    One point per region where there are regions with both thicknesses; else one per crest; else one for the
-    whole surface (median gyral, mean cortical thickness). ``by``: which of the two are tried. Without regions, bins of
-    vertices with equal counts by cortical thickness show the spread (median and quartiles). The line is fitted to at
-    least three regions or crests, never to bins: their vertices are not independent.
+    One point per region where there are regions with both thicknesses; else one per crest; else one for the whole
+    surface (median gyral, mean cortical thickness). Crests whose cortex is less than half as thick as the surface's are
+    left out: they lie on a medial wall that was not marked out. ``by``: which of the two are tried. Without regions,
+    bins of vertices with equal counts by cortical thickness show the spread (median and quartiles). The line is fitted
+    to at least three regions or crests, never to bins: their vertices are not independent.
     """
+    thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
     rows_of = {"region": measures.regions, "crest": measures.crests}
     for kind in by:
         points = tuple(
@@ -110,6 +112,7 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
             )
             for row in rows_of[kind]
             if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
+            and (kind == "region" or row["cortical_thickness_mm"] >= thinnest)
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _bins(measures), fit_line(points))

@@ -14,7 +14,7 @@ from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import matching_growth
 from morphofold.report.plots import number
-from morphofold.report.quantities import CREST_RATIO, HEADLINES, RATIO, scalar_words
+from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -79,20 +79,16 @@ def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str
 
 
 def verdict(comparison: Comparison) -> list[str]:
-    """The result in a sentence: gyral over cortical thickness, and what linear theory puts beside it."""
-    ratio, at_crests = (next(r for r in comparison.table if r["measure"] == key) for key in (RATIO, CREST_RATIO))
-    known = [
-        f"{number(ratio[name])} in {name}" + (f" ({number(at_crests[name])} at its crests)" if at_crests[name] else "")
-        for name in comparison.names
-        if ratio[name] is not None
-    ]
-    if not known:
+    """What linear theory says to the ratio of gyral to cortical thickness, if a stiffness is known."""
+    if not comparison.theory or all(t is None for t in next(
+        [row[name] for name in comparison.names] for row in comparison.table if row["measure"] == RATIO
+    )):
         return []
-    said = f"Width of a gyrus over thickness of the cortex: {'; '.join(known)}."
-    if comparison.theory:
-        theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
-        said += f" Linear wrinkling theory puts the wavelength, gyrus and sulcus together, at {theory}."
-    return [said]
+    theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
+    return [
+        f"Over the cortical thickness, too, linear theory puts the wavelength of first wrinkles, gyrus and sulcus "
+        f"together, at {theory}."
+    ]
 
 
 def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:

@@ -28,7 +28,7 @@ from morphofold.report.contents import Entry
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.layers import net_of
-from morphofold.report.methods import REFERENCES, methods
+from morphofold.report.methods import methods
 from morphofold.report.net_picture import net_figure, net_row
 from morphofold.report.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
 from morphofold.report.png import halved, png_bytes
@@ -64,7 +64,7 @@ def analysis_report(
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    return _write(comparison, Path(path), "Analysis", title, lede, inputs, with_tables=True)
+    return _write(comparison, Path(path), "Analysis", title, lede, inputs)
 
 
 def comparison_report(
@@ -79,7 +79,7 @@ def comparison_report(
 
 
 def _write(
-    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, with_tables: bool = False,
+    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Path:  # fmt: skip
     entries = _entries(comparison)
@@ -94,6 +94,7 @@ def _write(
     progress("packing surfaces", 0.65)
     viewer, blocks = _viewer(entries, thinned, shown)
     progress("drawing charts and hinges", 0.75)
+    paragraph, references = methods(comparison, contents.versions()[0][1])
     templates = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = plots.environment().get_template("report.html").render(
@@ -104,8 +105,7 @@ def _write(
         warnings=contents.warnings(entries), cautions=contents.cautions(entries, comparison),
         plot_notes=contents.plot_notes(comparison),
         bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
-        tables=contents.tables(entries) if with_tables else [], references=REFERENCES,
-        methods=methods(comparison.measures, contents.versions()[0][1]),
+        tables=contents.tables(entries), methods=paragraph, references=references,
         parameters=contents.parameters(entries),
         facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
         charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),

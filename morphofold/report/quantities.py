@@ -61,13 +61,13 @@ SCALAR_WORDS = {
     "crest_length_mm": ("Length of crests", "mm"),
     "gyral_to_cortical_slope": ("Slope, gyral on cortical thickness", "mm/mm"),
     "gyral_to_cortical_r": ("Correlation, gyral with cortical thickness", ""),
-    "gyral_to_cortical_slope_robust": ("The same, median over pairs of regions", "mm/mm"),
-    "gyral_to_cortical_slope_low": ("Its lower bound, 95 %", "mm/mm"),
-    "gyral_to_cortical_slope_high": ("Its upper bound, 95 %", "mm/mm"),
+    "gyral_to_cortical_slope_robust": ("Robust slope, median over pairs of regions", "mm/mm"),
+    "gyral_to_cortical_slope_low": ("Robust slope, lower bound, 95 %", "mm/mm"),
+    "gyral_to_cortical_slope_high": ("Robust slope, upper bound, 95 %", "mm/mm"),
     "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
     "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
-    CREST_RATIO: ("The same at crests, median", ""),
+    CREST_RATIO: ("Gyral / cortical at crests", ""),
 }
 #: what the columns of the tables hold, where SCALAR_WORDS and a column's own name do not say enough
 COLUMN_WORDS = {
@@ -106,7 +106,8 @@ COLUMN_WORDS = {
     "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
 }
 HEADLINES = (
-    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
+    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, CREST_RATIO,
+    "mean_sulcal_depth_mm",
 )  # fmt: skip
 
 _UNITS = (
