@@ -56,7 +56,7 @@ class Entry:
         cortex = self.measures.cortex
         side = "" if cortex.origin == "simulation" else cortex.hemi
         facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
-        if "g" in cortex.info:
+        if "g" in cortex.info and not cortex.name.endswith(f"g{cortex.info['g']:.2f}"):
             facts.append(f"growth {_word(cortex.info['g'])}")
         return " · ".join(f for f in facts if f)
 
