@@ -113,6 +113,21 @@ class Tab:
         )
 
 
+def assert_quiet(tab):
+    """Nothing was fetched but the page itself, and nothing it did was complained about."""
+    tab.frame()
+    asked = [e["params"]["request"]["url"] for e in tab.events if e.get("method") == "Network.requestWillBeSent"]
+    assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
+    assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
+    wrong = [
+        e for e in tab.events
+        if e.get("method") == "Runtime.exceptionThrown"
+        or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
+        or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
+    ]  # fmt: skip
+    assert wrong == []
+
+
 @contextmanager
 def opened(page, profile, script):
     """The page at a path, open in a browser of its own; ``script`` is the word its document has once that runs."""

@@ -5,10 +5,11 @@ from dataclasses import replace
 import networkx as nx
 import numpy as np
 import pytest
-from browser import needs_browser, opened
+from browser import assert_quiet, needs_browser, opened
 from made_measures import made_measures
 
 from morphofold.comparison import compare
+from morphofold.report import analysis_report
 from morphofold.surface import Surface
 
 pytestmark = needs_browser
@@ -63,6 +64,15 @@ def tab(tmp_path_factory, plain_pictures):
 def coloured(pixels):
     """How many of the samples are neither white nor grey."""
     return int((np.ptp(pixels, axis=1) > 20).sum())
+
+
+def slide(tab, k, g):
+    """Move the slider of growth to its place k, where the first body is shown at growth g."""
+    tab.js(f"(s => {{ s.value = {k}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))")
+    for _ in range(50):                                                 # a stage is unpacked when it is first asked for
+        if tab.frame()["growth"].split(",")[0] == g:
+            return
+    pytest.fail("the stage was not shown")
 
 
 def test_every_surface_is_drawn(tab):
@@ -217,17 +227,11 @@ def test_one_hemisphere_is_shown_beside_the_model(tab):
 
 
 def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
-    slide = "(s => {{ s.value = {}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))"
     area = lambda: int((tab.pixels().reshape(64, 64, 3)[:, :21].min(axis=2) < 240).sum())
     full = area()
     assert tab.frame()["growth"].split(",")[0] == "2"
     for k, g in ((0, 1.0), (1, 1.5), (2, 2.0)):
-        tab.js(slide.format(k))
-        for _ in range(50):                                             # a stage is unpacked when it is first asked for
-            if tab.frame()["growth"].split(",")[0] == f"{g:g}":
-                break
-        else:
-            pytest.fail("the stage was not shown")
+        slide(tab, k, f"{g:g}")
         assert tab.js("document.getElementById('growth-now').textContent") == f"g = {g:g}"
         assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
         pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
@@ -280,14 +284,20 @@ def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
 
 def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
     """Last, so that it hears what every test above set off."""
-    tab.frame()
-    asked = [e["params"]["request"]["url"] for e in tab.events if e.get("method") == "Network.requestWillBeSent"]
-    assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
-    assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
-    wrong = [
-        e for e in tab.events
-        if e.get("method") == "Runtime.exceptionThrown"
-        or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
-        or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
-    ]  # fmt: skip
-    assert wrong == []
+    assert_quiet(tab)
+
+
+def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pictures):
+    """Every control of the page is used once."""
+    left = with_net(made_measures("lh", info={"g": 2.0}))
+    page = analysis_report(
+        [left, made_measures("rh")], tmp_path / "report.html", stages=[shrunk(left, g) for g in (1.0, 1.5)]
+    )
+    with opened(page, tmp_path / "profile", "viewer") as tab:
+        assert tab.frame()["growth"] == "2,"                                # the right one does not grow
+        tab.js("document.querySelectorAll('#viewer .tools input, #viewer .tools button').forEach(b => b.click())")
+        slide(tab, 1, "1.5")
+        tab.js("document.querySelectorAll('button.sort').forEach(b => b.click())")
+        said = tab.frame()
+        assert [said[key] for key in ("viewer", "tables", "crests", "hinges")] == ["ready", "ready", "true", "true"]
+        assert_quiet(tab)
