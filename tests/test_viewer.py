@@ -111,6 +111,16 @@ def test_signed_limits_stay_symmetric_and_can_be_reset(tab):
     assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.3, 0.3]
 
 
+def test_an_emptied_limit_keeps_the_one_before(tab):
+    read = "['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))"
+    for key, before in (("cortical_thickness", [1, 5]), ("H", [-0.3, 0.3])):
+        tab.js(f"document.querySelector('input[value={key}]').click()")
+        for end in ("low", "high"):
+            field = f"document.getElementById('bar-{end}')"
+            tab.js(f"{field}.value = ''; {field}.dispatchEvent(new Event('change'))")
+            assert tab.js(read) == before
+
+
 def test_the_surface_switch_draws_another_surface(tab):
     before = tab.pixels()
     tab.js("document.querySelector('input[name=surface][value=white]').click()")

@@ -357,7 +357,7 @@ for (const r of document.querySelectorAll("input[name=side]")) r.addEventListene
 });
 for (const r of document.querySelectorAll("input[name=surface]")) r.addEventListener("change", () => { state.surface = r.value; redraw(); });
 for (const [id, k] of [["bar-low", 0], ["bar-high", 1]]) $(id).addEventListener("change", (e) => {
-  const v = Number(e.target.value), l = limits[state.map], next = l.slice();
+  const v = e.target.valueAsNumber, next = limits[state.map].slice();        // NaN: the field is empty
   next[k] = v;
   const map = config.maps.find((m) => m.key === state.map);
   if (map.signed) { next[0] = -Math.abs(v); next[1] = Math.abs(v); }
