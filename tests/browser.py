@@ -18,6 +18,7 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run",
     "--disable-sync", "--disable-component-update", "--disable-quic", "--disable-extensions", "--hide-scrollbars",
+    "--disable-smooth-scrolling",
     "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*",
 )  # fmt: skip
 """Software GL, and no conversation with anyone but the test."""

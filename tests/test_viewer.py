@@ -66,6 +66,14 @@ def coloured(pixels):
     return int((np.ptp(pixels, axis=1) > 20).sum())
 
 
+def click(tab, panel):
+    """Click into the middle of a panel."""
+    x, y = tab.middle_of(panel)
+    for kind in ("mousePressed", "mouseReleased"):
+        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    tab.frame()
+
+
 def slide(tab, k, g):
     """Move the slider of growth to its place k, where the first body is shown at growth g."""
     tab.js(f"(s => {{ s.value = {k}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))")
@@ -155,22 +163,34 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
     tab.frame()
 
 
-def test_the_wheel_zooms_and_the_ruler_follows(tab):
+def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
+    """The ruler follows the zoom."""
     width = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
-    before = tab.js(width)
-    tab.js("document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', {deltaY: -300, cancelable: true}))")
-    tab.frame()
-    assert tab.js(width) == pytest.approx(before * np.exp(0.45), rel=0.02)
-    tab.js("document.getElementById('reset').click()")
+    def wheel(by, modifiers=0):
+        """How far the page went and how many times larger the surfaces are."""
+        before = tab.js(f"[scrollY, {width}]")
+        x, y = tab.middle_of("panel-0")
+        tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=by, modifiers=modifiers)
+        for _ in range(100):
+            tab.frame()
+            if (after := tab.js(f"[scrollY, {width}]")) != before:
+                break
+        return after[0] - before[0], after[1] / before[1]
+
+    larger = pytest.approx(np.exp(0.15), rel=0.02)
+    tab.js("document.activeElement.blur()")
+    assert wheel(100) == (100, 1)
+    assert wheel(-100) == (-100, 1)
+    assert wheel(-100, modifiers=2) == (0, larger)                          # with ctrl
+    click(tab, "panel-0")
+    assert wheel(-100) == (0, larger)
+    tab.js("document.activeElement.blur(); document.getElementById('reset').click()")
     tab.frame()
 
 
 def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     m = made_measures("lh")
-    x, y = tab.middle_of("panel-1")
-    for kind in ("mousePressed", "mouseReleased"):
-        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-    tab.frame()
+    click(tab, "panel-1")
     shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
     labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
     said = dict(zip(labels, shown))

@@ -323,7 +323,11 @@ stage.addEventListener("pointerup", (e) => {
   drag = null;
 });
 stage.addEventListener("pointercancel", () => { drag = null; });
-stage.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
+stage.addEventListener("wheel", (e) => {
+  if (document.activeElement !== stage && !e.ctrlKey && !e.metaKey) return;      // the page scrolls
+  e.preventDefault();
+  zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015)));
+}, { passive: false });
 stage.addEventListener("keydown", (e) => {
   if (e.ctrlKey || e.metaKey || e.altKey) return;               // those are the browser's
   const step = 0.12, act = {
