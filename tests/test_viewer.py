@@ -15,6 +15,7 @@ from morphofold.surface import Surface
 pytestmark = needs_browser
 SMALL = 0.8
 LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
+OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}      # hinges by number, mm; the last on the other side
 
 
 def shrunk(m, g):
@@ -38,7 +39,10 @@ def with_net(m):
         graph.add_node(k + 1, position=36 * line[-1], normal=out, degree=1, vertex=vertex)
         graph.add_edge(LATERAL, k + 1, polyline=36 * line, number=k)
     x, y, z = verts[vertex]
-    return replace(m, graph=graph, hinges=[{**m.hinges[0], "x": x, "y": y, "z": z, "hinge": LATERAL, "blind": 0}])
+    hinges = [{**m.hinges[0], "x": x, "y": y, "z": z, "hinge": LATERAL, "blind": 0}]
+    for number, (x, y, z) in OTHERS.items():
+        hinges.append({**m.hinges[0], "x": x, "y": y, "z": z, "hinge": number, "degree": 4, "blind": 0})
+    return replace(m, graph=graph, hinges=hinges)
 
 
 def small(m):
@@ -246,6 +250,32 @@ def test_a_click_on_a_hinge_reads_it(tab):
     assert said["Arms"] == "8.00, 8.00, 8.00 mm"
     tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
     tab.frame()
+
+
+def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
+    names = "[...document.querySelectorAll('#panel-1 .values dt')].filter(d => d.textContent === 'Hinge')"
+
+    def press(key, shift="false"):
+        keydown = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
+        tab.js(f"document.getElementById('stage').dispatchEvent({keydown})")
+        tab.frame()
+        return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
+
+    assert press("n") == []                                                 # not shown
+    tab.js("document.getElementById('hinges').click()")
+    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]       # from the middle outwards, around
+    assert [press(key) for key in "pp"] == [[7], [8]]
+    assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
+    place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
+    before = np.array(tab.js(place))
+    for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
+        assert press(key, shift="true") == [8]
+        np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
+    assert tab.frame()["view"] == "lateral"                                 # not turned
+    tab.js("document.querySelector('[data-look=medial]').click()")
+    assert press("n") == [9]
+    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
+    assert press("p") == []
 
 
 def test_one_hemisphere_is_shown_beside_the_model(tab):
