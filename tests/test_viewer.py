@@ -299,6 +299,21 @@ def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
     tab.js("document.getElementById('reset').click()")
 
 
+def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_the_switch(tab):
+    names = lambda: tab.js("[...document.querySelectorAll('.panel .name')].map(p => p.textContent)")
+    choose = "document.querySelector('input[name=surface][value={}]').click()"
+    slide(tab, 1, "1.5")
+    assert names() == ["model (shown at g = 1.5)", "MRI lh", "MRI rh"]
+    tab.js(choose.format("inflated"))                                       # which a stage does not have
+    tab.frame()
+    assert names()[0] == "model (shown at g = 1.5; pial: has no inflated surface)"
+    assert names()[1:] == ["MRI lh", "MRI rh"]
+    slide(tab, 2, "2")
+    assert names() == ["model", "MRI lh", "MRI rh"]
+    tab.js(choose.format("pial"))
+    tab.frame()
+
+
 def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)"
     tab.js("document.getElementById('hinges').click(); document.querySelector('input[name=side][value=rh]').click()")

@@ -182,13 +182,19 @@ function draw() {
     gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
     triangles += panel.faces.length / 3;
     if (panel.net && panel.now === panel.final) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
-    ruler(panel, perPx); mark(panel, perPx);
+    ruler(panel, perPx); mark(panel, perPx); remark(panel);
   }
   gl.bindVertexArray(null);
   root.dataset.triangles = triangles;
   root.dataset.growth = panels.map((p) => p.now.g).join();
   root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
+}
+function remark(panel) {                       // behind its name, where it is not shown as chosen or as named
+  const said = [];
+  if (panel.now !== panel.final) said.push("shown at g = " + panel.now.g);
+  if (!panel.now.shapes[state.surface]) said.push("pial: has no " + state.surface + " surface");
+  panel.box.querySelector(".remark").textContent = said.length ? " (" + said.join("; ") + ")" : "";
 }
 let pending = false;
 const redraw = () => { if (!pending) { pending = true; requestAnimationFrame(draw); } };
