@@ -332,6 +332,30 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     tab.frame()
 
 
+def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_sight(tmp_path, plain_pictures):
+    one = with_net(made_measures())
+    one.arms[:] = [{**one.arms[0], "arm": k, "angle_deg": 72.5 * k, "length_mm": 12.5} for k in range(5)]
+    pair = [one, made_measures("rh")]
+    boxes = (
+        "['', ' .name', ' .values', ' .ruler'].map(part => document.querySelector('#panel-0' + part))"
+        ".map(e => e.getBoundingClientRect().toJSON())"
+    )
+    several = ({"a": pair}, {"a": pair, "b": one}, {"a": pair, "b": pair})
+    pages = [compare(shown).report(tmp_path / str(k)) for k, shown in enumerate(several)]
+    with opened(analysis_report([one], tmp_path / "report.html"), tmp_path / "profile", "viewer") as tab:
+        tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
+        for page in (None, *pages):                                         # of one panel, two, three and four
+            if page:
+                tab.go(page, "viewer")
+            tab.js("document.getElementById('hinges').click()")
+            tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'n'}))")
+            tab.frame()
+            panel, name, values, ruler = tab.js(boxes)
+            assert name["bottom"] <= values["top"] < values["bottom"] < ruler["top"]
+            assert panel["left"] < values["left"] < values["right"] < panel["right"]
+            assert values["height"] < panel["height"] / 3
+
+
 def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
     assert "Fischl and Dale 2000" in tab.js("document.getElementById('methods').value")
     tab.js("document.querySelector('[data-copy]').click()")

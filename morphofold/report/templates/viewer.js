@@ -276,8 +276,8 @@ function describe(panel) {
   box.replaceChildren();
   if (i < 0) return;
   const line = (label, text) => {
-    const dt = document.createElement("dt"), dd = document.createElement("dd");
-    dt.textContent = label; dd.textContent = text; box.append(dt, dd);
+    const [pair, dt, dd] = ["div", "dt", "dd"].map((tag) => document.createElement(tag));
+    dt.textContent = label; dd.textContent = text; pair.append(dt, dd); box.append(pair);
   };
   if (panel.hinge && hingesShown(panel)) for (const [label, text] of panel.hinge.lines) line(label, text);
   line("Vertex", String(panel.ids[i]));
