@@ -401,7 +401,6 @@ $("bar-reset").addEventListener("click", () => {
   showMap(state.map);
 });
 window.addEventListener("resize", redraw);
-window.addEventListener("beforeprint", draw);
 canvas.addEventListener("webglcontextlost", () => fail("the graphics driver dropped the view; reload the page"));
 look("lateral");
 showMap(state.map);
