@@ -18,6 +18,7 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run",
     "--disable-sync", "--disable-component-update", "--disable-quic", "--disable-extensions", "--hide-scrollbars",
+    "--disable-smooth-scrolling",
     "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*",
 )  # fmt: skip
 """Software GL, and no conversation with anyone but the test."""
@@ -111,6 +112,21 @@ class Tab:
             "for (let i = 0; i < p.length; i += 4) if (want.every((w, k) => Math.abs(p[i + k] - w) < 4)) "
             "n[Math.floor(3 * (i / 4 % d.width) / d.width)]++; return n; })()"
         )
+
+
+def assert_quiet(tab):
+    """Nothing was fetched but the page itself, and nothing it did was complained about."""
+    tab.frame()
+    asked = [e["params"]["request"]["url"] for e in tab.events if e.get("method") == "Network.requestWillBeSent"]
+    assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
+    assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
+    wrong = [
+        e for e in tab.events
+        if e.get("method") == "Runtime.exceptionThrown"
+        or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
+        or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
+    ]  # fmt: skip
+    assert wrong == []
 
 
 @contextmanager

@@ -32,3 +32,26 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
         assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
         tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
         assert tables == ["measures", "lh-regions", "lh-hinges"]
+
+
+@needs_browser
+def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path, plain_pictures):
+    m = made_measures("lh")
+    m.hinges.extend(60 * m.hinges)
+    page = analysis_report([m], tmp_path / "report.html")
+    details = "[...document.querySelectorAll('details')]"
+    with opened(page, tmp_path / "profile", "tables") as tab:
+        shown = lambda: tab.js(f"{details}.map(d => d.checkVisibility() && d.querySelector('table').checkVisibility())")
+        heads = lambda: tab.js(f"{details}.map(d => d.checkVisibility())")
+        hint = lambda: tab.js("document.body.innerText.includes('A click on a head sorts')")
+        assert (shown(), heads(), hint()) == ([False, False], [True, True], True)
+        tab.call("Emulation.setEmulatedMedia", media="print")
+        tab.js("window.dispatchEvent(new Event('beforeprint'))")
+        assert (shown(), heads(), hint()) == ([True, False], [True, False], False)
+        tab.js("window.dispatchEvent(new Event('afterprint'))")
+        tab.call("Emulation.setEmulatedMedia", media="")
+        assert (shown(), heads(), hint()) == ([False, False], [True, True], True)
+        tab.js(f"{details}.forEach(d => d.open = true)")                        # opened by the reader
+        tab.js("window.dispatchEvent(new Event('beforeprint'))")
+        tab.js("window.dispatchEvent(new Event('afterprint'))")
+        assert shown() == [True, True]

@@ -5,15 +5,17 @@ from dataclasses import replace
 import networkx as nx
 import numpy as np
 import pytest
-from browser import needs_browser, opened
+from browser import assert_quiet, needs_browser, opened
 from made_measures import made_measures
 
 from morphofold.comparison import compare
+from morphofold.report import analysis_report
 from morphofold.surface import Surface
 
 pytestmark = needs_browser
 SMALL = 0.8
 LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
+OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}      # hinges by number, mm; the last on the other side
 
 
 def shrunk(m, g):
@@ -37,7 +39,10 @@ def with_net(m):
         graph.add_node(k + 1, position=36 * line[-1], normal=out, degree=1, vertex=vertex)
         graph.add_edge(LATERAL, k + 1, polyline=36 * line, number=k)
     x, y, z = verts[vertex]
-    return replace(m, graph=graph, hinges=[{**m.hinges[0], "x": x, "y": y, "z": z, "hinge": LATERAL, "blind": 0}])
+    hinges = [{**m.hinges[0], "x": x, "y": y, "z": z, "hinge": LATERAL, "blind": 0}]
+    for number, (x, y, z) in OTHERS.items():
+        hinges.append({**m.hinges[0], "x": x, "y": y, "z": z, "hinge": number, "degree": 4, "blind": 0})
+    return replace(m, graph=graph, hinges=hinges)
 
 
 def small(m):
@@ -63,6 +68,23 @@ def tab(tmp_path_factory, plain_pictures):
 def coloured(pixels):
     """How many of the samples are neither white nor grey."""
     return int((np.ptp(pixels, axis=1) > 20).sum())
+
+
+def click(tab, panel):
+    """Click into the middle of a panel."""
+    x, y = tab.middle_of(panel)
+    for kind in ("mousePressed", "mouseReleased"):
+        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    tab.frame()
+
+
+def slide(tab, k, g):
+    """Move the slider of growth to its place k, where the first body is shown at growth g."""
+    tab.js(f"(s => {{ s.value = {k}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))")
+    for _ in range(50):                                                 # a stage is unpacked when it is first asked for
+        if tab.frame()["growth"].split(",")[0] == g:
+            return
+    pytest.fail("the stage was not shown")
 
 
 def test_every_surface_is_drawn(tab):
@@ -101,6 +123,16 @@ def test_signed_limits_stay_symmetric_and_can_be_reset(tab):
     assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.3, 0.3]
 
 
+def test_an_emptied_limit_keeps_the_one_before(tab):
+    read = "['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))"
+    for key, before in (("cortical_thickness", [1, 5]), ("H", [-0.3, 0.3])):
+        tab.js(f"document.querySelector('input[value={key}]').click()")
+        for end in ("low", "high"):
+            field = f"document.getElementById('bar-{end}')"
+            tab.js(f"{field}.value = ''; {field}.dispatchEvent(new Event('change'))")
+            assert tab.js(read) == before
+
+
 def test_the_surface_switch_draws_another_surface(tab):
     before = tab.pixels()
     tab.js("document.querySelector('input[name=surface][value=white]').click()")
@@ -135,22 +167,34 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
     tab.frame()
 
 
-def test_the_wheel_zooms_and_the_ruler_follows(tab):
+def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
+    """The ruler follows the zoom."""
     width = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
-    before = tab.js(width)
-    tab.js("document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', {deltaY: -300, cancelable: true}))")
-    tab.frame()
-    assert tab.js(width) == pytest.approx(before * np.exp(0.45), rel=0.02)
-    tab.js("document.getElementById('reset').click()")
+    def wheel(by, modifiers=0):
+        """How far the page went and how many times larger the surfaces are."""
+        before = tab.js(f"[scrollY, {width}]")
+        x, y = tab.middle_of("panel-0")
+        tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=by, modifiers=modifiers)
+        for _ in range(100):
+            tab.frame()
+            if (after := tab.js(f"[scrollY, {width}]")) != before:
+                break
+        return after[0] - before[0], after[1] / before[1]
+
+    larger = pytest.approx(np.exp(0.15), rel=0.02)
+    tab.js("document.activeElement.blur()")
+    assert wheel(100) == (100, 1)
+    assert wheel(-100) == (-100, 1)
+    assert wheel(-100, modifiers=2) == (0, larger)                          # with ctrl
+    click(tab, "panel-0")
+    assert wheel(-100) == (0, larger)
+    tab.js("document.activeElement.blur(); document.getElementById('reset').click()")
     tab.frame()
 
 
 def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     m = made_measures("lh")
-    x, y = tab.middle_of("panel-1")
-    for kind in ("mousePressed", "mouseReleased"):
-        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-    tab.frame()
+    click(tab, "panel-1")
     shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
     labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
     said = dict(zip(labels, shown))
@@ -208,6 +252,32 @@ def test_a_click_on_a_hinge_reads_it(tab):
     tab.frame()
 
 
+def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
+    names = "[...document.querySelectorAll('#panel-1 .values dt')].filter(d => d.textContent === 'Hinge')"
+
+    def press(key, shift="false"):
+        keydown = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
+        tab.js(f"document.getElementById('stage').dispatchEvent({keydown})")
+        tab.frame()
+        return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
+
+    assert press("n") == []                                                 # not shown
+    tab.js("document.getElementById('hinges').click()")
+    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]       # from the middle outwards, around
+    assert [press(key) for key in "pp"] == [[7], [8]]
+    assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
+    place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
+    before = np.array(tab.js(place))
+    for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
+        assert press(key, shift="true") == [8]
+        np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
+    assert tab.frame()["view"] == "lateral"                                 # not turned
+    tab.js("document.querySelector('[data-look=medial]').click()")
+    assert press("n") == [9]
+    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
+    assert press("p") == []
+
+
 def test_one_hemisphere_is_shown_beside_the_model(tab):
     hidden = "[...document.querySelectorAll('.panel')].map(p => p.hidden)"
     for side, gone in (("lh", [False, False, True]), ("rh", [False, True, False]), ("both", [False] * 3)):
@@ -217,22 +287,31 @@ def test_one_hemisphere_is_shown_beside_the_model(tab):
 
 
 def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
-    slide = "(s => {{ s.value = {}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))"
     area = lambda: int((tab.pixels().reshape(64, 64, 3)[:, :21].min(axis=2) < 240).sum())
     full = area()
     assert tab.frame()["growth"].split(",")[0] == "2"
     for k, g in ((0, 1.0), (1, 1.5), (2, 2.0)):
-        tab.js(slide.format(k))
-        for _ in range(50):                                             # a stage is unpacked when it is first asked for
-            if tab.frame()["growth"].split(",")[0] == f"{g:g}":
-                break
-        else:
-            pytest.fail("the stage was not shown")
+        slide(tab, k, f"{g:g}")
         assert tab.js("document.getElementById('growth-now').textContent") == f"g = {g:g}"
         assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
         pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
         assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)        # H was not measured at 1.0: bare
     tab.js("document.getElementById('reset').click()")
+
+
+def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_the_switch(tab):
+    names = lambda: tab.js("[...document.querySelectorAll('.panel .name')].map(p => p.textContent)")
+    choose = "document.querySelector('input[name=surface][value={}]').click()"
+    slide(tab, 1, "1.5")
+    assert names() == ["model (shown at g = 1.5)", "MRI lh", "MRI rh"]
+    tab.js(choose.format("inflated"))                                       # which a stage does not have
+    tab.frame()
+    assert names()[0] == "model (shown at g = 1.5; pial: has no inflated surface)"
+    assert names()[1:] == ["MRI lh", "MRI rh"]
+    slide(tab, 2, "2")
+    assert names() == ["model", "MRI lh", "MRI rh"]
+    tab.js(choose.format("pial"))
+    tab.frame()
 
 
 def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
@@ -251,6 +330,30 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     assert tab.js(read) == []
     tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
     tab.frame()
+
+
+def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_sight(tmp_path, plain_pictures):
+    one = with_net(made_measures())
+    one.arms[:] = [{**one.arms[0], "arm": k, "angle_deg": 72.5 * k, "length_mm": 12.5} for k in range(5)]
+    pair = [one, made_measures("rh")]
+    boxes = (
+        "['', ' .name', ' .values', ' .ruler'].map(part => document.querySelector('#panel-0' + part))"
+        ".map(e => e.getBoundingClientRect().toJSON())"
+    )
+    several = ({"a": pair}, {"a": pair, "b": one}, {"a": pair, "b": pair})
+    pages = [compare(shown).report(tmp_path / str(k)) for k, shown in enumerate(several)]
+    with opened(analysis_report([one], tmp_path / "report.html"), tmp_path / "profile", "viewer") as tab:
+        tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
+        for page in (None, *pages):                                         # of one panel, two, three and four
+            if page:
+                tab.go(page, "viewer")
+            tab.js("document.getElementById('hinges').click()")
+            tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'n'}))")
+            tab.frame()
+            panel, name, values, ruler = tab.js(boxes)
+            assert name["bottom"] <= values["top"] < values["bottom"] < ruler["top"]
+            assert panel["left"] < values["left"] < values["right"] < panel["right"]
+            assert values["height"] < panel["height"] / 3
 
 
 def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
@@ -280,17 +383,23 @@ def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
 
 def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
     """Last, so that it hears what every test above set off."""
-    tab.frame()
-    asked = [e["params"]["request"]["url"] for e in tab.events if e.get("method") == "Network.requestWillBeSent"]
-    assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
-    assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
-    wrong = [
-        e for e in tab.events
-        if e.get("method") == "Runtime.exceptionThrown"
-        or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
-        or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
-    ]  # fmt: skip
-    assert wrong == []
+    assert_quiet(tab)
+
+
+def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pictures):
+    """Every control of the page is used once."""
+    left = with_net(made_measures("lh", info={"g": 2.0}))
+    page = analysis_report(
+        [left, made_measures("rh")], tmp_path / "report.html", stages=[shrunk(left, g) for g in (1.0, 1.5)]
+    )
+    with opened(page, tmp_path / "profile", "viewer") as tab:
+        assert tab.frame()["growth"] == "2,"                                # the right one does not grow
+        tab.js("document.querySelectorAll('#viewer .tools input, #viewer .tools button').forEach(b => b.click())")
+        slide(tab, 1, "1.5")
+        tab.js("document.querySelectorAll('button.sort').forEach(b => b.click())")
+        said = tab.frame()
+        assert [said[key] for key in ("viewer", "tables", "crests", "hinges")] == ["ready", "ready", "true", "true"]
+        assert_quiet(tab)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])

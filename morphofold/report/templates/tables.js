@@ -1,4 +1,4 @@
-// Tables that sort by a click on a head and can be saved as text with tabs.
+// Tables that sort by a click on a head and can be saved as text with tabs; short ones are open on paper.
 "use strict";
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.querySelectorAll("thead th")], body = table.tBodies[0];
@@ -35,6 +35,15 @@ for (const table of document.querySelectorAll("table.sortable")) {
   });
   table.after(save);
 }
+const PRINTED = 60, shut = new Set();            // rows; what is open for the while of printing only
+window.addEventListener("beforeprint", () => {
+  for (const details of document.querySelectorAll("details:not([open])"))
+    if (details.querySelectorAll("tbody tr").length <= PRINTED) { details.open = true; shut.add(details); }
+});
+window.addEventListener("afterprint", () => {
+  for (const details of shut) details.open = false;
+  shut.clear();
+});
 for (const button of document.querySelectorAll("[data-copy]")) button.addEventListener("click", async () => {
   const text = document.getElementById(button.dataset.copy);
   text.focus(); text.select();

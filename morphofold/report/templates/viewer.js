@@ -182,13 +182,19 @@ function draw() {
     gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
     triangles += panel.faces.length / 3;
     if (panel.net && panel.now === panel.final) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
-    ruler(panel, perPx); mark(panel, perPx);
+    ruler(panel, perPx); mark(panel, perPx); remark(panel);
   }
   gl.bindVertexArray(null);
   root.dataset.triangles = triangles;
   root.dataset.growth = panels.map((p) => p.now.g).join();
   root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
+}
+function remark(panel) {                       // behind its name, where it is not shown as chosen or as named
+  const said = [];
+  if (panel.now !== panel.final) said.push("shown at g = " + panel.now.g);
+  if (!panel.now.shapes[state.surface]) said.push("pial: has no " + state.surface + " surface");
+  panel.box.querySelector(".remark").textContent = said.length ? " (" + said.join("; ") + ")" : "";
 }
 let pending = false;
 const redraw = () => { if (!pending) { pending = true; requestAnimationFrame(draw); } };
@@ -204,11 +210,15 @@ function project(panel, i, perPx) {
   const p = [0, 1, 2].map((r) => R[3 * r] * q[0] + R[3 * r + 1] * q[1] + R[3 * r + 2] * q[2]);
   return [panel.box.clientWidth / 2 + p[0] / perPx + state.pan[0], panel.box.clientHeight / 2 - p[1] / perPx - state.pan[1], p[2]];
 }
+function facing(panel, i) {                    // whether the surface at a vertex is turned towards the viewer
+  const n = normalsOf(panel, shapeOf(panel));
+  return panel.R[6] * n[3 * i] + panel.R[7] * n[3 * i + 1] + panel.R[8] * n[3 * i + 2] >= 0;
+}
 function mark(panel, perPx) {
   const dot = panel.box.querySelector(".mark");
   if (panel.picked < 0) { dot.hidden = true; return; }
-  const [x, y] = project(panel, panel.picked, perPx), n = shapeOf(panel).normals, i = 3 * panel.picked;
-  dot.hidden = panel.R[6] * n[i] + panel.R[7] * n[i + 1] + panel.R[8] * n[i + 2] < 0;
+  const [x, y] = project(panel, panel.picked, perPx);
+  dot.hidden = !facing(panel, panel.picked);
   dot.style.left = x + "px"; dot.style.top = y + "px";
 }
 
@@ -229,8 +239,23 @@ function pick(panel, px, py) {
     }
   }
   panel.picked = best;
-  panel.hinge = state.hinges && panel.net && panel.now === panel.final && best >= 0 ? hingeAt(panel, px, py, front, perPx) : null;
+  panel.hinge = hingesShown(panel) && best >= 0 ? hingeAt(panel, px, py, front, perPx) : null;
   if (panel.hinge) panel.picked = panel.hinge.at;
+  describe(panel);
+  redraw();
+}
+const hingesShown = (panel) => state.hinges && panel.net && panel.now === panel.final;
+function step(panel, by) {                     // to the next hinge in sight, from the middle of the panel outwards, and around
+  if (!hingesShown(panel)) return;
+  const { w, h, perPx } = frame(panel), away = ({ at }) => {
+    const [x, y] = project(panel, at, perPx).map((p, k) => Math.abs(p - [w, h, 0][k] / 2));
+    return facing(panel, at) && x < w / 2 && y < h / 2 ? Math.hypot(x, y) : Infinity;
+  };
+  const found = panel.net.hinges.map((hinge) => [away(hinge), hinge]).filter(([d]) => d < Infinity).sort((a, b) => a[0] - b[0]);
+  if (!found.length) return;
+  const k = found.findIndex(([, hinge]) => hinge === panel.hinge);
+  panel.hinge = found.at((k < 0 && by < 0 ? k : k + by) % found.length)[1];
+  panel.picked = panel.hinge.at;
   describe(panel);
   redraw();
 }
@@ -251,10 +276,10 @@ function describe(panel) {
   box.replaceChildren();
   if (i < 0) return;
   const line = (label, text) => {
-    const dt = document.createElement("dt"), dd = document.createElement("dd");
-    dt.textContent = label; dd.textContent = text; box.append(dt, dd);
+    const [pair, dt, dd] = ["div", "dt", "dd"].map((tag) => document.createElement(tag));
+    dt.textContent = label; dd.textContent = text; pair.append(dt, dd); box.append(pair);
   };
-  if (panel.hinge && state.hinges && panel.now === panel.final) for (const [label, text] of panel.hinge.lines) line(label, text);
+  if (panel.hinge && hingesShown(panel)) for (const [label, text] of panel.hinge.lines) line(label, text);
   line("Vertex", String(panel.ids[i]));
   if (panel.stages.length > 1) line("Growth", String(panel.now.g));
   if (panel.regions) line("Region", panel.meta.regions[panel.regions[i]]);
@@ -278,6 +303,7 @@ function rotate(dx, dy) {
   for (const b of document.querySelectorAll("[data-look]")) b.setAttribute("aria-pressed", "false");
   redraw();
 }
+function move(dx, dy) { state.pan[0] += dx; state.pan[1] -= dy; redraw(); }
 function zoom(by) { state.zoom = Math.min(40, Math.max(0.3, state.zoom * by)); redraw(); }
 function reset() {
   state.zoom = 1; state.pan = [0, 0];
@@ -313,7 +339,7 @@ stage.addEventListener("pointermove", (e) => {
   const dx = e.clientX - drag.x, dy = e.clientY - drag.y;
   drag.x = e.clientX; drag.y = e.clientY; drag.moved += Math.abs(dx) + Math.abs(dy);
   if (drag.moved < 4) return;
-  if (e.shiftKey) { state.pan[0] += dx; state.pan[1] -= dy; redraw(); } else rotate(dx * 0.008, dy * 0.008);
+  if (e.shiftKey) move(dx, dy); else rotate(dx * 0.008, dy * 0.008);
 });
 stage.addEventListener("pointerup", (e) => {
   if (drag && drag.moved < 4 && drag.panel) {
@@ -323,14 +349,20 @@ stage.addEventListener("pointerup", (e) => {
   drag = null;
 });
 stage.addEventListener("pointercancel", () => { drag = null; });
-stage.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015))); }, { passive: false });
+stage.addEventListener("wheel", (e) => {
+  if (document.activeElement !== stage && !e.ctrlKey && !e.metaKey) return;      // the page scrolls
+  e.preventDefault();
+  zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015)));
+}, { passive: false });
 stage.addEventListener("keydown", (e) => {
   if (e.ctrlKey || e.metaKey || e.altKey) return;               // those are the browser's
-  const step = 0.12, act = {
-    ArrowLeft: () => rotate(-step, 0), ArrowRight: () => rotate(step, 0), ArrowUp: () => rotate(0, -step), ArrowDown: () => rotate(0, step),
+  const arrow = (x, y) => e.shiftKey ? move(30 * x, 30 * y) : rotate(0.12 * x, 0.12 * y), hinge = (by) => inView().forEach((p) => step(p, by));
+  const act = {
+    ArrowLeft: () => arrow(-1, 0), ArrowRight: () => arrow(1, 0), ArrowUp: () => arrow(0, -1), ArrowDown: () => arrow(0, 1),
+    n: () => hinge(1), p: () => hinge(-1),
     "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15), 0: reset,
     Enter: () => inView().forEach((p) => pick(p, p.box.clientWidth / 2, p.box.clientHeight / 2)),
-  }[e.key];
+  }[e.key.length > 1 ? e.key : e.key.toLowerCase()];
   if (act) { e.preventDefault(); act(); }
 });
 for (const b of document.querySelectorAll("[data-look]")) b.addEventListener("click", () => look(b.dataset.look));
@@ -357,7 +389,7 @@ for (const r of document.querySelectorAll("input[name=side]")) r.addEventListene
 });
 for (const r of document.querySelectorAll("input[name=surface]")) r.addEventListener("change", () => { state.surface = r.value; redraw(); });
 for (const [id, k] of [["bar-low", 0], ["bar-high", 1]]) $(id).addEventListener("change", (e) => {
-  const v = Number(e.target.value), l = limits[state.map], next = l.slice();
+  const v = e.target.valueAsNumber, next = limits[state.map].slice();        // NaN: the field is empty
   next[k] = v;
   const map = config.maps.find((m) => m.key === state.map);
   if (map.signed) { next[0] = -Math.abs(v); next[1] = Math.abs(v); }
@@ -369,7 +401,6 @@ $("bar-reset").addEventListener("click", () => {
   showMap(state.map);
 });
 window.addEventListener("resize", redraw);
-window.addEventListener("beforeprint", draw);
 canvas.addEventListener("webglcontextlost", () => fail("the graphics driver dropped the view; reload the page"));
 look("lateral");
 showMap(state.map);
