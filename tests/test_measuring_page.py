@@ -2,16 +2,17 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from morphofold.analysis import measure
+from morphofold.analysis import gyral_thickness, measure
 from morphofold.analysis._mesh import is_closed
 from morphofold.analysis.speed import THICKNESS, exponent, folded_ball, measuring_speed
 from morphofold.cli import main
-from morphofold.report import measuring_page
+from morphofold.report import measuring_page, section_plot
 from morphofold.report.net_picture import KINDS, crest_figure, crest_row
 
 
@@ -121,8 +122,30 @@ def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatc
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
     assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
     names = {"H", "shape-index", "sulcal-depth", "local-gyrification-index", "cortical-thickness", "gyral-thickness",
-             "crest-lines", "gyral-net", "speed", "sensitivity", "wavelength", "fractal-dimension"}  # fmt: skip
+             "crest-lines", "gyral-net", "speed", "sensitivity", "wavelength", "fractal-dimension",
+             "section"}  # fmt: skip
     assert {path.name for path in folder.iterdir()} == {"index.md", "gyral-net.md", *(f"{name}.png" for name in names)}
+
+
+def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
+    gyri = gyral_thickness(ball.cortex)
+    plot = section_plot.section_figure(ball.cortex, gyri)
+    (ax,) = plot.axes
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert (high - low, top - bottom) == pytest.approx(section_plot.WINDOW)
+    widths = [float(t.get_text()) for t in ax.texts if "mm" not in t.get_text()]
+    chords = [line.get_xydata() for line in ax.lines if line.get_linewidth() == 2]
+    assert len(widths) == len(chords) >= 1
+    for width, ends in zip(widths, chords):
+        assert ((ends > [low, bottom]) & (ends < [high, top])).all()
+        assert 0.6 < width / np.linalg.norm(ends[1] - ends[0]) < 1.05   # less at slanted walls
+        at = np.abs(gyri.points[:, [0, 2]] - ends[0]).sum(axis=1).argmin()
+        assert round(gyri.width[at], 1) == width
+    pial = ax.lines[0].get_xydata()
+    radius = np.nanmax(np.linalg.norm(pial, axis=1))                    # of a plane cut of a ball about the origin
+    assert 10 < radius <= np.linalg.norm(ball.cortex.pial.verts, axis=1).max()
+    with pytest.raises(ValueError, match="nothing to draw"):
+        section_plot.section_figure(ball.cortex, replace(gyri, partner=np.full_like(gyri.partner, np.nan)))
 
 
 def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):

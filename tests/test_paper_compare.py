@@ -12,7 +12,18 @@ from morphofold.analysis import hinges, measure
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report import hinge_pictures, paper_compare, paper_folds, thickness_plots
-from morphofold.report.hinge_pictures import REACH, TILT, clear_examples, hinge_pairs, hinge_patch, in_sight, pair_of
+from morphofold.report.figures import draw
+from morphofold.report.hinge_pictures import (
+    NOTHING,
+    PANEL,
+    REACH,
+    TILT,
+    clear_examples,
+    hinge_pairs,
+    hinge_patch,
+    in_sight,
+    pair_of,
+)
 from morphofold.report.markdown import read_rows
 from morphofold.report.paper_parts import WORDS
 from morphofold.sim.scene_file import load_scene
@@ -113,10 +124,45 @@ def test_pairs_are_drawn_in_columns(ball):
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
     picture = hinge_pairs(pairs, ("model", "MRI"), backend="raster")
-    half = (picture.shape[0] - 28) // 2
-    upper, lower = picture[16 : 16 + half - 30, 120:], picture[16 + half : 16 + 2 * half - 30, 120:]
+    half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL * len(pairs)
+    upper, lower = picture[16 : 16 + half - 30, left:], picture[16 + half : 16 + 2 * half - 30, left:]
     assert (upper != 255).mean() > 0.1
     np.testing.assert_array_equal(upper, lower)                         # each hinge is its own match
+
+
+@pytest.mark.parametrize(("group", "others"), [("ball", "B"), ("fsaverage5 lh", "a group"), ("N" * 60, "M" * 60)])
+def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
+    """Beside and under the panels, whatever the names of groups and surfaces."""
+    one, other = f"{group} lh", "W" * 60 + " rh" if others.startswith("M") else "B"
+    shapes = paper_compare.hinge_shapes(ball)
+    (found,) = compare_hinges({one: shapes, other: shapes}, {group: [one], others: [other]})
+    match = replace(examples(found.matches)[0], pose=3)
+    patches = pair_of(match, {one: ball, other: ball})
+    blank = tuple(replace(p, rgb=np.full_like(p.rgb, 255)) for p in patches)
+    picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others), backend="raster")
+    left = picture.shape[1] - 2 * PANEL
+    ink = (picture < 200).any(axis=2)
+    assert ink[:, :left].any()
+    assert not ink[:, left - 5 : left].any()
+    assert left <= 300
+    for top in (16, 16 + PANEL + hinge_pictures.WORDS):
+        (drawn,) = draw(patches[top > 16], ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, "raster")
+        np.testing.assert_array_equal(picture[top : top + PANEL - 4, left : left + PANEL], drawn[:-4])
+        captions = ink[top + PANEL : top + PANEL + hinge_pictures.WORDS, left:]
+        for edge in (0, PANEL, 2 * PANEL):
+            assert not captions[:, max(edge - 5, 0) : edge + 5].any()
+        assert captions[:, :PANEL].any()
+        assert captions[:, PANEL:].any()
+
+
+def test_a_caption_leaves_out_what_its_row_says():
+    assert hinge_pictures._caption("S1 lh", "S1 lh", "12") == "12"
+    assert hinge_pictures._caption("S1 lh", "S1", "12, mirrored") == "lh, 12, mirrored"
+    assert hinge_pictures._caption("T = 2 mm", "model", "7") == "T = 2 mm, 7"
+    long = hinge_pictures._caption("x" * 60 + " rh", "model", "7")
+    assert long.startswith("xxx")
+    assert long.endswith(" rh, 7")
+    assert "…" in long
 
 
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):

@@ -41,3 +41,16 @@ def test_lettering_shares_a_baseline_and_reads_no_tex():
     foot = lambda ink: ink.shape[0] - np.flatnonzero(ink.any(axis=1))[-1]
     assert abs(foot(low) - foot(tall)) <= 1
     assert lettering("$x$", 20).shape[1] > lettering("x", 20).shape[1] + 8
+
+
+def test_no_character_of_a_name_vanishes():
+    """VTK's font lacks all of these, and DejaVu the last two, for which a box stands."""
+    for text in ("Ж", "α", "₁", "脑", "日本"):
+        assert lettering(text, 20).sum() > 10 * len(text)
+    assert lettering("日本", 20).shape[1] > 1.8 * lettering("日", 20).shape[1] > 10
+    assert lettering("S1 脑", 20).shape[1] > lettering("S1 ", 20).shape[1] + 10
+    for bold in (False, True):
+        latin, mixed = lettering("EgÅ", 20, bold), lettering("EgÅ脑", 20, bold)
+        assert latin.shape[0] == mixed.shape[0]
+        feet = [np.flatnonzero(ink[:, :14].any(axis=1))[-1] for ink in (latin, mixed)]
+        assert abs(feet[0] - feet[1]) <= 1                              # the baseline, under the E

@@ -251,6 +251,15 @@ def write(
     under[:] = np.round(under * (1 - ink) + grey * ink).astype(np.uint8)
 
 
+def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
+    """A line of text, or as much of its beginning and end as is at most ``width`` pixels wide, "…" between them."""
+    words, kept = text, len(text)
+    while kept > 2 and lettering(words.translate(_ASCII), size, bold).shape[1] > width:
+        kept -= 1
+        words = text[: kept - kept // 2] + "…" + text[len(text) - kept // 2 :]
+    return words
+
+
 def safe_name(key: str) -> str:
     """A map's name, which a file may have brought, as a file name of letters, digits, ``-`` and ``_``."""
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"

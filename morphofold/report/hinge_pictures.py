@@ -14,8 +14,9 @@ from morphofold.analysis import Measures
 from morphofold.analysis.hinge_table import hinge_at
 from morphofold.comparison.hinges import Match, examples
 from morphofold.report.colours import rgb_of
-from morphofold.report.figures import Picture, Row, draw, write
+from morphofold.report.figures import Picture, Row, draw, fitted, write
 from morphofold.report.net_picture import paint_lines, shaded
+from morphofold.report.png import lettering
 from morphofold.report.quantities import Quantity
 from morphofold.report.raster import look
 from morphofold.surface import Faces, Surface
@@ -26,6 +27,7 @@ LINE = 0.16                             # breadth of a crest, in gyral widths
 FINER = 2                               # halvings of edges, so that lines are smooth
 TILT = 25.0                             # degrees by which a patch is tipped back, so that its height is seen
 PANEL, WORDS = 330, 30                  # pixels
+LABEL, EDGE = 260, 10                   # pixels that the name of a row may take, and around it
 CLEAR = 0.7                             # share of the crests of a hinge that a picture must show to be an example
 NOTHING = Quantity("patch", "Patch")
 
@@ -162,11 +164,12 @@ def hinge_pairs(
     ----------
     pairs : mapping of matches to their patches
     rows : two str
-        What stands before the rows.
+        What stands before the rows, shortened beyond ``LABEL`` pixels.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.figures.draw`.
     """
-    left, top = 120, 16
+    labels = [fitted(words, 22, LABEL, bold=True) for words in rows]
+    left, top = 2 * EDGE + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
     canvas = np.full((top + 2 * (PANEL + WORDS) + 12, left + PANEL * len(pairs), 3), 255, dtype=np.uint8)
     for k, (match, patches) in enumerate(pairs.items()):
         numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
@@ -174,8 +177,15 @@ def hinge_pairs(
             (image,) = draw(patch, ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, backend)
             y, x = top + line * (PANEL + WORDS), left + k * PANEL
             canvas[y : y + PANEL, x : x + PANEL] = image
-            words = f"{name}, {number}" + (", mirrored" if pose >= 3 else "")
+            words = _caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))
             write(canvas, words, (x + PANEL / 2, y + PANEL), 20, anchor="middle", grey=60)
-    for line, words in enumerate(rows):
-        write(canvas, words, (10, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 22, bold=True)
+    for line, words in enumerate(labels):
+        write(canvas, words, (EDGE, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 22, bold=True)
     return canvas
+
+
+def _caption(surface: str, group: str, number: str) -> str:
+    """The number of a hinge, and what its surface is called beyond its group, as far as a panel has room."""
+    name = surface.removeprefix(group).strip()
+    room = PANEL - 2 * EDGE - lettering(f", {number}", 20).shape[1]
+    return f"{fitted(name, 20, room)}, {number}" if name else number

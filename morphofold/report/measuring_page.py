@@ -1,5 +1,5 @@
 """Pictures and generated parts of docs/measures: every measure on several surfaces, what they cost, and how the
-number of hinges hangs on the lengths that they are found by.
+number of hinges hangs on the lengths that they are found by. A cut through folds is of the first surface.
 
 ``python -m morphofold.report.measuring_page FOLDER --speed FILE NAME=CORTEX...`` draws them into the folder of pages
 and puts tables between the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis import Measures, hinge_sensitivity
+from morphofold.analysis import Measures, gyral_thickness, hinge_sensitivity
 from morphofold.analysis.fractal import box_counts
 from morphofold.analysis.smooth import relief
 from morphofold.analysis.speed import exponent
@@ -29,6 +29,7 @@ from morphofold.report.markdown import between_marks, number, table
 from morphofold.report.net_picture import crest_figure, crest_row, net_figure, net_row
 from morphofold.report.png import halved, png_bytes
 from morphofold.report.quantities import Quantity, quantity
+from morphofold.report.section_plot import section_figure
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
         "sensitivity": sensitivity_figure(hinges),
         "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
     }
+    first = next(iter(measured.values()))
+    plots["section"] = section_figure(first.cortex, gyral_thickness(first.cortex))
     for name, plot in plots.items():
         with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)

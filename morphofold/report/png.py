@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +47,18 @@ def read_png(path: Path) -> NDArray[np.uint8]:
 def lettering(text: str, size: int, bold: bool = False) -> NDArray[np.float64]:
     """How much ink lies on each pixel, (height, width) in 0..1, of a line of text; VTK's font, no display.
 
-    The picture is as high for every text of one size, with the baseline on the same row.
+    The picture is as high for every text of one size, with the baseline on the same row. A text of which VTK's font,
+    little more than Latin-1, lacks a character is set in matplotlib's DejaVu; a box stands for what that lacks, too.
     """
+    plain = "".join(c if c.isprintable() else " " for c in text) or " "
+    if not all(_in_vtk(c) for c in set(plain)):
+        return _dejavu(plain, size, bold)
+    ink = _vtk(plain, size, bold)
+    inked = np.flatnonzero(ink.any(axis=0))
+    return ink[:, : inked[-1] + 2] if inked.size else ink[:, :1]
+
+
+def _vtk(text: str, size: int, bold: bool) -> NDArray[np.float64]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
@@ -59,12 +70,30 @@ def lettering(text: str, size: int, bold: bool = False) -> NDArray[np.float64]:
     style.SetBold(bold)
     style.SetColor(0, 0, 0)
     picture, used = vtkImageData(), [0, 0]
-    plain = "".join(c if c.isprintable() else " " for c in text) or " "
     # FreeType, said outright: otherwise a "$" in a subject's name is read as TeX.
-    ok = vtkTextRenderer.GetInstance().RenderString(style, plain, picture, used, 72, vtkTextRenderer.FreeType)
-    if not ok:
+    if not vtkTextRenderer.GetInstance().RenderString(style, text, picture, used, 72, vtkTextRenderer.FreeType):
         return np.zeros((2 * size, 1))
     columns, lines, _ = picture.GetDimensions()
-    alpha = vtk_to_numpy(picture.GetPointData().GetScalars()).reshape(lines, columns, 4)[::-1, :, 3] / 255.0
-    inked = np.flatnonzero(alpha.any(axis=0))
-    return alpha[:, : inked[-1] + 2] if inked.size else alpha[:, :1]
+    return vtk_to_numpy(picture.GetPointData().GetScalars()).reshape(lines, columns, 4)[::-1, :, 3] / 255.0
+
+
+@cache
+def _in_vtk(character: str) -> bool:
+    """Whether VTK's font has a character; it leaves out silently what it lacks."""
+    return character.isspace() or bool(_vtk(character, 20, False).any())
+
+
+def _dejavu(text: str, size: int, bold: bool) -> NDArray[np.float64]:
+    import matplotlib
+    from matplotlib.ft2font import FT2Font
+
+    font = FT2Font(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans{'-Bold' if bold else ''}.ttf")
+    font.set_size(0.9 * size, 72)                                       # its letters are larger than Arial's
+    font.set_text("".join(c if font.get_char_index(ord(c)) else "\u25a1" for c in text))
+    font.draw_glyphs_to_bitmap(antialiased=True)
+    ink = np.asarray(font.get_image()) / 255.0
+    plain = _vtk("E", size, bold)
+    baseline = np.flatnonzero(plain.any(axis=1))[-1] + 1                # rows above it
+    ascent = ink.shape[0] - round(font.get_descent() / 64)
+    ink = np.pad(ink, ((max(baseline - ascent, 0), len(plain)), (0, 1)))[max(ascent - baseline, 0) :]
+    return ink[: len(plain)]
