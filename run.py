@@ -13,8 +13,9 @@ ROOT = Path(__file__).resolve().parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": "[test,docs]"}     # of pyproject.toml, that a task needs
-SIZES = {"": 300, "[docs]": 320, "[test,docs]": 430}                             # MB to load
+#: extras of pyproject.toml that a task needs; MB to load with each set of them
+EXTRAS = {"setup": (), "demo": (), "docs": ("docs",), "test": ("docs", "test")}
+SIZES = {(): 300, ("docs",): 320, ("docs", "test"): 430}
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
@@ -30,12 +31,11 @@ def main(words: list[str]) -> int:
         return fail(f"name a task: {', '.join(TASKS)}.")
     os.chdir(ROOT)
     extras = EXTRAS[words[0]]
-    ready = ROOT / ".venv" / f".ready{extras}"
-    if not ready.exists() or any(s.stat().st_mtime > ready.stat().st_mtime for s in SOURCES):
+    if not any(is_ready(more) for more in SIZES if set(extras) <= set(more)):
         code = set_up(extras)
         if code:
             return code
-        ready.touch()
+        mark(extras).touch()
     for i, command in enumerate(TASKS[words[0]]):
         last = i == len(TASKS[words[0]]) - 1
         code = call([str(BIN / command[0]), *command[1:], *(words[1:] if last else [])])
@@ -44,18 +44,28 @@ def main(words: list[str]) -> int:
     return 0
 
 
-def set_up(extras: str) -> int:
+def mark(extras: tuple[str, ...]) -> Path:
+    return ROOT / ".venv" / "-".join((".ready", *extras))
+
+
+def is_ready(extras: tuple[str, ...]) -> bool:
+    """Whether .venv has these extras, as the sources now say."""
+    return mark(extras).exists() and all(s.stat().st_mtime <= mark(extras).stat().st_mtime for s in SOURCES)
+
+
+def set_up(extras: tuple[str, ...]) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
     print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", flush=True)
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
+    outside = getattr(sys, "_base_executable", sys.executable)          # not the Python of .venv, which has no pip
+    pip = [outside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
     uv = str(ROOT / ".tools" / "bin" / "uv")
     python = str(BIN / "python")
     for command in (
         [*pip, "--target", ".tools", "uv"],
-        [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, ".venv"],
+        [uv, "venv", "--quiet", "--allow-existing", "--python", outside, ".venv"],
         [
             *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
-            *["-c", "constraints.txt", "-e", f".{extras}"],
+            *["-c", "constraints.txt", "-e", f".[{','.join(extras)}]" if extras else "."],
         ],
     ):
         code = call(command)

@@ -52,7 +52,7 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
 def of_input(cortex: Cortex) -> Notes:
     """An average in place of a brain, a missing cortex label, and the health warnings of a simulation."""
     notes = {}
-    subjects = [Path(file).parent.parent.name for file in cortex.files]
+    subjects = [Path(file).resolve().parent.parent.name for file in cortex.files]
     if average := next((name for name in subjects if name.startswith(AVERAGES)), ""):
         notes["average"] = (
             f"{average} is an average of many brains, in which folds that differ between people are smoothed away: its "
