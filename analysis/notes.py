@@ -136,6 +136,6 @@ def of_gyral_thickness(across: GyralThickness) -> Notes:
 def of_regions() -> Notes:
     return {
         "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. A region with less measured "
-        "contour than two gyral widths has no gyral thickness; gyrification_index of a region is not measured by this "
-        "version."
+        "contour than two gyral widths has no gyral thickness. gyrification_index is the local one, its mean over the "
+        "pial area of the region."
     }

@@ -42,8 +42,8 @@ def region_table(
         With ``regions``; without them the table is empty.
     maps : mapping of str to (N,) float64
         ``area`` [mm^2], by default measured on the white surface; ``cortical_thickness`` and ``gyral_thickness``
-        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says; ``H`` [1/mm] of pial. What is missing
-        leaves its column None.
+        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says; ``H`` [1/mm] of pial and
+        ``local_gyrification_index``. What is missing leaves its column None.
     gyral : GyralThickness, optional
         Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
     graph : networkx.MultiGraph, optional
@@ -59,7 +59,7 @@ def region_table(
         (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold; ``thickness_file_mm`` the mean
         of what the file says; ``gray_volume_mm3`` sums :func:`gray_volumes` over its vertices in the cortex label;
         ``mean_H_per_mm`` is the mean of H over pial area, convex positive, *not* FreeSurfer's MeanCurv, which is of
-        absolute values on white. None where there is nothing to average. Vertices without a region, and labels such as
+        absolute values on white; ``gyrification_index`` that of the local index. None where there is nothing to average. Vertices without a region, and labels such as
         ``unknown`` and ``corpuscallosum``, make no row.
 
     Raises
@@ -74,8 +74,7 @@ def region_table(
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
     volume = gray_volumes(cortex) * (True if cortex.cortex is None else cortex.cortex)
-    bent = np.asarray(maps.get("H", np.full(cortex.n_vertices, np.nan)), dtype=np.float64)
-    outside = np.where(np.isfinite(bent), vertex_areas(cortex.pial.verts, cortex.faces), 0.0)
+    outside = vertex_areas(cortex.pial.verts, cortex.faces)
     crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for index, region in enumerate(cortex.regions.names):
@@ -93,8 +92,10 @@ def region_table(
             row.update(gyral_contour_mm=length)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
         row.update(gray_volume_mm3=float(volume[at].sum()))
-        if outside[at].any():
-            row.update(mean_H_per_mm=float(np.average(np.nan_to_num(bent[at]), weights=outside[at])))
+        for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
+            known = at[np.isfinite(maps[name][at])] if name in maps else at[:0]
+            if outside[known].any():
+                row[column] = float(np.average(maps[name][known], weights=outside[known]))
         if region in crests:
             row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):

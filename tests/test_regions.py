@@ -1,6 +1,7 @@
 """Region tables and vertex areas against files and a table that FreeSurfer wrote."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,6 +120,21 @@ def test_the_thickness_of_a_file_is_averaged_beside_our_own():
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [1.5, 4.0]
     del maps["thickness_file"]
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [None, None]
+
+
+def test_the_gyrification_of_a_region_is_the_mean_of_the_local_index_over_pial_area():
+    verts, faces = shapes.icosphere(3)
+    stretched = verts * [1.0, 1.0, 3.0]                                 # so that vertices differ in area
+    labels = (verts[:, 2] > 0).astype(np.int64)
+    cortex = replace(shell(labels), pial=Surface(60 * stretched, faces))
+    index = np.where(verts[:, 0] > 0, 2.0, 1.0)
+    index[labels == 1] = np.where(verts[labels == 1, 1] > 0.5, np.nan, 3.0)
+    areas = vertex_areas(cortex.pial.verts, faces)
+    low, high = region_table(cortex, {"local_gyrification_index": index})
+    below = labels == 0
+    assert low["gyrification_index"] == pytest.approx((index * areas)[below].sum() / areas[below].sum())
+    assert high["gyrification_index"] == 3.0
+    assert region_table(cortex, {})[0]["gyrification_index"] is None
 
 
 def shell(labels, outer=50.0, **more):
