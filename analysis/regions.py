@@ -59,8 +59,8 @@ def region_table(
         (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold; ``thickness_file_mm`` the mean
         of what the file says; ``gray_volume_mm3`` sums :func:`gray_volumes` over its vertices in the cortex label;
         ``mean_H_per_mm`` is the mean of H over pial area, convex positive, *not* FreeSurfer's MeanCurv, which is of
-        absolute values on white; ``gyrification_index`` that of the local index. None where there is nothing to average. Vertices without a region, and labels such as
-        ``unknown`` and ``corpuscallosum``, make no row.
+        absolute values on white; ``gyrification_index`` that of the local index. None where there is nothing to
+        average. Vertices without a region, and labels such as ``unknown`` and ``corpuscallosum``, make no row.
 
     Raises
     ------
