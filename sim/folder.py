@@ -188,6 +188,7 @@ class FolderWriter:
             (temporary / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(temporary / "surf" / surface.name, surface)
+                write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)     # for Connectome Workbench
             for name, values in maps.items():
                 write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
             beside(temporary)

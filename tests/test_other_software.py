@@ -1,9 +1,11 @@
 """What we write opens in software that is not ours: nilearn and Connectome Workbench say of it what is so."""
 
 import gzip
+import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from made_simulations import harmonic, made_simulation
 
 from morphofold.analysis import vertex_areas
 from morphofold.analysis.measures import measure
-from morphofold.io import read_cortex, read_label, sample_path, write_gifti_map, write_surface
+from morphofold.io import read_cortex, read_label, sample_path, write_gifti_map
 from morphofold.results import write_analysis, write_dataset
 from morphofold.simulation import freesurfer_maps
 
@@ -112,13 +114,12 @@ def told(text, what):
     return re.search(rf"{re.escape(what)}:\s+(.*?)\s*$", text, re.M)[1]
 
 
-def test_workbench_opens_the_surfaces_of_a_simulated_stage_written_as_gifti(stage, workbench, tmp_path):
-    """It reads no FreeSurfer file at all, nobody's: GIFTI is the way to it."""
+def test_workbench_opens_the_surfaces_of_a_simulated_stage(stage, workbench):
+    """It reads no FreeSurfer file at all, nobody's: the GIFTI files beside them are the way to it."""
     cortex = read_cortex(stage)
     for kind in ("white", "pial"):
         surface = getattr(cortex, kind)
-        write_surface(tmp_path / f"lh.{kind}.surf.gii", surface)
-        said = workbench("-surface-information", tmp_path / f"lh.{kind}.surf.gii")
+        said = workbench("-surface-information", stage / "surf" / f"lh.{kind}.surf.gii")
         assert int(told(said, "Number of Vertices")) == len(surface.verts)
         assert int(told(said, "Number of Triangles")) == len(surface.faces)
         bounds = np.array([float(x) for x in re.findall(r"-?[\d.]+", told(said, "Bounds"))]).reshape(3, 2)
@@ -182,3 +183,9 @@ def test_workbench_finds_our_mean_thickness_within_the_cortex_label(average, wor
     write_gifti_map(tmp_path / "rh.roi.shape.gii", known.astype(float))
     found = float(workbench("-metric-stats", file, "-reduce", "MEAN", "-roi", tmp_path / "rh.roi.shape.gii"))
     assert found == pytest.approx(m.scalars["mean_cortical_thickness_mm"], rel=1e-5)
+
+
+def test_a_stage_is_read_from_its_freesurfer_files_and_its_gifti_files_are_digested(stage):
+    assert [Path(file).name for file in read_cortex(stage).files][:2] == ["lh.white", "lh.pial"]
+    digests = json.loads((stage / "files.json").read_text())
+    assert {"surf/lh.white.surf.gii", "surf/lh.pial.surf.gii"} <= set(digests)
