@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from morphofold.cli import COMMANDS, main
+from morphofold.cli.analyze import hemispheres
 from morphofold.io import read_label, sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
@@ -330,6 +331,25 @@ def subjects(folder, *names):
     for name in names:
         shutil.copytree(sample_path("fsaverage5"), folder / name)
     return folder
+
+
+@pytest.mark.parametrize(("lost", "left"), [("pial", "white"), ("white", "pial")])
+def test_half_a_hemisphere_is_refused_and_not_left_out(here, capsys, monkeypatch, lost, left):
+    monkeypatch.setenv("SUBJECTS_DIR", str(subjects(here, "bert")))
+    (here / "bert" / "surf" / f"lh.{lost}").unlink()
+    said = f"bert: surf/lh.{left} is there and surf/lh.{lost} is not. Restore it, or pass --hemi rh"
+    refused(capsys, ["analyze", "-s", "bert", "-o", "out"], said)
+    refused(capsys, ["analyze", "bert", "-o", "out"], said)
+    assert not (here / "out").exists()
+
+
+def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
+    subjects(here, "bert")
+    for name in ("lh.white", "lh.pial"):
+        (here / "bert" / "surf" / name).unlink()
+    assert hemispheres(here / "bert") == ("rh",)
+    (here / "bert" / "surf" / "rh.pial").unlink()
+    assert hemispheres(here / "bert") == ("rh",)                        # for the reader to say what is missing
 
 
 def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_left_out(here, capsys, monkeypatch):

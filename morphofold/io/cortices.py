@@ -15,7 +15,7 @@ from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.surface import Cortex
 
 MAPS = ("thickness", "curv", "sulc", "area")
-_SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
+SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
 _MAP_ENDINGS = ("", ".shape.gii", ".gii")
 
 
@@ -129,7 +129,7 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
         return found
 
     maps = {m: read_morph(p) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
-    inflated = optional("surf", f"{hemi}.inflated", _SURFACE_ENDINGS)
+    inflated = optional("surf", f"{hemi}.inflated", SURFACE_ENDINGS)
     regions = optional("label", f"{hemi}.{annotation}.annot")
     label = optional("label", f"{hemi}.cortex.label")
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
@@ -158,7 +158,7 @@ def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path 
 
 
 def _required(root: Path, stem: str) -> Path:
-    found = _find((root / "surf", root), stem, _SURFACE_ENDINGS)
+    found = _find((root / "surf", root), stem, SURFACE_ENDINGS)
     if found is None:
         place = root / "surf" if (root / "surf").is_dir() else root
         try:
