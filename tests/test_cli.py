@@ -51,6 +51,17 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
 
 
+def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
+    pair(here)
+    for name in ("white", "pial"):
+        (here / f"lh.{name}").rename(here / name)
+    argv = ["analyze", "--white", "white", "--pial", "pial", "-o", "out", "-q", "--no-report"]
+    refused(capsys, argv, "Pass --hemi lh or rh")
+    refused(capsys, [*argv, "--hemi", "both"], "Pass --hemi lh or rh")
+    assert main([*argv, "--hemi", "rh", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["surfaces"][0]["hemi"] == "rh"
+
+
 def test_analyze_refuses_a_missing_file(here, capsys):
     argv = pair(here)
     (here / "lh.pial").unlink()

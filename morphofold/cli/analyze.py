@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
+    from morphofold.io.cortices import side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
 
@@ -69,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     if bids and (args.out is None or args.mgh or args.wide):
         raise ValueError("--layout bids takes -o DATASET, and neither --mgh nor --wide.")
     if args.input is None:
+        if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
+            raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
         hemi = None if args.hemi == "both" else args.hemi
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
     else:

@@ -80,7 +80,7 @@ def read_cortex(
 
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     for file in (white, pial):
-        said = _side(file.name) or hemi
+        said = side_named(file.name) or hemi
         if hemi is not None and said != hemi:
             raise ValueError(
                 f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r}, or the other file."
@@ -93,7 +93,7 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     )  # fmt: skip
 
 
-def _side(name: str) -> str | None:
+def side_named(name: str) -> str | None:
     """Hemisphere that a file's name tells: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
     if name[:3] in ("lh.", "rh."):
         return name[:2]
