@@ -1,8 +1,10 @@
 import errno
 import json
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -328,6 +330,20 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
     monkeypatch.setattr("morphofold.cli.scenes.run", kernel)
     assert main(["scenes"]) == 130
     assert capsys.readouterr().err == "morphofold scenes: interrupted.\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_analysis_leaves_nothing_behind(here, number):
+    argv = pair(here, levels=(5, 5))
+    before = sorted(here.iterdir())
+    process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
+    while sorted(here.iterdir()) == before:                             # until it writes
+        assert process.poll() is None, "ended before it could be stopped"
+        time.sleep(0.005)
+    process.send_signal(number)
+    assert process.communicate()[1] == "morphofold analyze: interrupted.\n"
+    assert process.returncode == 130
+    assert sorted(here.iterdir()) == before
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():
