@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,7 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
 def of_input(cortex: Cortex) -> Notes:
     """An average in place of a brain, a missing cortex label, and the health warnings of a simulation."""
     notes = {}
-    subjects = [Path(file).parent.parent.name for file in cortex.files]
+    subjects = [Path(os.path.abspath(file)).parent.parent.name for file in cortex.files]
     if average := next((name for name in subjects if name.startswith(AVERAGES)), ""):
         notes["average"] = (
             f"{average} is an average of many brains, in which folds that differ between people are smoothed away: its "
@@ -136,6 +137,5 @@ def of_gyral_thickness(across: GyralThickness) -> Notes:
 def of_regions() -> Notes:
     return {
         "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. A region with less measured "
-        "contour than two gyral widths has no gyral thickness; gyrification_index of a region is not measured by this "
-        "version."
+        "contour than two gyral widths has no gyral thickness."
     }

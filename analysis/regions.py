@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
-    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
-    "thickness_file_mm", "gray_volume_mm3", "mean_H_per_mm",
+    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyral_contour_mm", "thickness_file_mm",
+    "gray_volume_mm3", "mean_H_per_mm",
 )  # fmt: skip
 #: columns that mean what FreeSurfer's ``aparcstats2table --meas`` of these names gives
 FREESURFER = {

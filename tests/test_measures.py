@@ -282,6 +282,13 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
     assert cortex_label(cortex)[1] == "label"
 
 
+def test_an_average_is_known_by_its_folder_from_inside_it(average, tmp_path, monkeypatch):
+    for place, file in (("", "surf/lh.white"), ("surf", "lh.white"), ("label", "../surf/lh.white")):
+        (tmp_path / "fsaverage5" / place).mkdir(parents=True, exist_ok=True)
+        monkeypatch.chdir(tmp_path / "fsaverage5" / place)
+        assert "average" in of_input(replace(average[0].cortex, files=(file,)))
+
+
 def test_an_average_is_not_taken_for_a_person(average):
     assert "fsaverage5 is an average" in average[0].notes["average"]
     for file in ("fsaverage_study/bert/surf/lh.white", "fsaverage/notes.txt", "lh.white"):
