@@ -13,9 +13,8 @@ ROOT = Path(__file__).resolve().parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
-#: extras of pyproject.toml that a task needs; MB to load with each set of them
-EXTRAS = {"setup": (), "demo": (), "docs": ("docs",), "test": ("docs", "test")}
-SIZES = {(): 300, ("docs",): 320, ("docs", "test"): 430}
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": "[test,docs]"}     # of pyproject.toml, that a task needs
+SIZES = {"": 300, "[docs]": 320, "[test,docs]": 430}                             # MB to load; each holds those before
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
@@ -31,11 +30,11 @@ def main(words: list[str]) -> int:
         return fail(f"name a task: {', '.join(TASKS)}.")
     os.chdir(ROOT)
     extras = EXTRAS[words[0]]
-    if not any(is_ready(more) for more in SIZES if set(extras) <= set(more)):
+    if not is_ready(extras):
         code = set_up(extras)
         if code:
             return code
-        mark(extras).touch()
+        ready_file(extras).touch()
     for i, command in enumerate(TASKS[words[0]]):
         last = i == len(TASKS[words[0]]) - 1
         code = call([str(BIN / command[0]), *command[1:], *(words[1:] if last else [])])
@@ -44,28 +43,30 @@ def main(words: list[str]) -> int:
     return 0
 
 
-def mark(extras: tuple[str, ...]) -> Path:
-    return ROOT / ".venv" / "-".join((".ready", *extras))
+def ready_file(extras: str) -> Path:
+    return ROOT / ".venv" / f".ready{extras}"
 
 
-def is_ready(extras: tuple[str, ...]) -> bool:
-    """Whether .venv has these extras, as the sources now say."""
-    return mark(extras).exists() and all(s.stat().st_mtime <= mark(extras).stat().st_mtime for s in SOURCES)
+def is_ready(extras: str) -> bool:
+    """Whether these extras, or more, were set up after the last change of what they are made from."""
+    newest = max(s.stat().st_mtime for s in SOURCES)
+    more = [ready_file(e) for e in list(SIZES)[list(SIZES).index(extras) :]]
+    return any(ready.exists() and ready.stat().st_mtime >= newest for ready in more)
 
 
-def set_up(extras: tuple[str, ...]) -> int:
+def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
     print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", flush=True)
-    outside = getattr(sys, "_base_executable", sys.executable)          # not the Python of .venv, which has no pip
-    pip = [outside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
+    base = outer_python()
     uv = str(ROOT / ".tools" / "bin" / "uv")
+    pip = [base, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
     python = str(BIN / "python")
     for command in (
-        [*pip, "--target", ".tools", "uv"],
-        [uv, "venv", "--quiet", "--allow-existing", "--python", outside, ".venv"],
+        *([] if Path(uv).exists() else [pip]),
+        [uv, "venv", "--quiet", "--allow-existing", "--python", base, ".venv"],
         [
             *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
-            *["-c", "constraints.txt", "-e", f".[{','.join(extras)}]" if extras else "."],
+            *["-c", "constraints.txt", "-e", f".{extras}"],
         ],
     ):
         code = call(command)
@@ -73,6 +74,12 @@ def set_up(extras: tuple[str, ...]) -> int:
             return fail(f"set-up failed at: {' '.join(command)}")
     print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", flush=True)
     return 0
+
+
+def outer_python() -> str:
+    """The Python that runs this file, or where that is .venv's own, which has no pip, the one it was made from."""
+    inside = Path(sys.prefix).resolve() == (ROOT / ".venv").resolve()
+    return str(getattr(sys, "_base_executable", sys.executable) if inside else sys.executable)
 
 
 def call(command: list[str]) -> int:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.analysis import _mesh
 from morphofold.surface import Cortex, Faces, Verts
 
 NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
 PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
+
+APART = 0.05            # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
+ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
 
 
 def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
@@ -67,6 +71,26 @@ def check_sides(cortex: Cortex) -> None:
         raise ValueError(
             f"{cortex.name}: white ({cortex.white.name}) encloses {inner:.6g} mm^3, more than the {outer:.6g} mm^3 of "
             f"pial ({cortex.pial.name}). Were white and pial swapped?"
+        )
+
+
+def check_pair(cortex: Cortex) -> None:
+    """Refuse surfaces of two hemispheres or people: vertex i of pial far from that of white, and not outward of it.
+
+    Distance alone will not do: a thick simulated cortex is as deep as half the radius of its brain.
+    """
+    white, pial = cortex.white, cortex.pial
+    step = pial.verts - white.verts
+    size = np.linalg.norm(step, axis=1)
+    apart = float(np.median(size[size > 0]))
+    radius = float(np.sqrt(_mesh.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
+    along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[size > 0] / size[size > 0]
+    if apart > APART * radius and abs(along.mean()) < ALONG:
+        files = cortex.files[:2] or (white.name, pial.name)
+        raise ValueError(
+            f"{cortex.name}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
+            f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
+            "hemisphere of one person."
         )
 
 

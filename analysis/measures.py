@@ -93,8 +93,8 @@ def measure(
     Raises
     ------
     ValueError
-        If a closed surface is inside out, white encloses more than pial or coincides with it, no vertex is cortex,
-        the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
+        If a closed surface is inside out, white encloses more than pial or coincides with it, the two are of two
+        cortices, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
@@ -122,6 +122,7 @@ def measure(
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     if closed:
         checks.check_sides(cortex)
+    checks.check_pair(cortex)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white

@@ -1,13 +1,16 @@
 import errno
 import json
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
 from morphofold.cli import COMMANDS, main
+from morphofold.cli.analyze import hemispheres
 from morphofold.io import read_label, sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
@@ -48,6 +51,17 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
     assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
+
+
+def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
+    pair(here)
+    for name in ("white", "pial"):
+        (here / f"lh.{name}").rename(here / name)
+    argv = ["analyze", "--white", "white", "--pial", "pial", "-o", "out", "-q", "--no-report"]
+    refused(capsys, argv, "Pass --hemi lh or rh")
+    refused(capsys, [*argv, "--hemi", "both"], "Pass --hemi lh or rh")
+    assert main([*argv, "--hemi", "rh", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["surfaces"][0]["hemi"] == "rh"
 
 
 def test_analyze_refuses_a_missing_file(here, capsys):
@@ -318,6 +332,20 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
     assert capsys.readouterr().err == "morphofold scenes: interrupted.\n"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_analysis_leaves_nothing_behind(here, number):
+    argv = pair(here, levels=(5, 5))
+    before = sorted(here.iterdir())
+    process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
+    while sorted(here.iterdir()) == before:                             # until it writes
+        assert process.poll() is None, "ended before it could be stopped"
+        time.sleep(0.005)
+    process.send_signal(number)
+    assert process.communicate()[1] == "morphofold analyze: interrupted.\n"
+    assert process.returncode == 130
+    assert sorted(here.iterdir()) == before
+
+
 def test_a_reader_that_has_seen_enough_is_no_error():
     command = f"{sys.executable} -m morphofold theory radius --growth 1:2:9000 | head -n 1"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
@@ -330,6 +358,25 @@ def subjects(folder, *names):
     for name in names:
         shutil.copytree(sample_path("fsaverage5"), folder / name)
     return folder
+
+
+@pytest.mark.parametrize(("lost", "left"), [("pial", "white"), ("white", "pial")])
+def test_half_a_hemisphere_is_refused_and_not_left_out(here, capsys, monkeypatch, lost, left):
+    monkeypatch.setenv("SUBJECTS_DIR", str(subjects(here, "bert")))
+    (here / "bert" / "surf" / f"lh.{lost}").unlink()
+    said = f"bert: surf/lh.{left} is there and surf/lh.{lost} is not. Restore it, or pass --hemi rh"
+    refused(capsys, ["analyze", "-s", "bert", "-o", "out"], said)
+    refused(capsys, ["analyze", "bert", "-o", "out"], said)
+    assert not (here / "out").exists()
+
+
+def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
+    subjects(here, "bert")
+    for name in ("lh.white", "lh.pial"):
+        (here / "bert" / "surf" / name).unlink()
+    assert hemispheres(here / "bert") == ("rh",)
+    (here / "bert" / "surf" / "rh.pial").unlink()
+    assert hemispheres(here / "bert") == ("rh",)                        # for the reader to say what is missing
 
 
 def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_left_out(here, capsys, monkeypatch):

@@ -1,5 +1,6 @@
 """All measures of one cortex, on a model with known answers and on fsaverage5."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,7 +11,7 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis._curvature import Curvature
-from morphofold.analysis.checks import cortex_label, is_no_cortex
+from morphofold.analysis.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.measures import SCALARS
 from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
@@ -206,6 +207,24 @@ def test_surfaces_that_are_inside_out_swapped_or_the_same_are_refused():
         measure(Cortex(good.white, good.white))
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
+def test_surfaces_of_two_hemispheres_are_refused_in_any_unit(unit):
+    lh, rh = (read_cortex(sample_path("fsaverage5"), hemi) for hemi in ("lh", "rh"))
+    white, left, right = (Surface(unit * s.verts, s.faces, s.name) for s in (lh.white, lh.pial, rh.pial))
+    apart = unit * np.median(np.linalg.norm(lh.white.verts - rh.pial.verts, axis=1))
+    with pytest.raises(ValueError, match=r"lh.white and rh.pial are not of one cortex") as refused:
+        check_pair(Cortex(white, right))
+    assert float(re.search(r"of pial is (\S+) mm", str(refused.value))[1]) == pytest.approx(apart, rel=0.01)
+    check_pair(Cortex(white, left))
+
+
+def test_a_cortex_may_be_as_thick_as_its_core():
+    """Growth makes of a fifth of the radius half of it; the distance is along the normals all the same."""
+    check_pair(shell(3, 30.0, 60.0))
+    check_pair(read_cortex(sample_path("simulated")))
+    check_pair(read_cortex(sample_path("S1")))
+
+
 def test_a_cortex_label_without_a_vertex_is_refused():
     none = np.zeros(642, dtype=bool)
     with pytest.raises(ValueError, match=r"no vertex is cortex: the cortex label holds 0 of 642 .* differ at 642"):
@@ -261,6 +280,13 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
         assert mask.all()
         assert "medial wall" in of_input(other)["cortex_mask"]
     assert cortex_label(cortex)[1] == "label"
+
+
+def test_an_average_is_known_by_its_folder_from_inside_it(average, tmp_path, monkeypatch):
+    for place, file in (("", "surf/lh.white"), ("surf", "lh.white"), ("label", "../surf/lh.white")):
+        (tmp_path / "fsaverage5" / place).mkdir(parents=True, exist_ok=True)
+        monkeypatch.chdir(tmp_path / "fsaverage5" / place)
+        assert "average" in of_input(replace(average[0].cortex, files=(file,)))
 
 
 def test_an_average_is_not_taken_for_a_person(average):

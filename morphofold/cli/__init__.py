@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from morphofold import __version__
@@ -60,7 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _one_line
-            code = args.run(args)
+            with _terminated_as_interrupted():
+                code = args.run(args)
         sys.stdout.flush()
         return code
     except BrokenPipeError:                                             # whoever read our words has had enough
@@ -85,6 +89,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         if type(error).__name__ in ("UnstableError", "ConvergenceError"):      # not imported for the sake of --help
             return _fail(args.command, error, 1)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM as Ctrl-C, so that what is half written is removed; the main thread alone can say so."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _one_line(message: Warning | str, *_: object, **__: object) -> None:

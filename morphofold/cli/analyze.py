@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import read_cortex
+    from morphofold.io.cortices import side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
 
@@ -69,10 +70,13 @@ def run(args: argparse.Namespace) -> int:
     if bids and (args.out is None or args.mgh or args.wide):
         raise ValueError("--layout bids takes -o DATASET, and neither --mgh nor --wide.")
     if args.input is None:
+        if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
+            raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
         hemi = None if args.hemi == "both" else args.hemi
         cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
     else:
-        hemis = {"both": ("lh", "rh"), None: hemispheres(Path(args.input))}.get(args.hemi, (args.hemi,))
+        named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
+        hemis = named if args.hemi else hemispheres(Path(args.input))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
@@ -184,6 +188,27 @@ def _stages_of(folder: Path) -> list[Cortex]:
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres whose pial surface lies in ``folder`` or its surf/; ("lh",) if none does, for the reader to say."""
-    found = {p.name[:2] for place in (folder, folder / "surf") if place.is_dir() for p in place.glob("?h.pial*")}
-    return tuple(h for h in ("lh", "rh") if h in found) or ("lh",)
+    """Hemispheres whose surfaces lie in ``folder`` or its surf/; ("lh",) if none does, for the reader to say.
+
+    Raises
+    ------
+    FileNotFoundError
+        If one hemisphere is there and the other is half there: one of its two surfaces.
+    """
+    from morphofold.io.cortices import SURFACE_ENDINGS
+
+    place = folder / "surf" if (folder / "surf").is_dir() else folder
+    files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
+    there = {
+        hemi: [kind for kind in ("white", "pial") if any(f"{hemi}.{kind}{end}" in files for end in SURFACE_ENDINGS)]
+        for hemi in ("lh", "rh")
+    }
+    half, whole = ([hemi for hemi, kinds in there.items() if len(kinds) == n] for n in (1, 2))
+    if half and whole:
+        (has,), side = there[half[0]], {"lh": "left", "rh": "right"}[whole[0]]
+        lacks = "pial" if has == "white" else "white"
+        raise FileNotFoundError(
+            f"{folder}: {place.name}/{half[0]}.{has} is there and {place.name}/{half[0]}.{lacks} is not. Restore it, "
+            f"or pass --hemi {whole[0]} to measure the {side} alone."
+        )
+    return tuple(whole or half) or ("lh",)

@@ -15,7 +15,7 @@ from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.surface import Cortex
 
 MAPS = ("thickness", "curv", "sulc", "area")
-_SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
+SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
 _MAP_ENDINGS = ("", ".shape.gii", ".gii")
 
 
@@ -80,7 +80,7 @@ def read_cortex(
 
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     for file in (white, pial):
-        said = _side(file.name) or hemi
+        said = side_named(file.name) or hemi
         if hemi is not None and said != hemi:
             raise ValueError(
                 f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r}, or the other file."
@@ -93,7 +93,7 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     )  # fmt: skip
 
 
-def _side(name: str) -> str | None:
+def side_named(name: str) -> str | None:
     """Hemisphere that a file's name tells: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
     if name[:3] in ("lh.", "rh."):
         return name[:2]
@@ -129,7 +129,7 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
         return found
 
     maps = {m: read_morph(p) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
-    inflated = optional("surf", f"{hemi}.inflated", _SURFACE_ENDINGS)
+    inflated = optional("surf", f"{hemi}.inflated", SURFACE_ENDINGS)
     regions = optional("label", f"{hemi}.{annotation}.annot")
     label = optional("label", f"{hemi}.cortex.label")
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
@@ -158,7 +158,7 @@ def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path 
 
 
 def _required(root: Path, stem: str) -> Path:
-    found = _find((root / "surf", root), stem, _SURFACE_ENDINGS)
+    found = _find((root / "surf", root), stem, SURFACE_ENDINGS)
     if found is None:
         place = root / "surf" if (root / "surf").is_dir() else root
         try:

@@ -1,0 +1,67 @@
+"""run.py: what it sets up anew, and with which Python."""
+
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+FILE = Path(__file__).resolve().parent.parent / "run.py"
+pytestmark = pytest.mark.skipif(not FILE.is_file(), reason="needs a checkout")
+
+
+@pytest.fixture
+def task(tmp_path, monkeypatch):
+    """run.py as a module, of an empty folder, where calls are only noted."""
+    spec = importlib.util.spec_from_file_location("run_py", FILE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    source = tmp_path / "pyproject.toml"
+    source.touch()
+    (tmp_path / ".venv").mkdir()
+    module.called = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "BIN", tmp_path / ".venv" / "bin")
+    monkeypatch.setattr(module, "SOURCES", [source])
+    monkeypatch.setattr(module, "call", lambda command: module.called.append(command) or 0)
+    return module
+
+
+def test_what_the_tests_need_is_enough_for_the_commands_and_not_the_other_way_round(task):
+    task.main(["test"])
+    assert task.called
+    task.called.clear()
+    task.main(["setup"])
+    assert task.called == []
+    task.ready_file("[test,docs]").rename(task.ready_file(""))
+    task.main(["test"])
+    assert any("pip" in command for command in task.called)
+
+
+def test_a_change_of_the_sources_sets_up_anew(task):
+    task.main(["test"])
+    task.called.clear()
+    os.utime(task.SOURCES[0], (2e9, 2e9))
+    task.main(["setup"])
+    assert task.called
+
+
+def test_uv_that_is_there_is_not_loaded_again(task):
+    task.set_up("")
+    assert task.called[0][1:3] == ["-m", "pip"]
+    (task.ROOT / ".tools" / "bin").mkdir(parents=True)
+    (task.ROOT / ".tools" / "bin" / "uv").touch()
+    task.called.clear()
+    task.set_up("")
+    assert task.called[0][1] == "venv"
+
+
+def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkeypatch):
+    monkeypatch.setattr(sys, "_base_executable", "/usr/bin/outer")
+    assert task.outer_python() == sys.executable                       # a Python elsewhere
+    monkeypatch.setattr(sys, "prefix", str(task.ROOT / ".venv"))
+    task.set_up("")
+    assert task.called[0][0] == "/usr/bin/outer"
+    assert "/usr/bin/outer" in task.called[1]
