@@ -8,12 +8,12 @@ from morphofold.report import analysis_report
 
 @needs_browser
 def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
-    m = made_measures("lh")
+    m = made_measures("lh", name="sub/01")
     m.regions[1]["gyral_thickness_mm"] = None
     m.regions[2]["area_mm2"] = 1234.56789
     page = analysis_report([m], tmp_path / "report.html")
-    names = "[...document.querySelectorAll('[data-name=lh-regions] tbody th')].map(t => t.textContent)"
-    head = "document.querySelector('[data-name=lh-regions] th[data-key={}] button').click()"
+    names = "[...document.querySelectorAll('[data-name=sub_01-lh-regions] tbody th')].map(t => t.textContent)"
+    head = "document.querySelector('[data-name=sub_01-lh-regions] th[data-key={}] button').click()"
     with opened(page, tmp_path / "profile", "tables") as tab:
         assert tab.js(names) == ["front", "middle", "back"]
         tab.js(head.format("region"))
@@ -24,14 +24,16 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
         assert tab.js(names) == ["back", "front", "middle"]                     # falling, and still last
         assert tab.js("document.querySelector('th[aria-sort]').getAttribute('aria-sort')") == "descending"
         tab.js("URL.createObjectURL = (blob) => { window.saved = blob; return '#'; }")
-        tab.js("document.querySelector('[data-name=lh-regions] + .save').click()")
+        tab.js("HTMLAnchorElement.prototype.click = function () { window.link = this.download; }")
+        tab.js("document.querySelector('[data-name=sub_01-lh-regions] + .save').click()")
+        assert tab.js("window.link") == "sub_01-lh-regions.tsv"
         lines = [line.split("\t") for line in tab.js("window.saved.text()").splitlines()]
         assert lines[0][:3] == ["region", "n_vertices", "area_mm2"]
         assert [line[0] for line in lines[1:]] == ["back", "front", "middle"]
         assert lines[1][2] == "1234.56789"
         assert lines[3][lines[0].index("gyral_thickness_mm")] == "n/a"
         tables = tab.js("[...document.querySelectorAll('table.sortable')].map(t => t.dataset.name)")
-        assert tables == ["measures", "lh-regions", "lh-hinges"]
+        assert tables == ["measures", "sub_01-lh-regions", "sub_01-lh-hinges"]
 
 
 @needs_browser

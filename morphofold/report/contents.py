@@ -13,6 +13,7 @@ import numpy as np
 from morphofold.analysis.checks import cortex_label
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import matching_growth
+from morphofold.report.figures import safe_name
 from morphofold.report.plots import number
 from morphofold.report.quantities import HEADLINES, RATIO, scalar_words
 
@@ -205,7 +206,8 @@ def tables(entries: Sequence[Entry]) -> Rows:
             rows = getattr(e.measures, name)
             if rows:
                 found.append({
-                    "title": title, "entry": e, "name": f"{e.measures.cortex.hemi}-{name}",
+                    "title": title, "entry": e,
+                    "name": safe_name(f"{e.measures.cortex.name}-{e.measures.cortex.hemi}-{name}"),
                     "heads": [(key, *scalar_words(key)) for key in columns],
                     "rows": [[row.get(key) for key in columns] for row in rows],
                 })  # fmt: skip
