@@ -80,16 +80,12 @@ def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str
 
 
 def verdict(comparison: Comparison) -> list[str]:
-    """What linear theory says to the ratio of gyral to cortical thickness, if a stiffness is known."""
-    if not comparison.theory or all(t is None for t in next(
-        [row[name] for name in comparison.names] for row in comparison.table if row["measure"] == RATIO
-    )):
+    """What linear theory says beside the ratio of gyral to cortical thickness, where that and a stiffness are known."""
+    row = next(row for row in comparison.table if row["measure"] == RATIO)
+    if not comparison.theory or all(row[name] is None for name in comparison.names):
         return []
-    theory = ", ".join(f"{number(t.slope)} at a stiffness ratio of {t.mu_ratio:.3g}" for t in comparison.theory)
-    return [
-        f"Over the cortical thickness, too, linear theory puts the wavelength of first wrinkles, gyrus and sulcus "
-        f"together, at {theory}."
-    ]
+    slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in comparison.theory)
+    return [f"Linear theory puts the wavelength of first wrinkles, gyrus and sulcus, over cortical thickness at {slopes}."]
 
 
 def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
