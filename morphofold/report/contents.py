@@ -85,7 +85,7 @@ def verdict(comparison: Comparison) -> list[str]:
     if not comparison.theory or all(row[name] is None for name in comparison.names):
         return []
     slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in comparison.theory)
-    return [f"Linear theory puts the wavelength of first wrinkles, gyrus and sulcus, over cortical thickness at {slopes}."]
+    return [f"Linear theory puts the wavelength of first wrinkles over cortical thickness at {slopes}."]
 
 
 def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
