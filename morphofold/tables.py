@@ -33,15 +33,17 @@ def _cell(value: Any) -> str:
     return " ".join(str(value).split())  # no tab or line break may leave its cell
 
 
-def read_table(path: Path, words: Collection[str] = ()) -> list[dict[str, Any]]:
+def read_table(path: Path, words: Collection[str] = (), count: int | None = None) -> list[dict[str, Any]]:
     """A table of an analysis, as ``write_table`` wrote it: numbers as numbers, None for n/a, text in columns ``words``.
+
+    ``count`` is the number of rows that were written, where it is known.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it was cut, or a line has another number of cells than the header.
+        If it was cut, has another number of rows than ``count``, or a line another number of cells than the header.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
@@ -52,6 +54,8 @@ def read_table(path: Path, words: Collection[str] = ()) -> list[dict[str, Any]]:
     for number, row in enumerate(rows, start=2):
         if None in row or None in row.values():
             raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
+    if count not in (None, len(rows)):
+        raise ValueError(f"{path}: has {len(rows)} rows of the {count} that were written. Analyze anew.")
     return [{k: _value(v, k in words) for k, v in row.items()} for row in rows]
 
 

@@ -54,7 +54,7 @@ def made_measures(hemi="lh", **options):
             rows.append({
                 "hemi": hemi, "region": region, "n_vertices": n, "area_mm2": 10.0 * n, "cortical_thickness_mm": t,
                 "cortical_thickness_sd_mm": 0.25, "gyral_thickness_mm": 1 + 3 * t, "n_hinges": None,
-                "crest_length_mm": None, "gyrification_index": float("nan"),
+                "crest_length_mm": None,
             })  # fmt: skip
     scalars = dict.fromkeys(SCALARS)
     scalars.update(

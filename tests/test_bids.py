@@ -21,7 +21,7 @@ from morphofold.cli import main
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
-from morphofold.results.bids import read_subject
+from morphofold.results.bids import IGNORED, read_subject
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
@@ -230,6 +230,23 @@ def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
     read_subject(place)
 
 
+@pytest.mark.parametrize("layout", [0, 1])
+def test_a_table_that_lost_whole_lines_is_refused_where_the_number_of_rows_is_known(both, tmp_path, layout):
+    place = tmp_path / "sub-bert"
+    shutil.copytree(both[layout], place)
+    table, summary = (
+        (place / "regions.tsv", place / "summary.json"),
+        (place / "anat" / "sub-bert_desc-regions_morph.tsv", place / "anat/sub-bert_desc-morphofold_provenance.json"),
+    )[layout]
+    lines = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(lines[:-1]))
+    with pytest.raises(ValueError, match=rf"{table.name}: has {len(lines) - 2} rows of the {len(lines) - 1} that were"):
+        read_analysis(place)
+    older = {key: value for key, value in json_of(summary).items() if key != "rows"}
+    summary.write_text(json.dumps(older))
+    assert sum(len(m.regions) for m in read_analysis(place)) == len(lines) - 2
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [("hemi", "xh", "'xh'"), ("transform", np.zeros((4, 4)).tolist(), "cannot be inverted"), ("maps", 3, "TypeError")],
@@ -321,7 +338,9 @@ def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
     (tmp_path / "d" / "dataset_description.json").write_text(json.dumps(said))
     write_dataset([made_measures()], tmp_path / "d", "bert", report=False)
     assert json_of(tmp_path / "d" / "dataset_description.json") == said
-    assert (tmp_path / "d" / ".bidsignore").read_text() == "*.html\nmine\n"
+    lines = (tmp_path / "d" / ".bidsignore").read_text().splitlines()
+    assert "mine" in lines
+    assert sorted(lines) == sorted({*IGNORED.splitlines(), "mine"})     # those of an older version are renewed
 
 
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
@@ -366,9 +385,6 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeyp
     place = tmp_path / "d" / "sub-fig5g18"
     assert (place / "report.html").stat().st_size > 10_000
     assert list((place / "figures").glob("*.png"))
-    for more in ([], ["-o", "d", "--mgh"], ["-o", "d", "--wide"]):
-        assert main([*argv, *more]) == 2
-        assert "--layout bids takes -o DATASET" in capsys.readouterr().err
     monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *a, **k: pytest.fail("was measured"))
     assert main([*argv, "-o", str(place)]) == 2
     assert "is not a BIDS dataset that morphofold wrote" in capsys.readouterr().err

@@ -11,6 +11,7 @@ import pytest
 
 from morphofold.cli import COMMANDS, main
 from morphofold.cli.analyze import hemispheres
+from morphofold.cli.paths import writable_name
 from morphofold.io import read_label, sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
@@ -51,6 +52,23 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
     assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
+
+
+@pytest.mark.parametrize("option", ["--curvature-scale", "--gyral-width"])
+@pytest.mark.parametrize("length", ["-3", "0", "nan", "inf"])
+def test_a_length_that_is_none_is_refused_before_anything_is_read(here, capsys, option, length):
+    refused(capsys, ["analyze", "not-there", f"{option}={length}"], f"{option} {length}: is no length")
+
+
+def test_the_bids_layout_asks_for_its_dataset_and_refuses_what_is_of_the_plain_one(here, capsys):
+    argv = [*pair(here)[:-2], "--layout", "bids"]
+    refused(capsys, argv, "Pass -o DATASET")
+    for option in ("--mgh", "--wide"):
+        refused(capsys, [*argv, "-o", "out", option], "of the plain layout")
+
+
+def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():
+    assert writable_name("a/b\nc\x7f d") == "a-b-c- d"
 
 
 def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):

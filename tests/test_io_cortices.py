@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name():
     folder = sample_path("fsaverage5/surf")
     c = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
     assert (c.hemi, c.origin, c.maps) == ("rh", "files", {})
-    for wrong in ({"pial": folder / "rh.pial"}, {"pial": folder / "lh.pial", "hemi": "rh"}):
-        with pytest.raises(ValueError, match=r"is named .h, but .h was asked for"):
-            read_cortex(**{"white": folder / "lh.white", **wrong})
+    with pytest.raises(ValueError, match=r"lh\.white is lh, \S+rh\.pial is rh\. Name two surfaces of one hemisphere"):
+        read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
+    with pytest.raises(ValueError, match=r"is named lh, but rh was asked for\. Ask for lh"):
+        read_cortex(white=folder / "lh.white", pial=folder / "lh.pial", hemi="rh")
 
 
 def test_the_surf_folder_itself_stands_for_its_subject():
@@ -65,10 +67,19 @@ def test_a_damaged_stage_record_is_refused(tmp_path, text, message):
         read_cortex(stage)
 
 
-def test_a_map_of_another_surface_is_refused_when_a_cortex_is_read(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("surf/lh.thickness", lambda path: write_morph(path, np.ones(41))),
+        ("surf/lh.inflated", lambda path: write_surface(path, Surface(*icosphere(2)))),
+        ("label/lh.aparc.annot", lambda path: shutil.copy(sample_path(f"fsaverage5/label/{path.name}"), path)),
+    ],
+)
+def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, write):
     stage = simulation(tmp_path) / "stages" / "g1.80"
-    write_morph(stage / "surf" / "lh.thickness", np.ones(41))
-    with pytest.raises(ValueError, match=r"thickness has shape \(41,\), the surfaces have 42 vertices"):
+    (stage / "label").mkdir()
+    write(stage / name)
+    with pytest.raises(ValueError, match=rf"{name} has [0-9,]+ vertices, \S+surf/lh\.white 42: it belongs to another"):
         read_cortex(stage)
 
 
@@ -88,8 +99,16 @@ def test_a_missing_hemisphere_says_what_was_looked_for():
         read_cortex(sample_path("S1"), "rh")
 
 
-def test_a_missing_folder_says_how_far_the_path_exists(tmp_path):
-    with pytest.raises(FileNotFoundError, match=f"exists up to {re.escape(str(tmp_path))}"):
+def test_the_other_hemisphere_is_no_misspelling(tmp_path):
+    for name in ("rh.pial", "lh.sulc", "lh.white"):
+        shutil.copy(sample_path(f"fsaverage5/surf/{name}"), tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"lh\.pial: no such surface") as error:
+        read_cortex(tmp_path)
+    assert "Close to it" not in str(error.value)
+
+
+def test_a_missing_folder_says_what_is_missing_in_which(tmp_path):
+    with pytest.raises(FileNotFoundError, match=f"There is no no in {re.escape(str(tmp_path))}"):
         read_cortex(tmp_path / "no" / "such" / "subject")
 
 

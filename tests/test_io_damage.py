@@ -23,7 +23,7 @@ def test_a_missing_surface_is_named_with_what_lies_beside_it():
 def test_a_folder_instead_of_a_surface_and_a_file_instead_of_a_folder_are_refused():
     with pytest.raises(IsADirectoryError, match="is a folder, looked for a surface"):
         read_surface(sample_path("fsaverage5"))
-    with pytest.raises(NotADirectoryError, match=r"is a file. Pass its folder"):
+    with pytest.raises(NotADirectoryError, match=r"is a file. Name its folder"):
         read_cortex(sample_path("fsaverage5/surf/lh.white"))
 
 

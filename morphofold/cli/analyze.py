@@ -23,7 +23,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
-    parser.add_argument("--curvature-scale", type=float, metavar="MM", help="radius of curvature neighbourhoods")
+    parser.add_argument(
+        "--curvature-scale", type=float, metavar="MM",
+        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes)",
+    )  # fmt: skip
     parser.add_argument(
         "--gyral-width", type=float, metavar="MM",
         help="lengths of the gyral net are shares of it; hold it to compare hinges of meshes of one brain, or of a "
@@ -36,11 +39,13 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
     parser.add_argument(
-        "--mgh", action="store_true", help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written)"
-    )
+        "--mgh", action="store_true",
+        help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout",
+    )  # fmt: skip
     parser.add_argument(
-        "--wide", action="store_true", help="regions_wide.tsv, too: one row, a column per region and measure"
-    )
+        "--wide", action="store_true",
+        help="regions_wide.tsv, too: one row, a column per region and measure; of the plain layout",
+    )  # fmt: skip
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain",
         help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
@@ -59,6 +64,9 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
+    for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
+        if length is not None and not 0 < length < float("inf"):
+            raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
     _find_subject(args)
     if (args.input is None) == (args.white is None and args.pial is None):
         raise ValueError("name either INPUT, or -s, or --white and --pial.")
@@ -67,8 +75,10 @@ def run(args: argparse.Namespace) -> int:
     if args.stages:
         return _stages(args)
     bids = args.layout == "bids"
-    if bids and (args.out is None or args.mgh or args.wide):
-        raise ValueError("--layout bids takes -o DATASET, and neither --mgh nor --wide.")
+    if bids and args.out is None:
+        raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
+    if bids and (args.mgh or args.wide):
+        raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
     if args.input is None:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")

@@ -6,6 +6,7 @@ import difflib
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from unicodedata import category
 
 
 def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
@@ -20,8 +21,8 @@ def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
 
 
 def writable_name(name: str) -> str:
-    """A subject's name as a folder's name: separators become dashes."""
-    return name.replace("/", "-").replace("\\", "-").strip(". ") or "unnamed"
+    """A subject's name as a folder's name: separators, line breaks and the like become dashes."""
+    return "".join("-" if c in "/\\" or category(c) == "Cc" else c for c in name).strip(". ") or "unnamed"
 
 
 def subject_folder(subject: str, subjects_dir: str | None) -> Path:

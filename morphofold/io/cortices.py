@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,18 +72,21 @@ def read_cortex(
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
     path = Path(path)
     if path.is_file():
-        raise NotADirectoryError(f"{path}: is a file. Pass its folder, or both white= and pial=.")
+        raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
     if not path.is_dir():
         existing_file(path, "folder with a cortex")  # raises, and lists close names
     return _folder(_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
 
 
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
+    sides = [side_named(file.name) for file in (white, pial)]
+    if None not in sides and sides[0] != sides[1]:
+        raise ValueError(f"{white} is {sides[0]}, {pial} is {sides[1]}. Name two surfaces of one hemisphere.")
     for file in (white, pial):
         said = side_named(file.name) or hemi
         if hemi is not None and said != hemi:
             raise ValueError(
-                f"{file}: is named {said}, but {hemi} was asked for. Pass hemi={said!r}, or the other file."
+                f"{file}: is named {said}, but {hemi} was asked for. Ask for {said}, or name the other file."
             )
         hemi = said
     inner, outer = read_surface(white), read_surface(pial)
@@ -118,7 +121,7 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
         raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
     stage = root / "stage.json"
     if stage.is_file() and hemi == "rh":
-        raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Pass hemi='lh'.")
+        raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
     inner, outer = (_required(root, f"{hemi}.{s}") for s in surfaces)
     white, pial = read_surface(inner), read_surface(outer)
     files = [inner, outer]
@@ -128,9 +131,23 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
         files.extend([found] if found else [])
         return found
 
-    maps = {m: read_morph(p) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
-    inflated = optional("surf", f"{hemi}.inflated", SURFACE_ENDINGS)
-    regions = optional("label", f"{hemi}.{annotation}.annot")
+    def fitting(file: Path | None, read: Callable[[Path], Any], count: Callable[[Any], int] = len) -> Any:
+        """What a file holds, refused if it is of another number of vertices."""
+        found = None if file is None else read(file)
+        if file is not None and count(found) != len(white.verts):
+            raise ValueError(
+                f"{file} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another subject. "
+                "Take it from the same one, or leave it out."
+            )
+        return found
+
+    maps = {m: fitting(p, read_morph) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
+    inflated = fitting(
+        optional("surf", f"{hemi}.inflated", SURFACE_ENDINGS), read_surface, lambda surface: len(surface.verts)
+    )
+    regions = fitting(
+        optional("label", f"{hemi}.{annotation}.annot"), read_annotation, lambda regions: len(regions.labels)
+    )
     label = optional("label", f"{hemi}.cortex.label")
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": {}}
@@ -143,8 +160,8 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
     return Cortex(
         white, pial, hemi, name or said["name"], maps,
         cortex=read_label(label, len(white.verts)) if label else None,
-        regions=read_annotation(regions) if regions else None,
-        inflated=read_surface(inflated) if inflated else None,
+        regions=regions,
+        inflated=inflated,
         origin=said["origin"],
         units=str(said.get("units", "mm")),
         transform=scanner_transform(white.geometry),

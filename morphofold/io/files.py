@@ -48,11 +48,12 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
 def _what_is_there(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
-        while not folder.is_dir():
+        while not folder.parent.is_dir():
             folder = folder.parent
-        return f"Its folder does not exist either; the path exists up to {folder}."
+        return f"There is no {folder.name} in {folder.parent.absolute()}."
     names = sorted(p.name for p in folder.iterdir())
-    close = difflib.get_close_matches(path.name, names, n=4, cutoff=0.5)
+    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""         # the other hemisphere is no misspelling
+    close = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
     if close:
         return f"Close to it in that folder: {', '.join(close)}."
     if names:

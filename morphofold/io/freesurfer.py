@@ -70,7 +70,7 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
             (n,) = struct.unpack(">i", head[:4])
             raise ValueError(
                 f"{path}: holds one value for each of {n} vertices, not a surface. "
-                "Pass a surface such as lh.white; maps are read with read_morph."
+                "Name a surface such as lh.white."
             )
         n, m = int.from_bytes(head[:3], "big"), int.from_bytes(head[3:], "big")
         need = 9 + (6 if magic == QUADS else 12) * n + 12 * m

@@ -24,9 +24,9 @@ from morphofold.results.bids_hemisphere import (
     read_hemisphere,
     write_hemisphere,
 )
-from morphofold.results.summary import COLUMNS, WORDS, checked_inputs, summary_of
+from morphofold.results.summary import COLUMNS, checked_inputs, read_tables, summary_of
 from morphofold.surface import Cortex
-from morphofold.tables import read_table, write_table
+from morphofold.tables import write_table
 
 PROVENANCE = "_desc-morphofold_provenance.json"
 IGNORED = """\
@@ -143,10 +143,11 @@ def read_subject(folder: str | Path) -> list[Measures]:
         )
     path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
     try:
-        entries = list(json.loads(path.read_text(encoding="utf-8"))["surfaces"])
-        tables = {name: read_table(anat / f"{stem}_desc-{name}_morph.tsv", WORDS) for name in COLUMNS}
+        said = json.loads(path.read_text(encoding="utf-8"))
+        entries = list(said["surfaces"])
+        tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
         return [read_hemisphere(entry, tables, anat, stem) for entry in entries]
-    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: not as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
         ) from error
@@ -188,7 +189,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _describe(dataset: Path) -> None:
-    """Write what makes a folder a dataset; of one that is ours already only the version that wrote last."""
+    """Write what makes a folder a dataset; of one that is ours already, what an older version wrote otherwise."""
     import morphofold
 
     me = {"Name": "morphofold", "Version": morphofold.__version__}
@@ -201,9 +202,12 @@ def _describe(dataset: Path) -> None:
             "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",
             "GeneratedBy": [me],
         }  # fmt: skip
-        for name, text in ((".bidsignore", IGNORED), ("README.md", README)):
-            with atomic_file(dataset / name) as file:
-                file.write_text(text, encoding="utf-8")
+        with atomic_file(dataset / "README.md") as file:
+            file.write_text(README, encoding="utf-8")
+    ignored = dataset / ".bidsignore"
+    there = ignored.read_text(encoding="utf-8").splitlines() if ignored.is_file() else []
+    with atomic_file(ignored) as file:
+        file.write_text("\n".join([*dict.fromkeys([*there, *IGNORED.splitlines()]), ""]), encoding="utf-8")
     with atomic_file(path) as file:
         file.write_text(strict_json(said), encoding="utf-8")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,14 +28,9 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.records import strict_json
-from morphofold.results.summary import COLUMNS, WORDS, checked_inputs, file_word, measures_of, summary_of
+from morphofold.results.summary import COLUMNS, checked_inputs, file_word, measures_of, read_tables, summary_of
 from morphofold.surface import Cortex
-from morphofold.tables import read_table, write_table
-
-if TYPE_CHECKING:
-    pass
-
-
+from morphofold.tables import write_table
 
 
 def write_analysis(
@@ -141,9 +136,9 @@ def read_plain(folder: Path) -> list[Measures]:
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         entries = list(summary["surfaces"])
-        tables = {name: read_table(folder / f"{name}.tsv", WORDS) for name in COLUMNS}
+        tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
         return [_read_surface(entry, tables, folder) for entry in entries]
-    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: not a summary as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
         ) from error

@@ -12,6 +12,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.records import input_records
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
+from morphofold.tables import read_table
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -73,7 +74,8 @@ def summary_of(
 
     return {
         "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
-        "nan": NAN_RULE, "surfaces": [_entry(m) for m in measures],
+        "nan": NAN_RULE, "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
+        "surfaces": [_entry(m) for m in measures],
     }  # fmt: skip
 
 
@@ -89,6 +91,12 @@ def _entry(m: Measures) -> dict[str, Any]:
         "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
         "files": list(cortex.files),
     }  # fmt: skip
+
+
+def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
+    """The tables of an analysis by their names, each with as many rows as its summary says; older ones say nothing."""
+    rows = summary.get("rows", {})
+    return {name: read_table(file, WORDS, rows.get(name)) for name, file in files.items()}
 
 
 def measures_of(
