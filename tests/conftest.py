@@ -15,6 +15,13 @@ from morphofold.surface import Surface
 
 
 @pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def rng():
     """A fresh random generator with a fixed seed."""
     return np.random.default_rng(20150901)

@@ -7,6 +7,7 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.cli import theory as command
+from morphofold.cli.progress import COMPILING
 from morphofold.report import theory_tables
 from morphofold.sim import statics, theory
 from morphofold.sim.geometry import build_bilayer
@@ -14,13 +15,6 @@ from morphofold.sim.growth import LAWS
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth import stability
 from morphofold.sim.smooth.radial import Sphere
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """An empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def asked(capsys, *words):
@@ -396,8 +390,9 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert note.startswith("[1] the theory is that of a sphere")
     assert "left out: contact, perturbation" in " ".join(lines)
     assert max(map(len, lines)) <= 120
-    assert told.err.startswith("strip:  14% after")
-    assert told.err.splitlines()[0].endswith("  stable at g = 1.05000")
+    said = [line for line in told.err.splitlines() if COMPILING not in line]     # which it does where no other test has
+    assert said[0].startswith("strip:  14% after")
+    assert said[0].endswith("  stable at g = 1.05000")
 
 
 def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
