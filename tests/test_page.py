@@ -180,6 +180,16 @@ def test_the_methods_say_what_was_done_to_which_surface(drawn):
     assert not re.search("grown|Chen|in FreeSurfer", alone)
 
 
+def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn):
+    kind = lambda m: re.search('class="kind">([^<]*)<', drawn([m])[0])[1]
+    silent = made_measures(origin="simulation", info={"g": None, "law": "isotropic", "mu_ratio": None})
+    assert kind(silent) == "simulation · bump"
+    assert "was grown by" not in drawn([silent])[0]
+    named = made_measures(origin="simulation", name="body g1.50", info={"g": 1.5})
+    assert kind(named) == "simulation · body g1.50"                         # its name says the growth
+    assert kind(replace(named, cortex=replace(named.cortex, info={"g": 1.6}))) == "simulation · body g1.50 · growth 1.6"
+
+
 def test_a_comparison_has_the_tables_of_its_surfaces(drawn):
     text = drawn({"a": made_measures(), "b": made_measures("rh")})[0]
     assert re.findall(r'<table class="numbers sortable" data-name="([^"]*)"', text)[0] == "measures"

@@ -57,8 +57,9 @@ class Entry:
         cortex = self.measures.cortex
         side = "" if cortex.origin == "simulation" else cortex.hemi
         facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
-        if "g" in cortex.info and not cortex.name.endswith(f"g{cortex.info['g']:.2f}"):
-            facts.append(f"growth {_word(cortex.info['g'])}")
+        g = cortex.info.get("g")
+        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):   # said once
+            facts.append(f"growth {_word(g)}")
         return " · ".join(f for f in facts if f)
 
 

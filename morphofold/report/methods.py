@@ -45,7 +45,7 @@ def _grown(comparison: Comparison) -> list[str]:
     said = []
     for name, m in zip(comparison.names, comparison.measures):
         info = m.cortex.info
-        if m.cortex.origin == "simulation" and {"g", "law", "mu_ratio"} <= set(info):
+        if m.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
             said.append(
                 f"{name} was grown by finite elements: a neo-Hookean cortex, {number(float(info['mu_ratio']))} times "
                 f"as stiff as its core, with {info['law']} growth to a stretch of {number(float(info['g']))} (after "
