@@ -1,0 +1,79 @@
+"""What one setting costs and how wrong it is: a point in the plane of error against time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, NamedTuple
+
+OURS = "morphofold"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One setting, how long it took and how wrong one quantity came out.
+
+    Attributes
+    ----------
+    half : {"solver", "measuring"}
+    subject : str
+        What was solved or measured, such as ``"bumpy sphere"`` or ``"fig6-thick, octant"``.
+    quantity : str
+        What the error is of, such as ``"mean curvature"``.
+    error : float
+        Relative to the known answer, or to the finest of its kind (``against``): 0.01 is 1 %.
+    against : str
+        What the error is measured against, in words: ``"theory"``, ``"exact"``, ``"finest mesh"``.
+    axis : str
+        The setting that this point varies: ``"mesh"``, ``"scale"``, ``"layers"`` and so on.
+    setting : str
+        All that differs from the standard, in a few words, such as ``"h = 0.80 T"``.
+    value : float
+        Where it lies on the axis.
+    size : int
+        Elements or vertices.
+    seconds, fastest, slowest : float
+        Wall time without compiling: median over the repeats, and their range.
+    repeats : int
+    method : str
+        Whose code, ``"morphofold"`` or a peer's name with what was called.
+    preset : str
+        ``"draft"``, ``"standard"`` or ``"fine"`` if the setting is one of these.
+    """
+
+    half: str
+    subject: str
+    quantity: str
+    error: float
+    against: str
+    axis: str
+    setting: str
+    value: float
+    size: int
+    seconds: float
+    fastest: float
+    slowest: float
+    repeats: int = 1
+    method: str = OURS
+    preset: str = ""
+
+    def as_row(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @staticmethod
+    def from_row(row: Mapping[str, Any]) -> Point:
+        """Raises ``ValueError`` for a row that lacks a field, or has one too many."""
+        try:
+            return Point(**row)
+        except TypeError as error:
+            raise ValueError(f"no point of a study of accuracy: {error}") from None
+
+
+FIELDS = tuple(f.name for f in fields(Point))
+
+
+class Case(NamedTuple):
+    """A piece of the study that is done as a whole: its name, that of the file it is kept in, and its work."""
+
+    name: str
+    work: Callable[[], list[Point]]
