@@ -34,9 +34,9 @@ def build_bilayer(scene: Scene) -> Bilayer:
     raise ValueError(f"{scene.name}: a {geometry.shape} scene has no mesh.")
 
 
-def build_body(scene: Scene, effects: Sequence[Effect] = ()) -> Body:
-    """The body of a scene at rest, in the shape that the effects give it."""
-    bilayer = build_bilayer(scene)
+def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:
+    """The body of a scene at rest, in the shape that the effects give it; on another mesh of it if one is given."""
+    bilayer = build_bilayer(scene) if bilayer is None else bilayer
     X = np.ascontiguousarray(bilayer.mesh.p.T)
     for effect in effects:
         X = effect.reshape(bilayer, X)

@@ -20,6 +20,7 @@ from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
 from morphofold.sim.geometry import build_body
+from morphofold.sim.meshes.bilayer import Bilayer
 from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
@@ -51,7 +52,9 @@ class Onset:
     difference: Array
 
 
-def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0) -> Onset:
+def onset(
+    scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0, bilayer: Bilayer | None = None
+) -> Onset:
     """Grow a scene until it starts to fold.
 
     Parameters
@@ -65,6 +68,8 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
         Pace of growth, times that of the scene; even, whatever the balance of the body.
     seed : int
         Of the kick, a random smooth field with waves of the wrinkles' size.
+    bilayer : Bilayer, optional
+        Another mesh of the body than the scene's own.
 
     Raises
     ------
@@ -79,10 +84,10 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
         )
     scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
     thickness = scene.geometry.cortex_thickness
-    twins = _Twins(scene, rate)
+    twins = _Twins(scene, rate, bilayer)
     twins.grow(start)
-    bilayer, X = twins.body.bilayer, twins.body.X
-    kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(bilayer, X) - X
+    X = twins.body.X
+    kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(twins.body.bilayer, X) - X
 
     growth, difference, mode = twins.part(kick, PURE)
     begin, found = _late(growth, difference, PURE, start), np.inf
@@ -104,8 +109,8 @@ def onset(scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0)
 class _Twins:
     """A run that stands at some growth, and a twin that parts from it there; neither chooses its own pace."""
 
-    def __init__(self, scene: Scene, rate: float):
-        self.scene = scene
+    def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None):
+        self.scene, self._bilayer = scene, bilayer
         self.one, self.other = self._run(), self._run()
         self.body = self.one.body
         self.step = REFRESH * rate / scene.steps_per_unit(self.body.crossing)
@@ -113,7 +118,7 @@ class _Twins:
 
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
-        body = build_body(self.scene, effects)
+        body = build_body(self.scene, effects, self._bilayer)
         wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
         # one step per unit of growth would be far too fast: all that grow_to is asked for is one increment to it
         return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)

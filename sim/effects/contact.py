@@ -176,7 +176,7 @@ def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
 
 
 @njit(parallel=True, cache=True)
-def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth, energy):
+def press(x, v, X, mass, tri, partner, gap, deepest, apart, stiffness, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
     Nearer in the reference than 2.5 ``apart``, a pair counts until it is half a gap deep only: the flanks of one
@@ -208,11 +208,11 @@ def press(x, v, X, mass, tri, partner, gap, deepest, apart, push, weight, depth,
         for r in range(3):
             n = n0 if r == 0 else (n1 if r == 1 else n2)
             speed += n * (v[i, r] - wj * v[j, r] - wk * v[k, r] - wl * v[l, r])
-        force = m * (STIFFNESS * (gap - distance) - DASHPOT * speed)
+        force = m * (stiffness * (gap - distance) - DASHPOT * speed)
         if force <= 0.0:
             continue
         depth[i] = gap - distance
-        energy[i] = 0.5 * m * STIFFNESS * depth[i] ** 2
+        energy[i] = 0.5 * m * stiffness * depth[i] ** 2
         push[i, 0], push[i, 1], push[i, 2] = force * n0, force * n1, force * n2
         weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
 
@@ -245,9 +245,15 @@ def build(options, scene) -> Contact:
 
 
 class Contact(Effect):
-    """Self-contact of the surface nodes; see the module for the rules."""
+    """Self-contact of the surface nodes; see the module for the rules.
+
+    ``stiffness`` is the penalty force per mass and penetration, at a step of one; the explicit step bears 0.4 or so.
+    """
 
     name = "contact"
+
+    def __init__(self, stiffness: float = STIFFNESS):
+        self._stiffness = stiffness
 
     def prepare(self, body: Body) -> None:
         n = body.n_surface
@@ -284,7 +290,7 @@ class Contact(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         if self._partner.max() >= 0:
             press(x, v, body.X, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
-                  APART * body.bilayer.edge, self._push, self._weight, self._depth, self._energy)  # fmt: skip
+                  APART * body.bilayer.edge, self._stiffness, self._push, self._weight, self._depth, self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
 
     def pace(self, g: float) -> float:
