@@ -253,7 +253,7 @@ class Contact(Effect):
     name = "contact"
 
     def __init__(self, stiffness: float = STIFFNESS):
-        self._stiffness = stiffness
+        self.stiffness = stiffness
 
     def prepare(self, body: Body) -> None:
         n = body.n_surface
@@ -290,7 +290,8 @@ class Contact(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         if self._partner.max() >= 0:
             press(x, v, body.X, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
-                  APART * body.bilayer.edge, self._stiffness, self._push, self._weight, self._depth, self._energy)  # fmt: skip
+                  APART * body.bilayer.edge, self.stiffness, self._push, self._weight, self._depth,
+                  self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
 
     def pace(self, g: float) -> float:

@@ -1,0 +1,106 @@
+"""The settings of the solver that the study varies, and the body that each of them makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.contact import STIFFNESS, Contact
+from morphofold.sim.geometry import build_bilayer, build_body
+from morphofold.sim.meshes.bilayer import Bilayer
+from morphofold.sim.scene import LEVELS, Scene
+from morphofold.sim.scene_file import load_scene
+from morphofold.sim.speed import cut_bricks
+
+SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far finer than any that is used
+PORTION = "octant"
+SUBJECT = f"{SCENE}, {PORTION}"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the body of the study is discretised and grown; all that is not said is that of ``standard``.
+
+    Attributes
+    ----------
+    axis, words : str
+        What is varied, and to what.
+    value : float
+        Where it lies on the axis.
+    edge : float
+        Largest edge of the ungrown surface over the thickness of the cortex.
+    layers : int
+        Elements through the cortex.
+    kappa_ratio, rate : float
+        As in a scene.
+    element : {"brick", "tet"}
+        Tetrahedra are those of the bricks, six each.
+    contact : float
+        Stiffness of contact over the built-in one.
+    """
+
+    axis: str
+    words: str
+    value: float
+    edge: float = LEVELS["standard"]
+    layers: int = 3
+    kappa_ratio: float = 50.0
+    rate: float = 1.0
+    element: str = "brick"
+    contact: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """For a file."""
+        return f"h{self.edge:g}-n{self.layers}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+
+    @property
+    def preset(self) -> str:
+        """The level of accuracy that this is, if it is one."""
+        named = {edge: level for level, edge in LEVELS.items()}
+        same = replace(self, axis="", words="", value=0.0) == Setting("", "", 0.0, edge=self.edge)
+        return named.get(self.edge, "") if same else ""
+
+    def scene(self, settings: tuple[str, ...] = ()) -> Scene:
+        """The scene of the study with this setting and others."""
+        thickness = load_scene(SCENE).geometry.cortex_thickness
+        return load_scene(SCENE, [
+            f"geometry.portion={PORTION}", f"accuracy.edge={self.edge * thickness!r}",
+            f"accuracy.elements_through_cortex={self.layers}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
+            f"growth.rate={float(self.rate)!r}", *settings,
+        ])  # fmt: skip
+
+    def bilayer(self) -> Bilayer:
+        bricks = build_bilayer(self.scene())
+        return cut_bricks(bricks) if self.element == "tet" else bricks
+
+    def dynamics(self, *, folds: bool) -> Dynamics:
+        """A run at rest: with imperfection and contact, or without either."""
+        scene = self.scene(() if folds else ("effects={}",))
+        effects = build_effects(scene)
+        for effect in effects:
+            if isinstance(effect, Contact):
+                effect.stiffness = self.contact * STIFFNESS
+        body = build_body(scene, effects, self.bilayer())
+        return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
+
+
+def axes() -> dict[str, list[Setting]]:
+    """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
+    mesh = [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES]
+    return {
+        "mesh": mesh,
+        "layers": [Setting("layers", f"{n} elements through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)],
+        "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
+        "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],
+        "contact": [Setting("contact", f"contact x {c:g}", c, contact=c) for c in (0.25, 0.5, 1.0, 2.0)],
+        "element": [
+            Setting("element", f"tetrahedra, h = {e:.2f} T", e, edge=e, element="tet") for e in (0.8, 0.6, 0.45)
+        ],
+    }
+
+
+EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.40, 0.33)
+#: what folds of all settings are held against
+FINEST = Setting("mesh", "finest: h = 0.25 T, 4 elements through the cortex", 0.25, edge=0.25, layers=4)
