@@ -1,8 +1,8 @@
 import numba
 import numpy as np
 import pytest
-from reference_sim import Twin
 
+from morphofold.accuracy.assembly import Twin
 from morphofold.sim.body import SAFETY, Body
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.elements import kernels

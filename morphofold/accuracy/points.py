@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import statistics
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
+from morphofold.clock import working_seconds
+
 OURS = "morphofold"
+LEAST, MOST, LONG = 5, 40, 2.0      # repeats of what is timed: so many, at most, and no new one after so long [s]
 
 
 @dataclass(frozen=True)
@@ -77,3 +82,24 @@ class Case(NamedTuple):
 
     name: str
     work: Callable[[], list[Point]]
+
+
+class Timing(NamedTuple):
+    """Wall seconds of repeated work, without compiling: median and range."""
+
+    seconds: float
+    fastest: float
+    slowest: float
+    repeats: int
+
+
+def timed(work: Callable[[], object]) -> Timing:
+    """Time work after once for caches and compilers: five times or, if that is quick, for two seconds."""
+    work()
+    laps: list[float] = []
+    end = time.perf_counter() + LONG
+    while len(laps) < LEAST or (time.perf_counter() < end and len(laps) < MOST):
+        begun = working_seconds()
+        work()
+        laps.append(working_seconds() - begun)
+    return Timing(statistics.median(laps), min(laps), max(laps), len(laps))

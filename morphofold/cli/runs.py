@@ -35,13 +35,10 @@ class Runs:
         self.seconds_growing = 0.0
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        from morphofold.io import atomic_folder
         from morphofold.sim.dynamics import UnstableError
         from morphofold.simulation import simulate
 
-        if not self._out.is_dir() or not any(self._out.iterdir()):
-            with atomic_folder(self._out):                              # marks it as ours
-                pass
+        begin(self._out)
         if self._draft:
             name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
         begun = time.perf_counter()
@@ -71,8 +68,22 @@ class Runs:
 
     def keep(self, folder: Path) -> None:
         """Bring all simulations, those of earlier runs too, into the ``folder`` that replaces ``out``."""
-        if (self._out / SIMULATIONS).is_dir():
-            shutil.copytree(self._out / SIMULATIONS, folder / SIMULATIONS, copy_function=_link)
+        keep(self._out / SIMULATIONS, folder)
+
+
+def begin(out: Path) -> None:
+    """Mark an empty or new folder as ours, so that parts can be written into it before the whole is."""
+    from morphofold.io import atomic_folder
+
+    if not out.is_dir() or not any(out.iterdir()):
+        with atomic_folder(out):
+            pass
+
+
+def keep(part: Path, folder: Path) -> None:
+    """Bring a subfolder, if there is one, into the ``folder`` that replaces the one it lies in."""
+    if part.is_dir():
+        shutil.copytree(part, folder / part.name, copy_function=_link)
 
 
 def _link(source: str, target: str) -> None:

@@ -1,0 +1,111 @@
+"""The study of accuracy: all its cases, done one by one and kept, so that an interrupted study goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from morphofold import __version__
+from morphofold.accuracy.bodies import FINEST, Setting, axes
+from morphofold.accuracy.points import Case, Point
+from morphofold.io import atomic_file
+from morphofold.records import strict_json
+
+HALVES = ("measuring", "solver")
+Progress = Callable[[float, str], None]
+
+
+def circumstances() -> dict[str, Any]:
+    """What times depend on: the machine, its threads in use, and versions."""
+    import numba
+
+    return {
+        "morphofold": __version__, "processor": _processor(), "cores": os.cpu_count(),
+        "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba", "scikit-fem")},
+    }  # fmt: skip
+
+
+def _processor() -> str:
+    """Model of the processor, as the system calls it."""
+    told = Path("/proc/cpuinfo")
+    if told.exists():
+        for line in told.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+class Kept:
+    """Cases that are done, in a folder of their own for each set of circumstances: times of others don't count."""
+
+    def __init__(self, folder: Path, made: dict[str, Any]):
+        self.folder = folder / hashlib.sha256(strict_json(made).encode()).hexdigest()[:12]
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def points(self, case: Case) -> list[Point]:
+        """Those of a case, done now unless it was."""
+        file = self.folder / f"{case.name}.json"
+        if not file.exists():
+            rows = [point.as_row() for point in case.work()]
+            with atomic_file(file) as temporary:
+                temporary.write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        return [Point.from_row(row) for row in json.loads(file.read_text(encoding="utf-8"))]
+
+
+def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:
+    """All points of the study, in the order of its cases."""
+    work = {"measuring": _measuring, "solver": _solver}
+    return [point for half in HALVES if half in halves for point in work[half](kept, tell)]
+
+
+def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
+    from morphofold.accuracy.measuring import cases
+
+    todo = cases()
+    for k, case in enumerate(todo):
+        tell(k / len(todo), case.name)
+        yield from kept.points(case)
+
+
+def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
+    from morphofold.accuracy.assembly import SIZES, assembly_points
+    from morphofold.accuracy.folds import fold_points, grown
+    from morphofold.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points
+
+    for cells in SIZES:
+        tell(0.0, f"forces, {cells} cells")
+        yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
+    settings = [s for along in axes().values() for s in along]
+    different = {s.name: s for s in (*settings, FINEST)}
+    cost = {name: _cost(s) for name, s in different.items()}
+    done, whole = 0.0, sum(cost.values())
+    folds = {}
+    smooth: dict[str, list[Point]] = {}
+    for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
+        share = lambda part, words: tell((done + part * cost[name]) / whole, words)     # noqa: B023
+        share(0.0, f"{s.words}, smooth")
+        smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
+        if s != FINEST:
+            smooth[name] += kept.points(Case(f"onset-{name}", partial(onset_points, s)))
+        folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
+        done += cost[name]
+    for s in (*settings, FINEST):
+        yield from (
+            replace(p, axis=s.axis, setting=s.words, value=s.value)
+            for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"
+        )  # fmt: skip
+    yield from fold_points(settings, folds)
+
+
+def _cost(s: Setting) -> float:
+    """About how long a setting takes, in any unit: elements times steps."""
+    return s.edge**-3 * (s.layers + 8) * (s.kappa_ratio / 50) ** 0.5 / s.rate
