@@ -131,6 +131,6 @@ def halving(seconds: Law, error: Law) -> Halving | None:
     a, p, da, dp = -seconds.power, error.power, seconds.uncertainty, error.uncertainty
     if not p - dp > 0:
         return None
-    middle, spread = a * p, np.sqrt((a * p) ** 2 - (a**2 - da**2) * (p**2 - dp**2))
+    middle, spread = a * p, np.sqrt((a * dp) ** 2 + da**2 * (p**2 - dp**2))
     low, high = ((middle + sign * spread) / (p**2 - dp**2) for sign in (-1, 1))
     return Halving(float(2 ** (a / p)), float(2**low), float(2**high))

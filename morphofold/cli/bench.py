@@ -1,6 +1,6 @@
 """Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
-``bench measures`` the measuring room, and ``bench folds`` grows folds on several meshes and from several imperfections
-and says how far they agree."""
+``bench measures`` the measuring room; ``bench folds`` grows folds on several meshes and from several imperfections
+and says how far they agree, and ``bench accuracy`` what accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,23 @@ WORDS = {
     "effects": "what each effect adds to a step on this machine",
     "measures": "seconds of each measure on this machine, from 10,000 to 1,000,000 vertices",
     "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
+    "accuracy": "what accuracy costs in time: error against seconds of many settings, and of peers",
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
+CASES = "cases"         # of a study of accuracy, in its folder
 TWINS = tuple(f"{name}-tangential" for name in SCENES)
 FOLDS = """
 Grows every scene at every level of accuracy from the first seed of its imperfection, and at the second-finest of the
 levels (the only one, if there is one) from the other seeds too: convergence with the mesh and spread over seeds are
 both had without growing the finest mesh more than once. Runs lie in OUT/simulations; those that are there are used
 again, and interrupted ones go on. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
+"""
+ACCURACY = """
+Solver: radius, stress and onset against theory, folds against the finest mesh, over mesh size, elements through the
+cortex, kappa/mu, pace, stiffness of contact and kind of element. Measuring room: shapes with known answers, a real
+hemisphere against its own refinement, and the peers that are installed (extra bench). Takes about an hour on two cores
+with nothing else to do; cases that were done on the same machine are used again, so an interrupted study goes on.
+Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 
 
@@ -63,6 +72,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     folds.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     _add_common(folds, "print summary.json")
 
+    accuracy = question("accuracy", ACCURACY)
+    accuracy.add_argument("-o", "--out", metavar="DIR", required=True,
+                          help="folder to write; cases of an earlier study there stay")  # fmt: skip
+    accuracy.add_argument("--halves", metavar="HALVES", default="measuring,solver",
+                          help="of the tool, separated by commas (default: measuring,solver)")  # fmt: skip
+    accuracy.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    _add_common(accuracy, "print summary.json")
+
 
 def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
     parser.add_argument("--json", action="store_true", help=json_words)
@@ -72,6 +89,8 @@ def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.what == "folds":
         return _folds(args)
+    if args.what == "accuracy":
+        return _accuracy(args)
     if args.what == "measures":
         rows, lines = _measures(args)
     elif not 0 < args.seconds < 3600:
@@ -109,6 +128,37 @@ def _folds(args: argparse.Namespace) -> int:
         print(f"no {name}.tsv: {why}")
     for warning in summary["warnings"]:
         print(f"warning: {warning}")
+    print(f"-> {out / 'summary.json'}")
+    return 0
+
+
+def _accuracy(args: argparse.Namespace) -> int:
+    if not args.out:
+        raise ValueError("-o: no folder is named; give one to write, such as -o accuracy.")
+    from morphofold.accuracy.study import HALVES, Kept, all_points, circumstances
+    from morphofold.cli.progress import progress
+    from morphofold.cli.runs import begin, keep
+    from morphofold.io import atomic_folder
+    from morphofold.report.accuracy_page import text_answers
+    from morphofold.report.accuracy_report import write_study
+    from morphofold.threads import set_threads
+
+    halves = _listed("--halves", args.halves, str)
+    if not halves or not set(halves) <= set(HALVES):
+        raise ValueError(f"--halves: {args.halves!r} is none; there are {', '.join(HALVES)}.")
+    set_threads(args.threads)
+    out, made = Path(args.out), circumstances()
+    args.on_interrupt = " Run it again to go on."
+    with atomic_folder(out) as folder:                                  # refuses a foreign folder at once
+        begin(out)
+        with progress("accuracy", args.quiet) as tell:
+            points = all_points(halves, Kept(out / CASES, made), tell)
+        write_study(points, made, folder)
+        keep(out / CASES, folder)
+    if args.json:
+        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        return 0
+    print("\n".join(text_answers(out)))
     print(f"-> {out / 'summary.json'}")
     return 0
 

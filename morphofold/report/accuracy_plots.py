@@ -1,0 +1,160 @@
+"""Error against time: every setting a point, the front a line, and what half the error costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from morphofold.accuracy.fronts import Halving, better_than, grouped, halving
+from morphofold.accuracy.points import OURS, Point
+from morphofold.accuracy.tables import along_meshes, laws_of
+from morphofold.report.colours import CATEGORICAL
+from morphofold.report.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = "osD^vP<>"
+FEWEST = 4              # points that make a panel
+COLUMNS = 3
+
+
+def front_figure(points: Sequence[Point], by: str) -> Figure | None:
+    """A panel for each quantity: all settings, filled where nothing beats them, and the front they make.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of one half.
+    by : {"axis", "method"}
+        What colours tell apart.
+
+    Returns
+    -------
+    Figure or None
+        None if no quantity has four points.
+    """
+    panels = {key: group for key, group in grouped(points).items() if len(group) >= FEWEST and min_error(group) > 0}
+    if not panels:
+        return None
+    names = list(dict.fromkeys(getattr(p, by) for group in panels.values() for p in group))
+    styles = {name: _style(k) for k, name in enumerate(names)}
+    rows = -(-len(panels) // COLUMNS)
+    with new_figure(4.1 * COLUMNS, 3.3 * rows + 0.5, rows, COLUMNS) as (figure, axes):
+        for ax, (key, group) in zip(axes.flat, panels.items()):
+            _panel(ax, group, styles, by)
+            ax.set_title(f"{key[2]}\n{key[1]}, against {key[3]}", loc="left", fontsize=9)
+        for ax in axes.flat[len(panels) :]:
+            ax.set_axis_off()
+        for row in axes:
+            row[0].set(ylabel="error")
+        for ax in axes.flat[max(0, len(panels) - COLUMNS) : len(panels)]:
+            ax.set(xlabel="seconds")
+        entries: dict[str, Mapping[str, Any]] = {
+            **styles, "dominated": {**_style(6), "markerfacecolor": "none"},
+            "front": {"color": BLACK, "linewidth": 0.9},
+        }  # fmt: skip
+        legend_of_figure(figure, entries, axes.flat[0], columns=4)
+    return figure
+
+
+def min_error(group: Sequence[Point]) -> float:
+    return min(p.error for p in group)
+
+
+def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, Any]], by: str) -> None:
+    _logarithmic(ax)
+    best = [p for p, better in zip(group, better_than(group)) if better is None]
+    best.sort(key=lambda p: p.seconds)
+    ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
+    for p in group:
+        style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
+        ax.plot([p.seconds], [p.error], **style)
+    for p in {p.preset: p for p in group if p.preset and p.method == OURS}.values():
+        ax.annotate(p.preset, (p.seconds, p.error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    words = _told(group)
+    if words:
+        ax.text(0.98, 0.97, words, transform=ax.transAxes, ha="right", va="top", fontsize=8, color=GREY)
+
+
+def _told(group: Sequence[Point]) -> str:
+    """What half the error costs us along meshes, in words."""
+    half = half_of([p for p in group if p.method == OURS])
+    return f"half the error: {factor(half)}" if half else ""
+
+
+def half_of(points: Sequence[Point]) -> Halving | None:
+    """How much longer half the error takes along the meshes of one quantity; None where that isn't known."""
+    for group in along_meshes(points).values():
+        seconds, error = laws_of(group)
+        return halving(seconds, error) if error else None
+    return None
+
+
+def factor(half: Halving) -> str:
+    return f"{half.factor:.2g} times the time ({half.low:.2g} to {half.high:.2g})"
+
+
+#: what the overview shows of the solver, and how it calls it
+HEADLINES = {
+    "radius": "radius of the smooth body", "onset": "growth at which folds begin",
+    "gyrification index, g = 2": "gyrification index, folded",
+    "pial distance, g = 1.5": "pial surface, folded (over T)",
+}  # fmt: skip
+
+
+def overview(points: Sequence[Point]) -> Figure:
+    """Both halves in one picture: along meshes, ours and the peers'."""
+    with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
+        left, right = axes[0]
+        meshes = along_meshes(points)
+        for k, (quantity, words) in enumerate(HEADLINES.items()):
+            for key, group in meshes.items():
+                if (key[0], key[2], key[4]) == ("solver", quantity, OURS) and "incompressible" not in key[3]:
+                    _curve(left, group, words, line_style(k))
+        curvature = [key for key in meshes if key[0] == "measuring" and key[2] == "mean curvature"]
+        shapes = list(dict.fromkeys(key[1] for key in curvature))
+        methods = list(dict.fromkeys(key[4] for key in curvature))
+        for key in curvature:
+            if key[1] == shapes[0]:
+                k = methods.index(key[4])
+                strong = {"color": CATEGORICAL[1], "linewidth": 2.6} if key[4] == OURS else {}
+                _curve(right, meshes[key], key[4], {**line_style(k), **strong})
+        titles = "solver: a growing sphere", f"measuring: mean curvature, {(shapes or ['no shape'])[0]}"
+        for ax, title in zip((left, right), titles):
+            _logarithmic(ax)
+            ax.set(xlabel="seconds")
+            ax.set_title(title, loc="left")
+            ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8.5, ncols=1 if ax is left else 2)
+        left.set(ylabel="error")
+    return figure
+
+
+def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any]) -> None:
+    group = sorted(group, key=lambda p: p.size)
+    half = half_of(group)
+    label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
+    dots = {"marker": "o", "markersize": 4, "label": label}
+    ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
+    for p in group:
+        if p.preset:
+            ax.annotate(p.preset, (p.seconds, p.error), xytext=(4, 4), textcoords="offset points", fontsize=7.5)
+
+
+def _style(k: int) -> dict[str, Any]:
+    return {
+        "color": CATEGORICAL[k % 7], "marker": MARKERS[k % 8], "markersize": 5, "linestyle": "none",
+        "markeredgecolor": CATEGORICAL[k % 7],
+    }  # fmt: skip
+
+
+def _logarithmic(ax: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    ax.set(xscale="log", yscale="log")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda s, _: f"{s:g}"))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda e, _: f"{100 * e:g} %"))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter(FuncFormatter(lambda *_: ""))

@@ -1,0 +1,92 @@
+"""What ``morphofold bench accuracy`` writes: tables, pictures, and an index that says what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.accuracy.bodies import FINEST, SUBJECT
+from morphofold.accuracy.folds import MESH
+from morphofold.accuracy.points import FIELDS, Point
+from morphofold.accuracy.solver import THEORY
+from morphofold.accuracy.tables import (
+    COLUMNS,
+    along_meshes,
+    budget_rows,
+    law_rows,
+    laws_of,
+    peer_rows,
+    point_rows,
+    preset_rows,
+)
+from morphofold.records import strict_json
+from morphofold.report.accuracy_plots import front_figure, overview
+from morphofold.report.line_plots import save
+from morphofold.tables import write_table
+
+SHOWS = "errors and times of settings of the solver and of the measuring room"
+
+#: what a forecast of a scene's error is made from: quantity of the study -> name in the forecast
+FORECAST = {
+    "radius": "radius", "hoop stress": "hoop stress", "onset": "onset",
+    "gyrification index, g = 2": "gyrification index", "wavelength, g = 2": "wavelength",
+    "pial distance, g = 2": "pial distance",
+}  # fmt: skip
+
+
+def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables, pictures and ``summary.json`` of a study into ``folder``; what the latter says.
+
+    A table that the study has nothing for isn't written, and ``left_out`` says why.
+    """
+    tables = {
+        "points": (point_rows(points), "there are no points"),
+        "laws": (law_rows(points), "no quantity has three meshes"),
+        "presets": (preset_rows(points), "no setting is a preset"),
+        "budget": (budget_rows(points), "no solver was studied"),
+        "peers": (peer_rows(points), "no peer is installed; take the extra `bench`"),
+    }
+    for name, (rows, _) in tables.items():
+        if rows:
+            write_table(folder / f"{name}.tsv", [f for f in FIELDS if f in rows[0]] if name == "points" else [], rows)
+    pictures = []
+    (folder / "figures").mkdir()
+    for half, by in (("solver", "axis"), ("measuring", "method")):
+        figure = front_figure([p for p in points if p.half == half], by)
+        if figure is not None:
+            save(figure, folder / "figures" / f"{half}.png")
+            pictures.append(f"figures/{half}.png")
+    if {p.half for p in points} == {"solver", "measuring"}:
+        save(overview(points), folder / "figures" / "overview.png")
+        pictures.append("figures/overview.png")
+    summary = {
+        "shows": SHOWS,
+        "made": dict(made),
+        "halves": sorted({p.half for p in points}),
+        "files": [*(f"{name}.tsv" for name, (rows, _) in tables.items() if rows), *pictures],
+        "left_out": {name: why for name, (rows, why) in tables.items() if not rows},
+        "columns": COLUMNS,
+        "errors": expected_errors(points),
+    }
+    (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+    return summary
+
+
+def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
+    """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if there are
+    none of the solver.
+
+    ``coefficient * (edge / T)^power`` is the relative error of a quantity, ``spread`` the standard deviation of its
+    logarithm, ``finest`` and ``coarsest`` the edges over T that were studied.
+    """
+    quantities = {}
+    for (half, subject, quantity, against, _), group in along_meshes(points).items():
+        if half == "solver" and subject == SUBJECT and quantity in FORECAST and against in (THEORY, MESH):
+            error = laws_of([p for p in group if p.value > FINEST.edge])[1]
+            if error is not None:
+                quantities[FORECAST[quantity]] = {
+                    "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
+                    "finest": error.low, "coarsest": error.high, "against": against,
+                }  # fmt: skip
+    return {"subject": SUBJECT, "quantities": quantities} if quantities else None

@@ -1,0 +1,150 @@
+"""Errors of the solver as the study measures them, on bodies whose error is known beforehand."""
+
+import numpy as np
+import pytest
+
+from morphofold.accuracy.assembly import SKFEM, assembly_points
+from morphofold.accuracy.bodies import FINEST, Setting, axes
+from morphofold.accuracy.folds import MESH, NUMBERS, Folds, distance, fold_points, grown
+from morphofold.accuracy.points import OURS
+from morphofold.accuracy.solver import INCOMPRESSIBLE, SMOOTH, radius_error, smooth_points, stress_error, theory_of
+from morphofold.shapes import icosphere
+from morphofold.sim import theory
+from morphofold.sim.scene import LEVELS
+from morphofold.surface import Surface
+
+COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
+
+
+@pytest.fixture(scope="module")
+def body():
+    return COARSE.dynamics(folds=False).body
+
+
+def where_theory_says(body):
+    """Positions of the nodes in the smooth state, each moved along its radius."""
+    exact, C = theory_of(50.0), 50.0
+    R = np.linalg.norm(body.X, axis=1)
+    r = np.empty_like(R)
+    inside = 47.0 + 1e-9
+    for layer, part in (("core", inside >= R), ("cortex", inside < R)):
+        low, high = (0.5, 0.94) if layer == "core" else (0.94, 1.0)
+        r[part] = C * exact.at(np.clip(R[part] / C, low, high), layer).r
+    return body.X * (r / R)[:, None]
+
+
+def test_the_theory_of_the_study_is_that_of_the_paper():
+    r = theory_of(np.inf).at(1.0, "cortex").r[0]
+    assert r == pytest.approx(47 / 50 * float(theory.deformed_radius(SMOOTH, 50 / 47)), rel=1e-9)
+    assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1               # the cortex pulls at a core that can give way
+
+
+def test_where_the_nodes_are_right_the_radius_has_no_error(body):
+    assert radius_error(body, where_theory_says(body), theory_of(50.0)) < 1e-12
+
+
+@pytest.mark.parametrize("share", [-0.3, 0.01])
+def test_a_displacement_too_large_by_a_share_has_that_error(body, share):
+    x = where_theory_says(body)
+    assert radius_error(body, x + share * (x - body.X), theory_of(50.0)) == pytest.approx(abs(share))
+
+
+def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_another_growth_is_not(body):
+    x = where_theory_says(body)
+    body.grow(SMOOTH)
+    assert stress_error(body, x, theory_of(50.0)) < 0.02                # of bricks a T long and half as wide
+    body.grow(1.05)
+    assert stress_error(body, x, theory_of(50.0)) > 0.5
+    body.grow(1.0)
+
+
+def test_a_smooth_body_errs_less_on_a_finer_mesh_and_knows_its_preset():
+    found = [smooth_points(Setting("mesh", f"{e}", e, edge=e)) for e in (2.4, 1.6)]
+    coarse, fine = ({(p.quantity, p.against): p for p in points} for points in found)
+    assert 0 < fine["radius", "theory"].error < 0.7 * coarse["radius", "theory"].error < 0.01
+    assert fine["radius", "theory"].size > coarse["radius", "theory"].size
+    assert fine["radius", INCOMPRESSIBLE].error > fine["radius", "theory"].error
+    assert {p.preset for p in found[1]} == {""}
+
+
+def test_presets_are_recognised_by_their_mesh_alone():
+    presets = {s.preset for s in axes()["mesh"]}
+    assert presets == {"", *LEVELS}
+    assert Setting("mesh", "", 0.8, edge=0.8).preset == "draft"
+    assert Setting("layers", "", 4, edge=0.8, layers=4).preset == ""
+    assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name != "element")
+
+
+def test_settings_of_one_name_are_the_same_run_and_others_are_not():
+    settings = [s for along in axes().values() for s in along]
+    same = {}
+    for s in [*settings, FINEST]:
+        how = s.edge, s.layers, s.kappa_ratio, s.rate, s.element, s.contact
+        assert same.setdefault(s.name, how) == how
+    assert len(set(same.values())) == len(same)
+
+
+def test_a_stiffer_contact_is_that_of_the_run():
+    run = Setting("contact", "x 2", 2.0, edge=2.4, contact=2.0).dynamics(folds=True)
+    plain = COARSE.dynamics(folds=True)
+    stiff, soft = (next(e.stiffness for e in r.effects if e.name == "contact") for r in (run, plain))
+    assert stiff == 2 * soft
+
+
+def test_tetrahedra_are_six_to_a_brick():
+    bricks, tets = (Setting("element", "", 2.4, edge=2.4, element=kind).bilayer() for kind in ("brick", "tet"))
+    assert tets.mesh.nelements == 6 * bricks.mesh.nelements
+
+
+def sphere(radius, level=4):
+    return Surface(*icosphere(level, radius), name="pial")
+
+
+def test_two_spheres_are_as_far_apart_as_their_radii():
+    assert distance(sphere(10.0), sphere(10.5)) == pytest.approx(0.5, rel=0.01)
+    assert distance(sphere(10.0), sphere(10.0)) < 1e-6                  # VTK counts in single precision
+    assert distance(sphere(10.0), sphere(10.0, level=5)) < 0.02         # another mesh of the same
+
+
+def folds(gi, wavelength, energy, radius=10.0):
+    numbers = dict(zip(NUMBERS, (gi, wavelength, energy), strict=True))
+    return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0)}
+
+
+def test_folds_are_held_against_the_finest_mesh_and_against_the_last_of_their_axis():
+    few, many, finest = (Setting("layers", f"{n} layers", n, layers=n) for n in (1, 3, 4))
+    found = {few.name: folds(1.2, 11.0, 90.0), many.name: folds(1.5, 10.0, 100.0), finest.name: folds(2.0, 10.0, 80.0)}
+    points = {(p.setting, p.against, p.quantity): p.error for p in fold_points([few, many], found, finest)}
+    assert points["1 layers", MESH, "gyrification index, g = 2"] == pytest.approx(0.4)
+    assert points["1 layers", "3 layers", "gyrification index, g = 2"] == pytest.approx(0.2)
+    assert points["3 layers", MESH, "strain energy, g = 2"] == pytest.approx(0.25)
+    assert points["1 layers", "3 layers", "wavelength, g = 2"] == pytest.approx(0.1)
+    assert not [key for key in points if key[:2] == ("3 layers", "3 layers")]
+
+
+def test_distance_is_counted_in_thicknesses():
+    one, finest = Setting("mesh", "h", 1.0, edge=1.0), Setting("mesh", "finest", 0.5, edge=0.5)
+    found = {one.name: folds(1, 1, 1, 10.6), finest.name: folds(1, 1, 1)}
+    points = {p.quantity: p.error for p in fold_points([one], found, finest)}
+    assert points["pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)         # T = 3
+
+
+def test_folds_are_grown_once_and_read_again(tmp_path):
+    coarse = Setting("mesh", "h = 4 T", 4.0, edge=4.0, layers=1)
+    file = tmp_path / "folds.npz"
+    first = grown(coarse, file)
+    written = file.read_bytes()
+    again = grown(coarse, file)
+    assert file.read_bytes() == written
+    assert again[2.0].numbers == first[2.0].numbers
+    assert first[2.0].numbers["gyrification index"] >= 1
+    assert first[2.0].numbers["strain energy"] > first[1.5].numbers["strain energy"] > 0
+    assert (first[2.0].steps, first[2.0].elements) == (first[1.5].steps, coarse.bilayer().mesh.nelements)
+
+
+def test_forces_are_timed_on_both_sides_and_agree():
+    ours, theirs = assembly_points(4)
+    assert (ours.method, theirs.method) == (OURS, SKFEM)
+    assert ours.error == theirs.error < 1e-10
+    assert ours.size == theirs.size
+    assert theirs.repeats >= 5

@@ -1,0 +1,243 @@
+"""The study of accuracy: cases are done once, tables say what the points hold, pages take them between marks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from morphofold.accuracy.bodies import FINEST
+from morphofold.accuracy.folds import MESH
+from morphofold.accuracy.points import OURS, Case, Point
+from morphofold.accuracy.study import Kept, circumstances
+from morphofold.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
+from morphofold.cli import main
+from morphofold.report.accuracy_page import PARTS, read_study, text_answers, write_page
+from morphofold.report.accuracy_page import main as write
+from morphofold.report.accuracy_report import expected_errors, write_study
+
+EDGES = (1.2, 0.8, 0.6, 0.45, 0.4)
+PRESETS = {0.8: "draft", 0.45: "standard", 0.4: "fine"}
+
+
+def solver_point(edge, quantity="radius", against="theory", error=None, axis="mesh", **others):
+    seconds = 10 * edge**-4.0
+    made = Point(
+        "solver", "fig6-thick, octant", quantity, 0.01 * edge**2.0 if error is None else error, against, axis,
+        f"h = {edge:.2f} T", edge, round(1000 * edge**-2), seconds, seconds, seconds, preset=PRESETS.get(edge, ""),
+    )  # fmt: skip
+    return replace(made, **others)
+
+
+def measuring_point(n, method=OURS, seconds=None, error=None, **others):
+    seconds = 1e-5 * n if seconds is None else seconds
+    made = Point(
+        "measuring", "bumpy sphere", "mean curvature", 50.0 / n if error is None else error, "exact", "mesh",
+        f"{n:,} vertices", n**-0.5, n, seconds, 0.9 * seconds, 1.2 * seconds, 5, method,
+    )  # fmt: skip
+    return replace(made, **others)
+
+
+@pytest.fixture
+def points():
+    folded = [
+        solver_point(e, "gyrification index, g = 2", MESH, 0.05 * (e**1.5 - FINEST.edge**1.5)) for e in EDGES
+    ]
+    layers = [
+        solver_point(0.45, "wavelength, g = 2", "6 elements through the cortex", 0.02, axis="layers", value=3)
+    ]
+    sizes = (2_562, 10_242, 40_962)
+    ours = [measuring_point(n) for n in sizes]
+    peers = [measuring_point(n, "libigl", 2e-5 * n, 200 / n) for n in sizes]
+    return [*(solver_point(e) for e in EDGES), *folded, *layers, *ours, *peers]
+
+
+def test_a_case_is_done_once_and_gives_the_same_points_when_read_again(tmp_path):
+    calls = []
+
+    def work():
+        calls.append(1)
+        return [measuring_point(1000)]
+
+    made = circumstances()
+    first = Kept(tmp_path, made).points(Case("one", work))
+    again = Kept(tmp_path, made).points(Case("one", work))
+    assert first == again == [measuring_point(1000)]
+    assert len(calls) == 1
+
+
+def test_a_case_of_another_machine_is_done_anew(tmp_path):
+    here, there = {"processor": "a"}, {"processor": "b"}
+    one, other = (Kept(tmp_path, made).points(Case("one", lambda n=n: [measuring_point(n)]))[0]
+                  for made, n in ((here, 1000), (there, 2000)))
+    assert (one.size, other.size) == (1000, 2000)
+
+
+def test_a_case_that_fails_leaves_nothing_and_is_tried_again(tmp_path):
+    kept = Kept(tmp_path, {})
+    with pytest.raises(ZeroDivisionError):
+        kept.points(Case("one", lambda: [measuring_point(1 // 0)]))
+    assert not list(kept.folder.iterdir())
+    assert kept.points(Case("one", lambda: [measuring_point(1000)]))
+
+
+def test_numbers_that_are_none_are_refused_and_not_kept(tmp_path):
+    kept = Kept(tmp_path, {})
+    with pytest.raises(ValueError, match="nan"):
+        kept.points(Case("one", lambda: [measuring_point(1000, error=np.nan)]))
+    assert not list(kept.folder.iterdir())
+
+
+def test_circumstances_name_what_times_depend_on():
+    told = circumstances()
+    assert {"processor", "threads", "numba", "morphofold"} <= told.keys()
+    assert told["processor"]
+
+
+def test_dominated_points_say_by_what(points):
+    rows = {(row["quantity"], row["method"], row["size"]): row for row in point_rows(points)}
+    assert rows["mean curvature", OURS, 40_962]["front"]
+    beaten = rows["mean curvature", "libigl", 10_242]
+    assert not beaten["front"]
+    assert beaten["dominated_by"] == "morphofold: 10,242 vertices"
+
+
+def test_laws_are_those_that_the_points_were_made_by(points):
+    rows = {(row["quantity"], row["method"]): row for row in law_rows(points)}
+    radius, gi, curvature = (
+        rows[key] for key in (("radius", OURS), ("gyrification index, g = 2", OURS), ("mean curvature", OURS))
+    )
+    assert radius["seconds_power"] == pytest.approx(-4)
+    assert radius["error_power"] == pytest.approx(2)
+    assert radius["half_the_error"] == pytest.approx(4)
+    assert gi["error_power"] == pytest.approx(1.5, abs=1e-3)            # the finest mesh's own error is put back
+    assert curvature["error_power"] == pytest.approx(2)                 # of the edge, for 1/n in vertices
+    assert curvature["half_the_error"] == pytest.approx(2, rel=1e-4)
+
+
+def test_peers_stand_beside_us_on_the_same_mesh(points):
+    rows = peer_rows(points)
+    assert {row["size"] for row in rows} == {2_562, 10_242, 40_962}
+    assert all(row["seconds_ratio"] == pytest.approx(2) and row["error_ratio"] == pytest.approx(4) for row in rows)
+    assert not peer_rows([p for p in points if p.method == OURS])
+
+
+def test_presets_carry_their_measured_error_and_that_of_the_law(points):
+    rows = {(row["preset"], row["quantity"]): row for row in preset_rows(points)}
+    assert rows["standard", "radius"]["error"] == pytest.approx(0.01 * 0.45**2)
+    assert rows["draft", "gyrification index, g = 2"]["error_by_law"] == pytest.approx(0.05 * 0.8**1.5, rel=1e-2)
+    assert ("standard", "wavelength, g = 2") not in rows                # of another axis
+
+
+def test_the_error_of_standard_is_told_axis_by_axis(points):
+    rows = [row for row in budget_rows(points) if row["axis"] == "layers"]
+    assert [(row["against"], row["error"]) for row in rows] == [("6 elements through the cortex", 0.02)]
+
+
+def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
+    told = expected_errors(points)["quantities"]
+    assert told["radius"]["coefficient"] == pytest.approx(0.01)
+    assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
+    assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.4, 1.2)
+    assert expected_errors([p for p in points if p.half == "measuring"]) is None
+
+
+@pytest.fixture
+def study(points, tmp_path):
+    out = tmp_path / "accuracy"
+    out.mkdir()
+    write_study(points, circumstances(), out)
+    return out
+
+
+def test_a_study_writes_what_its_summary_says(study):
+    summary, tables = read_study(study)
+    assert summary["left_out"] == {}
+    assert all((study / name).stat().st_size > 0 for name in summary["files"])
+    assert {"points.tsv", "figures/overview.png", "figures/solver.png"} <= set(summary["files"])
+    assert len(tables["points"]) == 17
+    assert sum(row["front"] for row in tables["points"]) == 14          # the three of the peer are beaten
+
+
+def test_a_study_of_one_half_says_what_it_lacks(points, tmp_path):
+    write_study([p for p in points if p.half == "measuring" and p.method == OURS], circumstances(), tmp_path)
+    summary, _ = read_study(tmp_path)
+    assert summary["left_out"].keys() == {"presets", "budget", "peers"}
+    assert summary["errors"] is None
+    assert "figures/overview.png" not in summary["files"]
+
+
+def test_the_answer_is_told_in_words(study):
+    assert "fig6-thick, octant, radius: half the error takes 4 (4 to 4) times as long" in text_answers(study)
+
+
+@pytest.fixture
+def page(tmp_path):
+    page = tmp_path / "accuracy.md"
+    page.write_text("# Accuracy\n\n" + "\n".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in PARTS))
+    return page
+
+
+def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_path):
+    readme, table = tmp_path / "README.md", tmp_path / "table.json"
+    readme.write_text("first\n<!-- accuracy -->\nof last year\n<!-- /accuracy -->\nlast\n")
+    table.write_text('{"costs": {"a": 1}, "errors": {"provisional": true}}')
+    assert write([str(study), str(page), "--readme", str(readme), "--table", str(table)]) == 0
+    text = page.read_text()
+    assert "| solver | fig6-thick, octant | radius | theory | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
+    assert "libigl" in text
+    assert (tmp_path / "accuracy-overview.png").read_bytes() == (study / "figures" / "overview.png").read_bytes()
+    told = json.loads(table.read_text())
+    assert told["costs"] == {"a": 1}
+    assert told["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
+    assert "provisional" not in told["errors"]
+    assert "of last year" not in readme.read_text()
+    assert "radius of the smooth body 4" in readme.read_text()
+    before = text
+    write_page(study, page)
+    assert page.read_text() == before                                   # the same study gives the same page
+
+
+def test_a_page_without_a_mark_is_left_alone(study, page, capsys):
+    page.write_text(page.read_text().replace("<!-- peers -->", ""))
+    before = page.read_text()
+    assert write([str(study), str(page)]) == 2
+    assert "has no one place for peers" in capsys.readouterr().err
+    assert page.read_text() == before
+
+
+def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
+    assert write([str(tmp_path), str(page)]) == 2
+    assert "summary.json: no such file" in capsys.readouterr().err
+    (tmp_path / "summary.json").write_text('{"shows": "folds"}')
+    assert write([str(tmp_path), str(page)]) == 2
+    assert "is of something else" in capsys.readouterr().err
+
+
+def test_the_command_refuses_before_it_works(tmp_path, capsys):
+    assert main(["bench", "accuracy", "-o", ""]) == 2
+    assert main(["bench", "accuracy", "-o", str(tmp_path / "a"), "--halves", "brain"]) == 2
+    assert "'brain' is none; there are measuring, solver" in capsys.readouterr().err
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "precious.txt").write_text("mine")
+    assert main(["bench", "accuracy", "-o", str(tmp_path / "b")]) == 2
+    assert [p.name for p in (tmp_path / "b").iterdir()] == ["precious.txt"]
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_command_writes_a_study_and_does_no_case_twice(tmp_path, monkeypatch, capsys, points):
+    from morphofold.accuracy import study
+
+    def some(halves, kept, tell):
+        return [p for k, made in enumerate(points) for p in kept.points(Case(f"case-{k}", lambda made=made: [made]))]
+
+    monkeypatch.setattr(study, "all_points", some)
+    out = tmp_path / "accuracy"
+    assert main(["bench", "accuracy", "-o", str(out), "-q"]) == 0
+    assert "half the error takes 4" in capsys.readouterr().out
+    cases = sorted((out / "cases").rglob("*.json"))
+    assert len(cases) == len(points)
+    times = [case.stat().st_mtime_ns for case in cases]
+    assert main(["bench", "accuracy", "-o", str(out), "-q", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["halves"] == ["measuring", "solver"]
+    assert [case.stat().st_mtime_ns for case in sorted((out / "cases").rglob("*.json"))] == times
