@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, ElementVector, LinearForm
 
-from morphofold.accuracy.points import OURS, Point, timed
+from morphofold.accuracy.points import EACH_OTHER, OURS, Point, timed
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
@@ -68,7 +68,7 @@ def assembly_points(cells: int) -> list[Point]:
     error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
     return [
         Point(
-            "solver", "shaken octant", "nodal forces", error, "each other", "mesh", f"{body.elements.n:,} bricks",
+            "solver", "shaken octant", "nodal forces", error, EACH_OTHER, "mesh", f"{body.elements.n:,} bricks",
             body.bilayer.edge, body.elements.n, *timed(work), method=method,
         )
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
 MESH = "finest mesh"
+WITH_A_LIMIT = ("layers", "kappa", "pace", "contact")   # axes along which the last setting is the most accurate
 NUMBERS = ("gyrification index", "wavelength", "strain energy")
 
 
@@ -92,7 +93,7 @@ def _folds(arrays: Any, g: float) -> Folds:
 def fold_points(
     settings: Sequence[Setting], found: Mapping[str, Mapping[float, Folds]], finest: Setting = FINEST
 ) -> list[Point]:
-    """Errors of all settings against the finest mesh, and of each but those of the mesh against the last of its axis.
+    """Errors of all settings against the finest mesh, and of those of an axis with a limit against the last of it.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def fold_points(
         cortex. Quantities are followed by the growth, as in ``"wavelength, g = 1.5"``. ``against`` is ``MESH``, or
         names the last setting of the axis.
     """
-    last = {s.axis: s for s in settings if s.axis not in ("mesh", "element")}
+    last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
     points = []
     for s in settings:
         points += _against(s, found[s.name], found[finest.name], MESH)

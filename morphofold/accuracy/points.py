@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from morphofold.clock import working_seconds
 
 OURS = "morphofold"
+EACH_OTHER = "each other"         # against which two peers are held that do the same
 LEAST, MOST, LONG = 5, 40, 2.0      # repeats of what is timed: so many, at most, and no new one after so long [s]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from morphofold.accuracy.bodies import FINEST
 from morphofold.accuracy.folds import MESH
 from morphofold.accuracy.fronts import Law, better_than, grouped, halving, law
-from morphofold.accuracy.points import OURS, Point
+from morphofold.accuracy.points import EACH_OTHER, OURS, Point
 
 Row = dict[str, Any]
 REFINED = "own refinement"          # of a real surface: its error is against twice as many vertices along each edge
@@ -124,5 +124,5 @@ def budget_rows(points: Sequence[Point]) -> list[Row]:
     return [
         {"axis": p.axis, "quantity": p.quantity, "setting": p.setting, "against": p.against, "error": p.error,
          "seconds": p.seconds}
-        for p in points if p.half == "solver" and p.preset == "standard" and p.against != "each other"
+        for p in points if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
     ]  # fmt: skip

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from morphofold.accuracy.fronts import Halving, better_than, grouped, halving
-from morphofold.accuracy.points import OURS, Point
+from morphofold.accuracy.points import EACH_OTHER, OURS, Point
 from morphofold.accuracy.tables import along_meshes, laws_of
 from morphofold.report.colours import CATEGORICAL
-from morphofold.report.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
+from morphofold.report.line_plots import BLACK, legend_of_figure, line_style, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,10 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
     Figure or None
         None if no quantity has four points.
     """
-    panels = {key: group for key, group in grouped(points).items() if len(group) >= FEWEST and min_error(group) > 0}
+    panels = {
+        key: group for key, group in grouped(points).items()
+        if len(group) >= FEWEST and min(p.error for p in group) > 0 and key[3] != EACH_OTHER
+    }  # fmt: skip
     if not panels:
         return None
     names = list(dict.fromkeys(getattr(p, by) for group in panels.values() for p in group))
@@ -44,7 +47,7 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
     with new_figure(4.1 * COLUMNS, 3.3 * rows + 0.5, rows, COLUMNS) as (figure, axes):
         for ax, (key, group) in zip(axes.flat, panels.items()):
             _panel(ax, group, styles, by)
-            ax.set_title(f"{key[2]}\n{key[1]}, against {key[3]}", loc="left", fontsize=9)
+            ax.set_title(f"{key[2]}: {key[1]}\nagainst {key[3]}{_told(group)}", loc="left", fontsize=8.5)
         for ax in axes.flat[len(panels) :]:
             ax.set_axis_off()
         for row in axes:
@@ -59,12 +62,7 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
     return figure
 
 
-def min_error(group: Sequence[Point]) -> float:
-    return min(p.error for p in group)
-
-
 def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, Any]], by: str) -> None:
-    _logarithmic(ax)
     best = [p for p, better in zip(group, better_than(group)) if better is None]
     best.sort(key=lambda p: p.seconds)
     ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
@@ -73,15 +71,13 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
         ax.plot([p.seconds], [p.error], **style)
     for p in {p.preset: p for p in group if p.preset and p.method == OURS}.values():
         ax.annotate(p.preset, (p.seconds, p.error), xytext=(4, 4), textcoords="offset points", fontsize=8)
-    words = _told(group)
-    if words:
-        ax.text(0.98, 0.97, words, transform=ax.transAxes, ha="right", va="top", fontsize=8, color=GREY)
+    _logarithmic(ax)
 
 
 def _told(group: Sequence[Point]) -> str:
     """What half the error costs us along meshes, in words."""
     half = half_of([p for p in group if p.method == OURS])
-    return f"half the error: {factor(half)}" if half else ""
+    return f"; half the error: {factor(half)}" if half else ""
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
@@ -93,7 +89,7 @@ def half_of(points: Sequence[Point]) -> Halving | None:
 
 
 def factor(half: Halving) -> str:
-    return f"{half.factor:.2g} times the time ({half.low:.2g} to {half.high:.2g})"
+    return f"{half.factor:.2g} × the time ({half.low:.2g} to {half.high:.2g})"
 
 
 #: what the overview shows of the solver, and how it calls it
@@ -150,11 +146,15 @@ def _style(k: int) -> dict[str, Any]:
 
 
 def _logarithmic(ax: Axes) -> None:
+    """Logarithmic axes, errors in per cent; within a decade or so 2 and 5 are labelled, too."""
+    import math
+
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     ax.set(xscale="log", yscale="log")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda s, _: f"{s:g}"))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda e, _: f"{100 * e:g} %"))
-    for axis in (ax.xaxis, ax.yaxis):
+    told = FuncFormatter(lambda s, _: f"{s:g}"), FuncFormatter(lambda e, _: f"{100 * e:g} %")
+    for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), told, (ax.get_xlim(), ax.get_ylim())):
+        axis.set_major_formatter(words)
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axis.set_minor_formatter(FuncFormatter(lambda *_: ""))
+        axis.set_minor_formatter(words if math.log10(high / low) < 1.6 else FuncFormatter(lambda *_: ""))
+    ax.tick_params(which="both", labelsize=8.5)
