@@ -13,12 +13,20 @@ ROOT = Path(__file__).resolve().parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": "[test,docs]"}     # of pyproject.toml, that a task needs
-SIZES = {"": 300, "[docs]": 320, "[test,docs]": 430}                             # MB to load; each holds those before
+ALL = "[test,docs,bench]"
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}      # that a task needs
+SIZES = {"": 300, "[docs]": 320, ALL: 450}                                       # MB to load; each holds those before
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
     "docs": [["python", "-m", "mkdocs", "build", "--strict"]],
+    "accuracy": [
+        ["morphofold", "bench", "accuracy", "-o", "accuracy"],
+        [
+            *["python", "-m", "morphofold.report.accuracy_page", "accuracy", "docs/accuracy.md"],
+            *["--readme", "README.md", "--table", "morphofold/accuracy/table.json"],
+        ],
+    ],
     "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],
 }
 

@@ -83,9 +83,24 @@ def test_a_case_that_fails_leaves_nothing_and_is_tried_again(tmp_path):
 
 def test_numbers_that_are_none_are_refused_and_not_kept(tmp_path):
     kept = Kept(tmp_path, {})
-    with pytest.raises(ValueError, match="nan"):
+    with pytest.raises(ValueError, match="bumpy sphere, mean curvature, morphofold.* got nan"):
         kept.points(Case("one", lambda: [measuring_point(1000, error=np.nan)]))
     assert not list(kept.folder.iterdir())
+
+
+def failed(n=10_242, method="a peer", why="did not come to an end"):
+    none = dict.fromkeys(("error", "seconds", "fastest", "slowest"), np.nan)
+    return replace(measuring_point(n, method), **none, repeats=0, setting=why)
+
+
+def test_a_peer_that_failed_is_told_and_takes_no_part(tmp_path, points):
+    again, = Kept(tmp_path, {}).points(Case("one", lambda: [failed()]))
+    assert again.repeats == 0
+    assert np.isnan(again.error)
+    rows = peer_rows([*points, again])
+    assert [row["setting"] for row in rows if row["method"] == "a peer"] == ["did not come to an end"]
+    assert [row["method"] for row in point_rows([*points, again])].count("a peer") == 0
+    assert law_rows([*points, again]) == law_rows(points)
 
 
 def test_circumstances_name_what_times_depend_on():

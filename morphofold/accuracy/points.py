@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
@@ -41,6 +42,7 @@ class Point:
     seconds, fastest, slowest : float
         Wall time without compiling: median over the repeats, and their range.
     repeats : int
+        None of them if the work failed (a peer's): error and seconds are NaN then, and the setting says why.
     method : str
         Whose code, ``"morphofold"`` or a peer's name with what was called.
     preset : str
@@ -63,14 +65,22 @@ class Point:
     method: str = OURS
     preset: str = ""
 
+    def __post_init__(self) -> None:
+        numbers = (self.error, self.seconds, self.fastest, self.slowest)
+        if self.repeats and not all(math.isfinite(n) for n in numbers):
+            raise ValueError(
+                f"{self.subject}, {self.quantity}, {self.method}, {self.setting}: error and seconds must be finite, "
+                f"got {self.error} in {self.seconds} s."
+            )
+
     def as_row(self) -> dict[str, Any]:
         return asdict(self)
 
     @staticmethod
     def from_row(row: Mapping[str, Any]) -> Point:
-        """Raises ``ValueError`` for a row that lacks a field, or has one too many."""
+        """The point of a row, None being NaN; ``ValueError`` if it lacks a field, has one too many, or no number."""
         try:
-            return Point(**row)
+            return Point(**{name: math.nan if value is None else value for name, value in row.items()})
         except TypeError as error:
             raise ValueError(f"no point of a study of accuracy: {error}") from None
 

@@ -57,7 +57,7 @@ class Kept:
         if not file.exists():
             rows = [point.as_row() for point in case.work()]
             with atomic_file(file) as temporary:
-                temporary.write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+                temporary.write_text(strict_json(rows), encoding="utf-8")
         return [Point.from_row(row) for row in json.loads(file.read_text(encoding="utf-8"))]
 
 

@@ -33,7 +33,7 @@ COLUMNS = {
 def point_rows(points: Sequence[Point]) -> list[Row]:
     """Every point, and whether it is on the front of those that it can be compared with."""
     rows = []
-    for group in grouped(points).values():
+    for group in grouped(p for p in points if p.repeats).values():
         for p, better in zip(group, better_than(group), strict=True):
             other = "" if better is None else f"{better.method}: {better.setting}"
             rows.append({**p.as_row(), "front": better is None, "dominated_by": other or None})
@@ -44,7 +44,7 @@ def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
     """Points along the axis of the mesh by (half, subject, quantity, against, method), three sizes or more."""
     found: dict[tuple[str, ...], list[Point]] = {}
     for p in points:
-        if p.axis == "mesh":
+        if p.axis == "mesh" and p.repeats:
             found.setdefault((p.half, p.subject, p.quantity, p.against, p.method), []).append(p)
     return {key: group for key, group in found.items() if len({p.size for p in group}) > 2}
 
@@ -98,7 +98,7 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
             "seconds": p.seconds, "fastest": p.fastest, "slowest": p.slowest, "repeats": p.repeats, "error": p.error,
             "our_seconds": mine.seconds, "our_fastest": mine.fastest, "our_slowest": mine.slowest,
             "our_error": mine.error, "seconds_ratio": p.seconds / mine.seconds,
-            "error_ratio": p.error / mine.error if mine.error > 0 else None,
+            "error_ratio": p.error / mine.error if mine.error > 0 else None,        # of a peer that failed all are NaN
         })  # fmt: skip
     return rows
 

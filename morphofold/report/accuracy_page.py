@@ -182,14 +182,21 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     ]  # fmt: skip
     rows = [
         [
-            row["subject"], row["quantity"], f"{row['size']:,}", row["method"],
-            f"{_seconds(row['seconds'])} ({_seconds(row['fastest'])} to {_seconds(row['slowest'])})",
-            f"{_seconds(row['our_seconds'])} ({_seconds(row['our_fastest'])} to {_seconds(row['our_slowest'])})",
-            f"{row['seconds_ratio']:.2g}", _percent(row["error"]), _percent(row["our_error"]),
+            row["subject"], row["quantity"], f"{row['size']:,}", row["method"], _range(row, "") or row["setting"],
+            _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}"), _percent(row["error"]),
+            _percent(row["our_error"]),
         ]
         for row in tables["peers"]
     ]  # fmt: skip
     return [table(heads, rows)]
+
+
+def _range(row: Mapping[str, Any], whose: str) -> str:
+    """Median time and range; nothing for what failed."""
+    if row[f"{whose}seconds"] is None:
+        return ""
+    median, low, high = (_seconds(row[f"{whose}{name}"]) for name in ("seconds", "fastest", "slowest"))
+    return f"{median} ({low} to {high})"
 
 
 def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
