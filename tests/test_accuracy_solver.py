@@ -7,7 +7,15 @@ from morphofold.accuracy.assembly import SKFEM, assembly_points
 from morphofold.accuracy.bodies import FINEST, Setting, axes
 from morphofold.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown
 from morphofold.accuracy.points import OURS
-from morphofold.accuracy.solver import INCOMPRESSIBLE, SMOOTH, radius_error, smooth_points, stress_error, theory_of
+from morphofold.accuracy.solver import (
+    INCOMPRESSIBLE,
+    SMOOTH,
+    radius_error,
+    smooth_points,
+    stress_error,
+    theory_of,
+    theory_points,
+)
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
@@ -148,3 +156,9 @@ def test_forces_are_timed_on_both_sides_and_agree():
     assert ours.error == theirs.error < 1e-10
     assert ours.size == theirs.size
     assert theirs.repeats >= 5
+
+
+def test_the_two_routes_of_the_theory_agree_far_beyond_what_meshes_reach():
+    found = {p.quantity: p for p in theory_points()}
+    assert found.keys() == {"radius", "onset"}
+    assert all(0 <= p.error < 1e-6 for p in found.values())

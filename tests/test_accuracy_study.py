@@ -83,7 +83,7 @@ def test_a_case_that_fails_leaves_nothing_and_is_tried_again(tmp_path):
 
 def test_numbers_that_are_none_are_refused_and_not_kept(tmp_path):
     kept = Kept(tmp_path, {})
-    with pytest.raises(ValueError, match="bumpy sphere, mean curvature, morphofold.* got nan"):
+    with pytest.raises(ValueError, match=r"bumpy sphere, mean curvature, morphofold.* got nan"):
         kept.points(Case("one", lambda: [measuring_point(1000, error=np.nan)]))
     assert not list(kept.folder.iterdir())
 

@@ -80,7 +80,8 @@ class Point:
     def from_row(row: Mapping[str, Any]) -> Point:
         """The point of a row, None being NaN; ``ValueError`` if it lacks a field, has one too many, or no number."""
         try:
-            return Point(**{name: math.nan if value is None else value for name, value in row.items()})
+            given: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+            return Point(**given)
         except TypeError as error:
             raise ValueError(f"no point of a study of accuracy: {error}") from None
 

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.accuracy.bodies import SUBJECT, Setting
-from morphofold.accuracy.points import Point
+from morphofold.accuracy.points import Point, timed
 from morphofold.clock import working_seconds
 from morphofold.report.fold_tables import sphere
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.onset import onset
 from morphofold.sim.run import RELAXATION
-from morphofold.sim.smooth.radial_statics import RadialState, radial_equilibrium
+from morphofold.sim.smooth import radial as smooth
+from morphofold.sim.smooth.radial_statics import RadialState, critical_growth_of_degree, radial_equilibrium
 from morphofold.sim.tangent import cauchy_stress, points
 
 Array = NDArray[np.float64]
@@ -101,6 +102,33 @@ def onset_points(setting: Setting) -> list[Point]:
         for against, kappa in kappas.items()
     }
     return [_point(setting, "onset", abs(found - g) / (g - 1), against, size, seconds) for against, g in exact.items()]
+
+
+def theory_points() -> list[Point]:
+    """What the theory itself takes for the same two numbers, and how far its two routes lie apart."""
+    T_over_C, mu_ratio, law, A_over_C = _sphere()
+    kappa = Setting("", "", 0.0).kappa_ratio
+    body = smooth.Sphere(T_over_C, mu_ratio, law, kappa, A_over_C)
+
+    def radius() -> float:
+        smooth.smooth_state.cache_clear()
+        return float(smooth.smooth_state(body, SMOOTH).fields[1, smooth.RADIUS].max())
+
+    def begins() -> theory.Bifurcation:
+        smooth.smooth_state.cache_clear()
+        return theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+
+    elements = float(theory_of(kappa).at(1.0, "cortex").r[0])
+    found = begins()
+    again = critical_growth_of_degree(int(found.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+    errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
+    return [
+        Point(
+            "solver", SUBJECT, what, errors[what], THEORY, "mesh", "the exact body", 0.0, 0, *timed(work),
+            method="the theory",
+        )
+        for what, work in (("radius", radius), ("onset", begins))
+    ]  # fmt: skip
 
 
 def _point(setting: Setting, what: str, error: float, against: str, size: int, seconds: Sequence[float]) -> Point:

@@ -79,8 +79,9 @@ def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
 def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     from morphofold.accuracy.assembly import SIZES, assembly_points
     from morphofold.accuracy.folds import fold_points, grown
-    from morphofold.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points
+    from morphofold.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
 
+    yield from kept.points(Case("theory", theory_points))
     for cells in SIZES:
         tell(0.0, f"forces, {cells} cells")
         yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))

@@ -30,10 +30,15 @@ COLUMNS = {
 }
 
 
+def rivals(points: Iterable[Point]) -> list[Point]:
+    """The points that fronts are made of: nothing that failed, and of the solver no theory, which can't fold."""
+    return [p for p in points if p.repeats and (p.half == "measuring" or p.method == OURS)]
+
+
 def point_rows(points: Sequence[Point]) -> list[Row]:
-    """Every point, and whether it is on the front of those that it can be compared with."""
+    """Every point that has an error, and whether it is on the front of those that it can be compared with."""
     rows = []
-    for group in grouped(p for p in points if p.repeats).values():
+    for group in grouped(rivals(points)).values():
         for p, better in zip(group, better_than(group), strict=True):
             other = "" if better is None else f"{better.method}: {better.setting}"
             rows.append({**p.as_row(), "front": better is None, "dominated_by": other or None})
@@ -83,11 +88,10 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def peer_rows(points: Sequence[Point]) -> list[Row]:
-    """Each peer beside us on the same mesh, at the setting of ours that the axis of the mesh has."""
-    ours = {
-        (p.half, p.subject, p.quantity, p.against, p.size): p
-        for p in points if p.method == OURS and p.axis == "mesh"
-    }  # fmt: skip
+    """Each peer beside us on the same mesh, or where it has none beside our ``standard``."""
+    along = [p for p in points if p.method == OURS and p.axis == "mesh"]
+    ours = {(p.half, p.subject, p.quantity, p.against, p.size): p for p in along}
+    ours |= {(p.half, p.subject, p.quantity, p.against, 0): p for p in along if p.preset == "standard"}
     rows = []
     for p in points:
         mine = ours.get((p.half, p.subject, p.quantity, p.against, p.size))
@@ -96,8 +100,8 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
         rows.append({
             "subject": p.subject, "quantity": p.quantity, "size": p.size, "method": p.method, "setting": p.setting,
             "seconds": p.seconds, "fastest": p.fastest, "slowest": p.slowest, "repeats": p.repeats, "error": p.error,
-            "our_seconds": mine.seconds, "our_fastest": mine.fastest, "our_slowest": mine.slowest,
-            "our_error": mine.error, "seconds_ratio": p.seconds / mine.seconds,
+            "our_size": mine.size, "our_seconds": mine.seconds, "our_fastest": mine.fastest,
+            "our_slowest": mine.slowest, "our_error": mine.error, "seconds_ratio": p.seconds / mine.seconds,
             "error_ratio": p.error / mine.error if mine.error > 0 else None,        # of a peer that failed all are NaN
         })  # fmt: skip
     return rows

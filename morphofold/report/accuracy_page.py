@@ -182,7 +182,7 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     ]  # fmt: skip
     rows = [
         [
-            row["subject"], row["quantity"], f"{row['size']:,}", row["method"], _range(row, "") or row["setting"],
+            row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"], _range(row, "") or row["setting"],
             _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}"), _percent(row["error"]),
             _percent(row["our_error"]),
         ]

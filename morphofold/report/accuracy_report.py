@@ -19,6 +19,7 @@ from morphofold.accuracy.tables import (
     peer_rows,
     point_rows,
     preset_rows,
+    rivals,
 )
 from morphofold.records import strict_json
 from morphofold.report.accuracy_plots import front_figure, overview
@@ -50,15 +51,15 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
     for name, (rows, _) in tables.items():
         if rows:
             write_table(folder / f"{name}.tsv", [f for f in FIELDS if f in rows[0]] if name == "points" else [], rows)
-    sound, pictures = [p for p in points if p.repeats], []
+    drawn, pictures = rivals(points), []
     (folder / "figures").mkdir()
     for half, by in (("solver", "axis"), ("measuring", "method")):
-        figure = front_figure([p for p in sound if p.half == half], by)
+        figure = front_figure([p for p in drawn if p.half == half], by)
         if figure is not None:
             save(figure, folder / "figures" / f"{half}.png")
             pictures.append(f"figures/{half}.png")
     if {p.half for p in points} == {"solver", "measuring"}:
-        save(overview(sound), folder / "figures" / "overview.png")
+        save(overview(drawn), folder / "figures" / "overview.png")
         pictures.append("figures/overview.png")
     summary = {
         "shows": SHOWS,
