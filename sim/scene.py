@@ -11,8 +11,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
-#: accuracy level: surface edge over cortex thickness
-LEVELS = {"draft": 0.80, "standard": 0.45, "fine": 0.40}
+#: accuracy level: surface edge over cortex thickness; each has half the error of the one before (docs/accuracy.md)
+LEVELS = {"draft": 0.80, "standard": 0.45, "fine": 0.27}
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory

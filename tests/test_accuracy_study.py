@@ -16,8 +16,8 @@ from morphofold.report.accuracy_page import PARTS, read_study, text_answers, wri
 from morphofold.report.accuracy_page import main as write
 from morphofold.report.accuracy_report import expected_errors, write_study
 
-EDGES = (1.2, 0.8, 0.6, 0.45, 0.4)
-PRESETS = {0.8: "draft", 0.45: "standard", 0.4: "fine"}
+EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
+PRESETS = {0.8: "draft", 0.45: "standard", 0.27: "fine"}
 
 
 def solver_point(edge, quantity="radius", against="theory", error=None, axis="mesh", **others):
@@ -153,7 +153,7 @@ def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
     told = expected_errors(points)["quantities"]
     assert told["radius"]["coefficient"] == pytest.approx(0.01)
     assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
-    assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.4, 1.2)
+    assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.27, 1.2)
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
 

@@ -94,7 +94,7 @@ def axes() -> dict[str, list[Setting]]:
         "layers": [Setting("layers", f"{n} elements through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)],
         "mesh, 2 layers": [
             Setting("mesh, 2 layers", f"h = {e:.2f} T, 2 elements through the cortex", e, edge=e, layers=2)
-            for e in (0.8, 0.6, 0.45, 0.3)
+            for e in (0.8, 0.6, 0.45, 0.27)
         ],
         "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
         "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],
@@ -105,6 +105,6 @@ def axes() -> dict[str, list[Setting]]:
     }
 
 
-EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.40, 0.30)
+EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.36, 0.27)
 #: what folds of all settings are held against
-FINEST = Setting("mesh", "finest: h = 0.22 T", 0.22, edge=0.22)
+FINEST = Setting("mesh", "finest: h = 0.18 T", 0.18, edge=0.18)
