@@ -90,13 +90,13 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
         body = build_body(small, effects)
         run = Dynamics(body, effects, steps_per_unit=small.steps_per_unit(body.crossing))
         setting_up = working_seconds() - started
-        per_unit, waits = 1 / run.rate, run.waits_for_balance
+        per_unit = float(1 / run.rate)
         phases, fastest, slowest = _time_steps(run)
         threads = numba.get_num_threads()
-        slowness = _slowness_of_stages(costs)
+        slowness = slowness_of_stages(costs)
     finally:
         numba.set_num_threads(before)
-    steps = steps_of(small, per_unit, body.crossing, effects, waits=waits, costs=costs)
+    steps = steps_of(small, per_unit, body.crossing, costs)
     return Calibration(
         small, sizes_of(body.bilayer), _layers(body), body.crossing, per_unit, steps, phases, fastest, slowest,
         setting_up, slowness, threads,
@@ -149,7 +149,7 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
     return phases, float(totals.min()) / middle, float(np.quantile(totals, 0.75)) / middle
 
 
-def _slowness_of_stages(costs: Mapping[str, Any]) -> float:
+def slowness_of_stages(costs: Mapping[str, Any]) -> float:
     """Time of the checks and maps of a small cortex here, over that on the machine of the table.
 
     By one thread: beside other work two of them wait for each other, by turns much and little.

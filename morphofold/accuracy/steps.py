@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.sim.effects import Effect
     from morphofold.sim.scene import Scene
 
 
@@ -42,11 +41,8 @@ class Steps:
         return self.ramp + self.waiting
 
 
-def steps_of(
-    scene: Scene, per_unit: float, crossing: float, effects: Sequence[Effect] = (), *, waits: bool,
-    costs: Mapping[str, Any],
-) -> Steps:  # fmt: skip
-    """Steps that a scene takes.
+def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str, Any]) -> Steps:
+    """Steps that a scene takes. Of its effects, a ramp and true inertia change the pace, and contact while it presses.
 
     Parameters
     ----------
@@ -55,27 +51,23 @@ def steps_of(
         Steps for growth to rise by 1 at full pace.
     crossing : float
         Steps in which a wave crosses the cortex: one tick of the clock that sets the pace.
-    effects : sequence of Effect
-        Those of the scene; some have a pace of their own.
-    waits : bool
-        Whether growth starts softly and waits for balance; where time is real it doesn't, but the step shrinks.
     costs : mapping
         The table's ``costs``: how long runs waited, and what contact took.
     """
     from morphofold.sim.dynamics import REFRESH, SLOWEST, soft_start
-    from morphofold.sim.effects import overriding
+    from morphofold.sim.effects import ramp as ramps
     from morphofold.sim.run import RELAXATION
 
     waiting, contact = costs["waiting"], costs["contact"]
     touching = contact["per_growth"] if "contact" in scene.effects.named else 0.0
     folding = lambda g: max(0.0, g - contact["from"]) * touching
-    paces = overriding(tuple(effects), "pace")
+    shape = None if scene.effects.ramp is None else ramps.build(scene.effects.ramp, scene)
+    waits = scene.effects.inertia is None
     ramp, awake, growth = 0, 0.0, 1.0
     for stage in scene.stages:
         while growth < stage:                                           # as Dynamics.grow_to does
             pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
-            for effect in paces:
-                pace *= effect.pace(growth)
+            pace *= shape.pace(growth) if shape else 1.0
             increment = REFRESH * pace / per_unit
             growth = stage if stage - growth <= 1.5 * increment else growth + increment
             ramp += REFRESH
