@@ -11,7 +11,7 @@ from morphofold.accuracy.calibration import Calibration, calibrate
 from morphofold.accuracy.memory import memory_GiB
 from morphofold.accuracy.sizes import Sizes, sizes_by_rule
 from morphofold.accuracy.steps import Steps, steps_of
-from morphofold.accuracy.table import HEADLINE, Expected, costs, doubts, expected_errors, headline, table
+from morphofold.accuracy.table import HEADLINE, Expected, costs, doubts, expected_errors, table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -216,4 +216,3 @@ def _how(scene: Scene, found: Calibration, itself: bool) -> dict[str, str]:
     }  # fmt: skip
 
 
-__all__ = ["Expected", "Forecast", "forecast", "headline"]
