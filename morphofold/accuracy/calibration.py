@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 LARGEST = 330_000       # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
-SECONDS = 1.0           # that steps are taken for
-BLOCKS = 4, 60          # of steps, at least and at most
+SECONDS = 0.8           # that steps are taken for
+BLOCKS = 3, 60          # of steps, at least and at most
 CREEP = 1e-6            # growth in each
 
 
