@@ -138,7 +138,8 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
         return {name: seconds / REFRESH for name, seconds in run.seconds.items()}
 
     block()                                                             # kernels are fetched, caches filled
-    started, taken = working_seconds(), []
+    started = working_seconds()
+    taken: list[dict[str, float]] = []
     while len(taken) < BLOCKS[0] or (working_seconds() - started < SECONDS and len(taken) < BLOCKS[1]):
         taken.append(block())
     totals = np.array([sum(phases.values()) for phases in taken])

@@ -12,6 +12,7 @@ from morphofold.accuracy.memory import memory_GiB
 from morphofold.accuracy.sizes import Sizes, sizes_by_rule
 from morphofold.accuracy.steps import Steps, steps_of
 from morphofold.accuracy.table import HEADLINE, Expected, costs, doubts, expected_errors, table
+from morphofold.accuracy.words import setting_words
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -165,28 +166,6 @@ def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dic
     return phases
 
 
-def setting_words(scene: Scene, edge: float) -> str:
-    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels."""
-    from morphofold.sim.scene import LEVELS
-
-    if scene.geometry.shape in ("mesh", "radial"):
-        return "the mesh of the file" if scene.geometry.shape == "mesh" else "one dimension"
-    if scene.accuracy.edge is None:
-        return scene.accuracy.level
-    return between_levels(edge / scene.thinnest, LEVELS)
-
-
-def between_levels(edge_over_T: float, levels: Mapping[str, float]) -> str:
-    """Among ``levels``, from the coarsest to the finest, where an edge over the thickness lies."""
-    coarser = [name for name, edge in levels.items() if edge >= edge_over_T]
-    finer = [name for name, edge in levels.items() if edge <= edge_over_T]
-    if not coarser:
-        return f"coarser than {finer[0]}"
-    if not finer:
-        return f"finer than {coarser[-1]}"
-    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
-
-
 def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     said = doubts(scene, sizes.edge / scene.thinnest)
     if "inertia" in scene.effects.named:
@@ -206,11 +185,11 @@ def _how(scene: Scene, found: Calibration, itself: bool) -> dict[str, str]:
         part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
         built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built to be timed"
     errors = table()["errors"]
+    threads = "one thread" if found.threads == 1 else f"{found.threads} threads"
     return {
         "elements": built,
         "steps": "the pace of growth, and what runs with such growth and stiffness waited for balance",
-        "time": f"steps timed here by {found.threads} thread{'s' if found.threads > 1 else ''}, and the checks and maps "
-                "of a sphere",
+        "time": f"steps timed here by {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
         "errors": f"a table of errors against edges: {errors['subject']}",
     }  # fmt: skip

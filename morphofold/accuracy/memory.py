@@ -25,7 +25,8 @@ def running_bytes(elements: int, *, bricks: bool) -> float:
 def memory_GiB(sizes: Sizes, *, bricks: bool, volume: bool) -> float:
     """Most memory of a whole process that runs a scene, started for it alone [GiB]."""
     memory = costs()["memory"]
-    stage = memory["stage_per_vertex"] * sizes.vertices + (memory["stage_per_element"] * sizes.elements if volume else 0)
+    stage = memory["stage_per_vertex"] * sizes.vertices
+    stage += memory["stage_per_element"] * sizes.elements if volume else 0.0
     building = memory["importing"] + building_bytes(sizes.elements, bricks=bricks) / GiB
     running = memory["process"] + (running_bytes(sizes.elements, bricks=bricks) + stage) / GiB
     return max(building, running)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from morphofold.accuracy.forecasting import Forecast
+    from morphofold.sim.scene import Scene
 
 
 def span(seconds: float) -> str:
@@ -26,6 +28,28 @@ def percent(share: float) -> str:
     """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
     value = 100 * share
     return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+
+
+def setting_words(scene: Scene, edge: float) -> str:
+    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels."""
+    from morphofold.sim.scene import LEVELS
+
+    if scene.geometry.shape in ("mesh", "radial"):
+        return "the mesh of the file" if scene.geometry.shape == "mesh" else "one dimension"
+    if scene.accuracy.edge is None:
+        return scene.accuracy.level
+    return between_levels(edge / scene.thinnest, LEVELS)
+
+
+def between_levels(edge_over_T: float, levels: Mapping[str, float]) -> str:
+    """Among ``levels``, from the coarsest to the finest, where an edge over the thickness lies."""
+    coarser = [name for name, edge in levels.items() if edge >= edge_over_T]
+    finer = [name for name, edge in levels.items() if edge <= edge_over_T]
+    if not coarser:
+        return f"coarser than {finer[0]}"
+    if not finer:
+        return f"finer than {coarser[-1]}"
+    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
 
 
 def table_of(found: Forecast) -> str:

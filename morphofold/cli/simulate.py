@@ -75,8 +75,8 @@ def _refuse_with_resume(args: argparse.Namespace) -> None:
     for option, given in (("--dry-run", args.dry_run), ("--budget", args.budget), ("--error", args.error)):
         if args.resume and given:
             raise ValueError(
-                f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with. Drop "
-                f"{option}; scene.toml in the folder says the edge."
+                f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with, which "
+                "scene.toml in its folder says. Drop it."
             )
 
 
