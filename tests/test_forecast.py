@@ -27,6 +27,7 @@ from morphofold.sim.run import simulate
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.speed import cut_bricks
 from morphofold.sim.surfaces import whole_surfaces
+from morphofold.simulation import freesurfer_maps
 
 SMALL = ("geometry.portion=octant", "accuracy.level=draft", "output.stages=[]")
 #: a scene of every shape that has a body
@@ -228,6 +229,17 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert cost_beside(stage) == cost
     (tmp_path / "run" / "health.json").unlink()
     assert cost_beside(stage) is None
+
+
+def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures):
+    settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
+    simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
+    assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
+    page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
+    said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
+    for word in ("by 1 thread", "GiB", "elements", REST, "symmetry", "perturbation", "once, within rest",
+                 "Relative error of", "gyrification index", "before the run, from its edge and a table"):  # fmt: skip
+        assert word in said
 
 
 def test_a_forecast_is_strict_json_and_public():

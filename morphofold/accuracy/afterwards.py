@@ -30,7 +30,7 @@ PHASES = {
 #: effects that have no phase of their own, and where their time is
 WITHIN = {
     "core_growth": "within grow", "regional_growth": "within grow", "perturbation": "once, within rest",
-    "ramp": "sets the pace, takes no time", "inertia": "sets mass and pace", "contact": "did not act",
+    "ramp": "sets the pace, takes no time",
 }  # fmt: skip
 
 
@@ -86,7 +86,8 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         seconds,
         {name: cost for name, cost in shared.items() if name not in called},
         {name: cost for name, cost in shared.items() if name in called},
-        {name: WITHIN.get(name, "not timed apart") for name in called if name not in shared},
+        {name: "within radial" if "radial" in shared else WITHIN.get(name, "not timed apart")
+         for name in called if name not in shared},
         health.get("steps"), health.get("elements"), health.get("threads"), health.get("peak_memory_GiB"), ratio,
         {} if ratio is None else expected_errors(ratio),
         "" if ratio is None else f"before the run, from its edge and a table: {table()['errors']['subject']}",

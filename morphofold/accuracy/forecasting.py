@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -86,9 +86,7 @@ class Forecast:
         return {**asdict(self), "doubts": list(self.doubts)}
 
 
-def forecast(
-    source: str | Path | Scene, threads: int | None = None, *, settings: tuple[str, ...] = ()
-) -> Forecast:
+def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
     """Forecast of a run: its size, time on this machine, memory and errors. Takes a few seconds, writes nothing.
 
     Parameters
@@ -97,7 +95,7 @@ def forecast(
         A built-in scene's name, a TOML file, or a scene.
     threads : int, optional
         Threads that the run will have; by default all cores.
-    settings : sequence of str
+    settings : iterable of str
         ``"growth.final=1.8"`` and the like, put over the scene.
 
     Returns
@@ -156,13 +154,13 @@ def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dic
     if "grow" in phases:
         phases["grow"] *= steps.growing / max(steps.expected, 1)
     if "contact" in phases:
-        phases["contact"] += steps.awake * sum(phases.values())
+        phases["contact"] += float(steps.awake) * sum(phases.values())
     stage = costs()["stage"]
     surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
     written = stage["write_per_vertex"] * sizes.vertices
     written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
     phases[STAGES] = len(scene.stages) * found.slowness * (surface + written)
-    phases[SETTING_UP] = found.setting_up * more
+    phases[SETTING_UP] = found.setting_up * more + found.slowness * stage["starting"]
     return phases
 
 
