@@ -92,6 +92,12 @@ def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     assert took == pytest.approx(expected.expected, rel=0.04)           # contact and balance hardly ask for more
 
 
+def test_a_body_that_does_not_grow_takes_no_steps():
+    found = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
+    assert (found.steps, found.fewest_steps, found.most_steps) == (0, 0, 0)
+    assert 0 < found.fastest < found.seconds < found.slowest < float("inf")
+
+
 def test_growth_waits_longer_for_a_stiffer_cortex_a_faster_pace_and_only_once_it_folds():
     def waiting(*settings):
         return steps_of(load_scene("fig5", settings), 7000, 40.0, costs()).waiting

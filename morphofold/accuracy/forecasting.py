@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 STAGES = "stages"       # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
 SETTING_UP = "set-up"   # and the building of its body
+LEAST = 0.1             # of its range of times, over the expected one
 UNEVEN = 1.5            # slower over fastest block of steps, beyond which a machine is called busy
 
 
@@ -126,14 +127,15 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     seconds = sum(phases.values())
     spread = costs()["spread"]["time"]
     T, layers = scene.thinnest, scene.accuracy.elements_through_cortex
-    total = steps.expected
-    fewest, most = (round(steps.ramp + steps.relaxing + more) for more in (steps.fewest, steps.most))
+    total, known = steps.expected, steps.ramp + steps.relaxing
+    fewest, most = round(known + steps.fewest), round(known + steps.most)
+    less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
     return Forecast(
         scene.name, scene.geometry.shape, setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,
         None if scene.geometry.shape == "mesh" else layers, sizes.elements, sizes.nodes, total, fewest, most,
         len(scene.stages), seconds,
-        seconds * (1 - math.hypot(spread, 1 - fewest / total, 1 - found.fastest)),
-        seconds * (1 + math.hypot(spread, most / total - 1, found.slowest - 1)),
+        seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
+        seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
         phases, memory_GiB(sizes, bricks=found.layers is not None, volume=scene.output.volume), found.threads,
         expected_errors(sizes.edge / T), _how(scene, found, itself), tuple(_doubts(scene, sizes, found)),
     )  # fmt: skip
