@@ -66,6 +66,11 @@ def restlessness(growth: float, kinetic_over_strain: float) -> float:
     return kinetic_over_strain * min(1.0, abs(growth - 1) / EARLY) ** 2
 
 
+def soft_start(growth: float) -> float:
+    """Share of the full pace at which growth begins."""
+    return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
+
+
 class Dynamics:
     """Grow a body step by step.
 
@@ -139,7 +144,7 @@ class Dynamics:
         """Share of the full growth rate: less while the run is out of balance, or an effect asks for it."""
         record, growth, pace = self.state.record, self.state.growth, 1.0
         if self.waits_for_balance:
-            pace = min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
+            pace = soft_start(growth)
             pace /= max(1.0, restlessness(growth, record["kinetic_over_strain"]) / KINETIC_LIMIT)
         if record["min_J"] < COLLAPSE * self.state.before_J:
             pace = min(pace, 0.5)

@@ -330,11 +330,15 @@ class Scene(_Table):
         return tuple(sorted({*self.output.stages, self.growth.final}))
 
     @property
+    def thinnest(self) -> float:
+        """Thickness of the ungrown cortex where a spot makes it thinnest [mm]."""
+        factor = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
+        return self.geometry.cortex_thickness * min(factor, 1.0)
+
+    @property
     def edge(self) -> float:
         """Largest surface edge asked for [mm]."""
-        thinnest = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
-        thickness = self.geometry.cortex_thickness * min(thinnest, 1.0)
-        return self.accuracy.edge or LEVELS[self.accuracy.level] * thickness
+        return self.accuracy.edge or LEVELS[self.accuracy.level] * self.thinnest
 
     @property
     def cells(self) -> int:

@@ -10,7 +10,7 @@ import pytest
 from browser import BROWSER, needs_browser, opened
 from made_measures import large_pair
 
-from morphofold import analysis
+from morphofold import analysis, forecast, simulate
 from morphofold.analysis.speed import folded_ball
 from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
@@ -22,6 +22,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial import smooth_state
 
 
@@ -134,3 +135,18 @@ def test_map_of_critical_growth(benchmark):
     found = benchmark.pedantic(lambda: list(whole_map()), rounds=1)
     assert len(found) == 320
     assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("level", ["draft", "standard"])
+def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
+    """Asked of figure 5, half a sphere, on a machine that does nothing else: 5 minutes at standard by two threads."""
+    scene = load_scene("fig5", [f"accuracy.level={level}"])
+    found = benchmark.pedantic(forecast, (scene,), rounds=1)
+    health = simulate(scene, tmp_path / "run").health
+    told = {"forecast_s": found.seconds, "run_s": health["seconds"], "forecast_steps": found.steps,
+            "run_steps": health["steps"], "forecast_GiB": found.memory_GiB}  # fmt: skip
+    benchmark.extra_info.update(told)
+    print(told)
+    assert found.elements == health["elements"]
+    assert found.steps == pytest.approx(health["steps"], rel=0.1)
+    assert found.seconds == pytest.approx(health["seconds"], rel=0.3)

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from morphofold.accuracy.picking import Pick
     from morphofold.sim.scene import Scene
 
 
@@ -22,8 +24,21 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="go on from the checkpoint in DIR; a finished run is left as it is",
     )  # fmt: skip
+    parser.add_argument(
+        "--dry-run", action="store_true",
+        help="say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
+        "write nothing",
+    )  # fmt: skip
+    parser.add_argument(
+        "--budget", metavar="TIME", help="take the finest mesh that is expected to fit: 90s, 5min, 2h or 1d",
+    )  # fmt: skip
+    parser.add_argument(
+        "--error", metavar="SHARE",
+        help="take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
+        "percentage such as 2%%, or a fraction such as 0.02",
+    )  # fmt: skip
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument("--json", action="store_true", help="print health.json")
+    parser.add_argument("--json", action="store_true", help="print health.json, or the forecast of --dry-run")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,9 +46,15 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("-o: no folder is named; give one to write, such as -o mine.")
     from morphofold.cli.progress import progress
     from morphofold.sim.scene_file import load_scene
+
+    _refuse_with_resume(args)
+    scene = load_scene(args.scene, args.settings)
+    chosen = _picked(scene, args)
+    if args.dry_run:
+        return _dry_run(scene, chosen, args)
+    scene = chosen.scene if chosen else scene
     from morphofold.simulation import simulate
 
-    scene = load_scene(args.scene, args.settings)
     args.on_interrupt = " Run it again with --resume to go on."
     with progress(scene.name, args.quiet) as tell:
         simulation = simulate(scene, args.out, resume=args.resume, threads=args.threads, progress=tell)
@@ -46,7 +67,50 @@ def run(args: argparse.Namespace) -> int:
     print(f"{simulation.path}: {stages}, {_what_was_done(scene, health)}")
     for warning in health["warnings"]:
         print(f"warning: {warning}")
+    print(_what_it_cost(scene, health))
     return 0
+
+
+def _refuse_with_resume(args: argparse.Namespace) -> None:
+    for option, given in (("--dry-run", args.dry_run), ("--budget", args.budget), ("--error", args.error)):
+        if args.resume and given:
+            raise ValueError(
+                f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with, which "
+                "scene.toml in its folder says. Drop it."
+            )
+
+
+def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
+    """The accuracy that --budget and --error ask for, said on the way."""
+    if args.budget is None and args.error is None:
+        return None
+    from morphofold.accuracy.picking import budget_seconds, error_share, pick
+
+    budget = None if args.budget is None else budget_seconds(args.budget)
+    error = None if args.error is None else error_share(args.error)
+    chosen = pick(scene, budget=budget, error=error, threads=args.threads)
+    print(f"{scene.name}: {chosen.words}", file=sys.stderr if args.json else sys.stdout)
+    return chosen
+
+
+def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
+    from morphofold.accuracy.words import table_of
+    from morphofold.records import strict_json
+
+    if chosen is None:
+        from morphofold.accuracy import forecast
+
+        found = forecast(scene, args.threads)
+    else:
+        found = chosen.forecast
+    print(strict_json(found.as_dict()).rstrip() if args.json else table_of(found))
+    return 0
+
+
+def _what_it_cost(scene: Scene, health: Mapping[str, Any]) -> str:
+    from morphofold.accuracy.afterwards import cost_line, cost_of
+
+    return cost_line(cost_of(health, scene))
 
 
 def _what_was_done(scene: Scene, health: Mapping[str, Any]) -> str:

@@ -25,6 +25,7 @@ from morphofold.comparison.growth import NUMBERS
 from morphofold.records import input_records
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
+from morphofold.report.costs import costs
 from morphofold.report.figures import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.hinge_pictures import clear_examples, hinge_pairs
 from morphofold.report.layers import net_of
@@ -38,6 +39,7 @@ from morphofold.surface import Surface
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
 
+ANALYSIS = "Analysis"
 SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
@@ -64,7 +66,7 @@ def analysis_report(
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    return _write(comparison, Path(path), "Analysis", title, lede, inputs)
+    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs)
 
 
 def comparison_report(
@@ -118,6 +120,7 @@ def _write(
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
         slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
+        costs=costs(entries) if kind == ANALYSIS else [],
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path

@@ -1,0 +1,76 @@
+"""The stored table: what runs cost beyond their ideal, and how wrong their results were, by edge."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+#: the error of a run is the larger one of these: its numbers of folding that converge last
+HEADLINE = ("gyrification index", "wavelength")
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An expected relative error, and the range in which two of three runs are; 0.01 is 1 %."""
+
+    error: float
+    low: float
+    high: float
+
+
+@functools.cache
+def table() -> dict[str, Any]:
+    """Contents of ``table.json``: ``costs`` and ``errors``."""
+    return json.loads((resources.files("morphofold.accuracy") / "table.json").read_text("utf-8"))
+
+
+def costs() -> Mapping[str, Any]:
+    return table()["costs"]
+
+
+def expected_errors(edge_over_T: float) -> dict[str, Expected]:
+    """Expected relative error of each quantity with surface edges of ``edge_over_T`` thicknesses.
+
+    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. Beyond the edges that were studied
+    the same power goes on; ``doubts`` says so.
+    """
+    found = {}
+    for name, law in table()["errors"]["quantities"].items():
+        error, factor = law["coefficient"] * edge_over_T ** law["power"], math.exp(law["spread"])
+        found[name] = Expected(error, error / factor, error * factor)
+    return found
+
+
+def headline(edge_over_T: float) -> tuple[str, Expected]:
+    """The larger one of the errors of ``HEADLINE``, and of what it is."""
+    errors = expected_errors(edge_over_T)
+    name = max(HEADLINE, key=lambda name: errors[name].error)
+    return name, errors[name]
+
+
+def studied() -> tuple[float, float]:
+    """Finest and coarsest edge over thickness at which all of ``HEADLINE`` were studied."""
+    laws = [table()["errors"]["quantities"][name] for name in HEADLINE]
+    return max(law["finest"] for law in laws), min(law["coarsest"] for law in laws)
+
+
+def doubts(scene: Scene, edge_over_T: float) -> list[str]:
+    """Why the table may not hold for a scene: one sentence each, none if it is like what was studied."""
+    errors, (finest, coarsest) = table()["errors"], studied()
+    said = ["The table of errors is provisional."] if errors.get("provisional") else []
+    if scene.geometry.shape not in ("sphere", "ellipsoid"):
+        said.append(f"The errors are those of spheres ({errors['subject']}), not of a {scene.geometry.shape}.")
+    if not finest <= edge_over_T <= coarsest:
+        said.append(f"An edge of {edge_over_T:.2f} T is outside of the {finest:g} to {coarsest:g} T that were studied.")
+    layers = scene.accuracy.elements_through_cortex
+    if layers != errors["layers"] and scene.geometry.shape != "mesh":
+        said.append(f"The errors are those of {errors['layers']} elements through the cortex, here are {layers}.")
+    return said

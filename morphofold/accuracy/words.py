@@ -1,0 +1,85 @@
+"""Times, shares and forecasts in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from morphofold.accuracy.forecasting import Forecast
+    from morphofold.sim.scene import Scene
+
+
+def span(seconds: float) -> str:
+    """A time in two units at most: ``0.4 s``, ``45 s``, ``4 min 40 s``, ``2 h 5 min``, ``3 d 2 h``."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    if seconds < 119.5:
+        return f"{seconds:.0f} s"
+    for unit, below, part, name in ((60, "s", 10, "min"), (3600, "min", 60, "h"), (86400, "h", 3600, "d")):
+        whole, rest = divmod(round(seconds / part) * part, unit)
+        if name == "d" or whole < {"min": 60, "h": 24}[name]:
+            rest //= {"s": 1, "min": 60, "h": 3600}[below]
+            return f"{whole} {name} {rest} {below}" if rest else f"{whole} {name}"
+    raise AssertionError                                                # the last unit takes all
+
+
+def percent(share: float) -> str:
+    """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
+    value = 100 * share
+    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+
+
+def setting_words(scene: Scene, edge: float) -> str:
+    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels."""
+    from morphofold.sim.scene import LEVELS
+
+    if scene.geometry.shape in ("mesh", "radial"):
+        return "the mesh of the file" if scene.geometry.shape == "mesh" else "one dimension"
+    if scene.accuracy.edge is None:
+        return scene.accuracy.level
+    return between_levels(edge / scene.thinnest, LEVELS)
+
+
+def between_levels(edge_over_T: float, levels: Mapping[str, float]) -> str:
+    """Among ``levels``, from the coarsest to the finest, where an edge over the thickness lies."""
+    coarser = [name for name, edge in levels.items() if edge >= edge_over_T]
+    finer = [name for name, edge in levels.items() if edge <= edge_over_T]
+    if not coarser:
+        return f"coarser than {finer[0]}"
+    if not finer:
+        return f"finer than {coarser[-1]}"
+    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
+
+
+def table_of(found: Forecast) -> str:
+    """A forecast as a short table."""
+    rows = [("setting", _setting(found))]
+    if found.shape != "radial":
+        rows += [
+            ("elements", f"{found.elements:,}"),
+            ("nodes", f"{found.nodes:,}"),
+            ("steps", f"{found.steps:,}  ({found.fewest_steps:,} to {found.most_steps:,})"),
+        ]
+    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
+    rows += [
+        ("memory", f"{found.memory_GiB:.2g} GiB"),
+        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
+    ]
+    most = sorted(found.seconds_by_phase.items(), key=lambda item: -item[1])[:4]
+    rows.append(("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)))
+    rows += [
+        (f"error of {name}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)})")
+        for name, e in found.errors.items()
+    ]
+    width = max(len(name) for name, _ in rows)
+    lines = [f"{found.scene}: forecast"] + [f"  {name:{width}}  {value}" for name, value in rows]
+    lines += [f"{name}: {how}" for name, how in found.how.items()]
+    return "\n".join([*lines, *found.doubts])
+
+
+def _setting(found: Forecast) -> str:
+    if found.edge_over_T is None:
+        return found.setting
+    layers = f", {found.elements_through_cortex} elements through the cortex" if found.elements_through_cortex else ""
+    return f"{found.setting}, edge {found.edge_mm:.3g} mm ({found.edge_over_T:.2f} T){layers}"

@@ -1,0 +1,50 @@
+"""What a simulation cost, as rows for its page: by phase, by effect, and the error that was to be expected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.accuracy.afterwards import PHASES, Cost, cost_beside
+from morphofold.accuracy.words import percent, span
+from morphofold.report.contents import Entry
+
+
+def costs(entries: Sequence[Entry]) -> list[dict[str, Any]]:
+    """Per simulation whose folder is still there and whole: a sentence, times, errors, and how these were had."""
+    found = []
+    for e in entries:
+        stages = [Path(file) for file in e.measures.cortex.files if Path(file).name == "stage.json"]
+        cost = cost_beside(stages[0]) if stages else None
+        if cost is not None:
+            found.append({"entry": e, "said": _said(cost), "times": _times(cost), **_errors(cost)})
+    return found
+
+
+def _said(cost: Cost) -> str:
+    threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
+    parts = [f"{span(cost.seconds)}{threads}, compiling left out"]
+    if cost.elements is not None:
+        parts.append(f"{cost.elements:,} elements")
+    if cost.steps:
+        parts.append(f"{cost.steps:,} steps")
+    if cost.memory_GiB is not None:
+        parts.append(f"{cost.memory_GiB:.2g} GiB of memory at most, of the whole process")
+    return "; ".join(parts) + "."
+
+
+def _times(cost: Cost) -> list[tuple[str, str, str, str]]:
+    """Name, time, share and remark: of each phase, then of each effect that the scene called for."""
+    rows = [(name, span(s), percent(share), PHASES.get(name, "")) for name, (s, share) in cost.phases.items()]
+    rows += [(name, span(s), percent(share), "effect") for name, (s, share) in cost.effects.items()]
+    return rows + [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
+
+
+def _errors(cost: Cost) -> dict[str, Any]:
+    """Errors of the quantities, each with how it was obtained."""
+    rows = [
+        (name, percent(e.error), f"{percent(e.low)} to {percent(e.high)}", cost.how) for name, e in cost.errors.items()
+    ]
+    # an estimate from the run itself, such as that from its stress field, is one more row here
+    return {"errors": rows, "doubts": cost.doubts}

@@ -1,0 +1,253 @@
+"""Forecasts: what is counted is exact, what is modelled lies by what it models; nothing here is a time."""
+
+import itertools
+import json
+import tracemalloc
+
+import numpy as np
+import pytest
+from commands import refused
+
+import morphofold
+from morphofold.accuracy import forecast
+from morphofold.accuracy.afterwards import REST, cost_beside, cost_line, cost_of
+from morphofold.accuracy.calibration import LARGEST, calibrate, reduced
+from morphofold.accuracy.forecasting import SETTING_UP, STAGES, forecast_from
+from morphofold.accuracy.memory import building_bytes, running_bytes
+from morphofold.accuracy.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.accuracy.steps import steps_of
+from morphofold.accuracy.table import HEADLINE, costs, expected_errors, headline, studied, table
+from morphofold.accuracy.words import percent, span, table_of
+from morphofold.cli import main
+from morphofold.records import strict_json
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.geometry import build_bilayer, build_body
+from morphofold.sim.run import simulate
+from morphofold.sim.scene_file import load_scene
+from morphofold.sim.speed import cut_bricks
+from morphofold.sim.surfaces import whole_surfaces
+from morphofold.simulation import freesurfer_maps
+
+SMALL = ("geometry.portion=octant", "accuracy.level=draft", "output.stages=[]")
+#: a scene of every shape that has a body
+BODIES = {
+    **{p: ("fig6-thick", f"geometry.portion={p}", "accuracy.edge=4") for p in ("full", "half", "quarter", "octant")},
+    "four layers": ("fig5", *SMALL, "accuracy.elements_through_cortex=4", "accuracy.edge=3"),
+    "ellipsoid": ("ellipsoid", "accuracy.edge=5"),
+    "spots": ("regional", "accuracy.edge=4"),
+    "patch": ("patch", "accuracy.edge=3"),
+    "strip": ("strip", "accuracy.edge=2"),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_elements_nodes_and_vertices_by_rule_are_those_of_the_built_body(name):
+    source, *settings = BODIES[name]
+    scene = load_scene(source, settings)
+    body = build_body(scene)
+    white, pial = whole_surfaces(body, body.X)
+    by_rule = sizes_by_rule(scene, layers_of(body.bilayer))
+    assert by_rule[:3] == (body.elements.n, len(body.X), len(pial.verts))
+    assert by_rule.edge == pytest.approx(body.bilayer.edge, rel=1e-12)
+    assert sizes_of(body.bilayer)[:3] == by_rule[:3]
+    assert len(white.verts) == by_rule.vertices
+
+
+@pytest.mark.parametrize("name", ["octant", "patch", "strip"])
+def test_a_forecast_counts_the_body_that_a_run_builds(name):
+    source, *settings = BODIES[name]
+    scene = load_scene(source, settings)
+    bilayer = build_bilayer(scene)
+    found = forecast(scene, threads=1)
+    assert (found.elements, found.nodes) == (bilayer.mesh.nelements, bilayer.mesh.nvertices)
+    assert found.edge_over_T == pytest.approx(bilayer.edge / scene.geometry.cortex_thickness)
+    assert found.stages == len(scene.stages)
+    assert found.fastest < found.seconds < found.slowest
+    assert found.seconds == pytest.approx(sum(found.seconds_by_phase.values()))
+    assert {"elements", "advance", "measure", STAGES, SETTING_UP} <= set(found.seconds_by_phase)
+
+
+def test_a_body_of_tetrahedra_is_counted_and_its_doubts_are_said(tmp_path):
+    import meshio
+
+    tets = cut_bricks(build_bilayer(load_scene("fig6-thick", ["geometry.portion=full", "accuracy.edge=12"]))).mesh
+    meshio.Mesh(tets.p.T, [("tetra", tets.t.T)]).write(tmp_path / "body.vtu")
+    scene = load_scene("mesh", [f"geometry={{shape = 'mesh', file = '{tmp_path / 'body.vtu'}', cortex_thickness = 8}}",
+                                "output.stages=[]"])  # fmt: skip
+    found = forecast(scene, threads=1)
+    assert (found.elements, found.nodes) == (tets.nelements, tets.nvertices)
+    assert any("not of a mesh" in doubt for doubt in found.doubts)
+    assert found.elements_through_cortex is None
+
+
+@pytest.mark.parametrize("extra", [(), ("growth.rate=0.5",), ('effects.ramp={shape = "smooth"}',),
+                                   ("output.stages=[1.01, 1.03]",)])  # fmt: skip
+def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
+    scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=4", "growth.final=1.06", *extra])
+    body = build_body(scene)
+    expected = steps_of(scene, scene.steps_per_unit(body.crossing), body.crossing, costs())
+    took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
+    assert expected.waiting == 0
+    assert took == pytest.approx(expected.expected, rel=0.04)           # contact and balance hardly ask for more
+
+
+def test_a_body_that_does_not_grow_takes_no_steps():
+    found = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
+    assert (found.steps, found.fewest_steps, found.most_steps) == (0, 0, 0)
+    assert 0 < found.fastest < found.seconds < found.slowest < float("inf")
+
+
+def test_growth_waits_longer_for_a_stiffer_cortex_a_faster_pace_and_only_once_it_folds():
+    def waiting(*settings):
+        return steps_of(load_scene("fig5", settings), 7000, 40.0, costs()).waiting
+
+    assert waiting("growth.final=1.1", "output.stages=[]") == 0
+    assert waiting() < waiting("material.mu_ratio=4")
+    assert waiting() < waiting("growth.rate=2")
+
+
+def test_the_crossing_time_is_scaled_between_meshes_as_bodies_have_it():
+    through = costs()["crossing"]["through"]
+    for layers in (2, 3, 4):
+        squares = []
+        for edge in (3.0, 1.2):
+            scene = load_scene("fig6-thick", ["geometry.portion=octant", f"accuracy.edge={edge}",
+                                              f"accuracy.elements_through_cortex={layers}"])  # fmt: skip
+            body = build_body(scene)
+            squares.append(body.crossing**2 / (through * layers**2 + (3 / body.bilayer.edge) ** 2))
+        assert squares[0] == pytest.approx(squares[1], rel=0.06)        # 3 % in steps
+
+
+def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
+    scene = load_scene("fig6-thin")
+    part = reduced(scene)
+    assert scene.bricks > LARGEST >= part.bricks
+    assert part.geometry.portion == "octant"
+    assert part.cells == scene.cells
+    small = load_scene("fig5", [*SMALL, "accuracy.edge=4"])
+    assert reduced(small) == small
+    assert reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= LARGEST
+
+
+def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
+    found = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), costs(), threads=1)
+    scene = load_scene("fig6-thick", ["accuracy.edge=2.4", "output.stages=[]"])         # half, and finer
+    scaled, body = forecast_from(scene, found), build_body(scene)
+    assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
+    assert scaled.steps == pytest.approx(
+        steps_of(scene, scene.steps_per_unit(body.crossing), body.crossing, costs()).expected, rel=0.03
+    )
+    assert "octant body" in scaled.how["elements"]
+
+
+@pytest.mark.parametrize("name", ["octant", "half"])
+def test_modelled_memory_is_what_building_and_stepping_take(name):
+    source, *settings = BODIES[name]
+    scene = load_scene(source, [*settings[:1], "accuracy.edge=2.5"])
+    for _ in range(2):                                                  # the first time modules and kernels count, too
+        effects = build_effects(scene)
+        tracemalloc.start()
+        body = build_body(scene, effects)
+        building = tracemalloc.get_traced_memory()[1]
+        run = Dynamics(body, effects, steps_per_unit=1e4)
+        run.grow_to(1 + 1e-6)
+        held = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+    assert building == pytest.approx(building_bytes(body.elements.n, bricks=True), rel=0.1)
+    assert held == pytest.approx(running_bytes(body.elements.n, bricks=True), rel=0.2)     # a small body: more nodes
+
+
+def test_a_radial_scene_is_forecast_without_a_body():
+    found = forecast("radial", threads=1)
+    assert (found.elements, found.nodes, found.steps) == (0, 0, 0)
+    assert found.errors == {}
+    assert found.headline is None
+    assert "one dimension" in table_of(found)
+
+
+def test_the_table_says_of_every_quantity_what_the_readers_ask():
+    errors = table()["errors"]
+    assert set(HEADLINE) <= set(errors["quantities"])
+    for law in errors["quantities"].values():
+        assert law["coefficient"] > 0
+        assert law["power"] > 0
+        assert law["spread"] >= 0
+        assert 0 < law["finest"] < law["coarsest"]
+    finest, coarsest = studied()
+    for edge in np.linspace(finest, coarsest, 5):
+        _, largest = headline(edge)
+        assert largest.low <= largest.error <= largest.high
+        assert largest.error == max(expected_errors(edge)[name].error for name in HEADLINE)
+    assert headline(finest)[1].error < headline(coarsest)[1].error
+
+
+def test_edges_to_choose_from_change_the_cells_one_by_one():
+    for name in ("fig5", "ellipsoid", "patch"):
+        scene = load_scene(name)
+        T = scene.thinnest
+        edges = edges_between(scene, 0.3 * T, 1.2 * T)
+        sizes = [sizes_by_rule(load_scene(scene, [f"accuracy.edge={e!r}"]), Layers(T, 20.0)) for e in edges]
+        assert all(0.299 * T < s.edge <= 1.2 * T * (1 + 1e-9) for s in sizes)
+        assert all(s.edge == pytest.approx(e, rel=1.1e-3) and s.edge <= e for s, e in zip(sizes, edges))
+        assert all(a.elements < b.elements for a, b in itertools.pairwise(sizes))
+
+
+def test_spans_and_shares_in_words():
+    told = [span(s) for s in (0.04, 9.96, 119, 119.6, 280, 3599, 7500, 86399, 90000)]
+    assert told == ["0.0 s", "10 s", "119 s", "2 min", "4 min 40 s", "1 h", "2 h 5 min", "1 d", "1 d 1 h"]
+    assert [percent(s) for s in (0.00333, 0.021, 0.5, 1.0, 2.5)] == ["0.33 %", "2.1 %", "50 %", "100 %", "250 %"]
+
+
+def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
+    argv = ["simulate", "fig6-thick", "--dry-run", "--threads", "1"]
+    for setting in (*SMALL, "accuracy.edge=4"):
+        argv += ["--set", setting]
+    assert main(argv) == 0
+    told = capsys.readouterr().out
+    for word in ("elements", "nodes", "steps", "GiB", "time", "error of gyrification index", "coarser than draft"):
+        assert word in told
+    assert main([*argv, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"])).mesh.nelements
+    assert found["errors"]["wavelength"]["low"] < found["errors"]["wavelength"]["error"]
+    assert list(here.iterdir()) == []
+
+
+def test_what_cannot_be_run_cannot_be_forecast(here, capsys):
+    refused(capsys, ["simulate", "demo", "--dry-run", "--set", "growth.final=9"], "growth.final")
+    refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads must be 1 to")
+    refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run is for a run that begins")
+
+
+def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
+    scene = load_scene("core", [*SMALL, "accuracy.edge=4", "growth.final=1.02", "effects.core_growth.final=1.01"])
+    run = simulate(scene, tmp_path / "run", threads=1)
+    cost = cost_of(run.health, scene)
+    shares = [share for _, share in {**cost.phases, **cost.effects}.values()]
+    assert sum(shares) == pytest.approx(1, abs=0.02)
+    assert {*cost.effects, *cost.within} == set(run.health["effects"])
+    assert cost.within["core_growth"] == "within grow"
+    assert "contact" in cost.effects
+    assert REST in cost.phases
+    assert "expected error about" in cost_line(cost)
+    stage = next((tmp_path / "run" / "stages").glob("*/stage.json"))
+    assert cost_beside(stage) == cost
+    (tmp_path / "run" / "health.json").unlink()
+    assert cost_beside(stage) is None
+
+
+def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures):
+    settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
+    simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
+    assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
+    page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
+    said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
+    for word in ("by 1 thread", "GiB", "elements", REST, "symmetry", "perturbation", "once, within rest",
+                 "Relative error of", "gyrification index", "before the run, from its edge and a table"):  # fmt: skip
+        assert word in said
+
+
+def test_a_forecast_is_strict_json_and_public():
+    found = morphofold.forecast("radial", threads=1)
+    assert json.loads(strict_json(found.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None

@@ -1,0 +1,137 @@
+"""The accuracy that a budget or an error picks: what is refused, and that more time buys a finer mesh."""
+
+import re
+
+import pytest
+from commands import refused
+
+from morphofold.accuracy import calibration, forecast
+from morphofold.accuracy.picking import budget_seconds, error_share, pick
+from morphofold.accuracy.table import headline, studied
+from morphofold.cli import main
+from morphofold.sim.scene_file import load_scene
+
+OCTANT = ("geometry.portion=octant", "output.stages=[]")
+
+
+@pytest.fixture
+def clockwork(monkeypatch):
+    """A machine on which an element-step takes 50 ns and a body is built at once, so that picks do not tremble."""
+
+    def timed(run):
+        return {"elements": 50e-9 * run.body.elements.n, "contact": 0.0, "grow": 0.0}, 1.0, 1.0
+
+    monkeypatch.setattr(calibration, "_time_steps", timed)
+    monkeypatch.setattr(calibration, "slowness_of_stages", lambda costs: 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("90s", 90), ("5min", 300), ("2h", 7200), (" 1.5 d ", 129600), (".5h", 1800)]
+)
+def test_a_budget_has_a_number_and_a_unit(text, seconds):
+    assert budget_seconds(text) == seconds
+
+
+@pytest.mark.parametrize(
+    "text", ["", "5", "five", "-5s", "0s", "1:30", "5m", "1h 30min", "nan s", "1e3s", "9" * 400 + "s"]
+)
+def test_any_other_budget_is_refused(text):
+    with pytest.raises(ValueError, match=r"is no time\. Give a number with s, min, h or d"):
+        budget_seconds(text)
+
+
+def test_an_error_is_a_percentage_or_a_fraction():
+    assert error_share("1%") == error_share("0.01") == error_share(" 1 % ") == 0.01
+
+
+@pytest.mark.parametrize("text", ["", "x", "0", "0%", "-1%", "1", "100%", "nan", "inf", "1%%"])
+def test_any_other_error_is_refused(text):
+    with pytest.raises(ValueError, match="is no relative error"):
+        error_share(text)
+
+
+def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
+    scene = load_scene("fig6-thick", OCTANT)
+    picks = [pick(scene, budget=seconds, threads=1) for seconds in (8, 15, 30, 60)]
+    edges = [p.scene.accuracy.edge for p in picks]
+    assert edges == sorted(edges, reverse=True)
+    assert len(set(edges)) == len(edges)
+    for seconds, p in zip((8, 15, 30, 60), picks):
+        assert p.forecast.seconds <= seconds
+    finer = load_scene(scene, [f"accuracy.edge={edges[1] * 0.9}"])
+    assert forecast(finer, threads=1).seconds > 15
+
+
+def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork):
+    scene = load_scene("fig6-thick", OCTANT)
+    picks = [pick(scene, error=error, threads=1) for error in (0.05, 0.03, 0.02)]
+    edges = [p.forecast.edge_over_T for p in picks]
+    assert edges == sorted(edges, reverse=True)
+    for error, p in zip((0.05, 0.03, 0.02), picks):
+        assert p.forecast.headline[1].error <= error
+        cells = p.scene.cells
+        assert headline(p.forecast.edge_over_T * cells / (cells - 2))[1].error > error  # the next coarser one
+    assert picks[0].forecast.seconds < picks[-1].forecast.seconds
+
+
+def test_an_error_within_a_budget_takes_the_least_time(clockwork):
+    scene = load_scene("fig6-thick", OCTANT)
+    alone = pick(scene, error=0.04, threads=1)
+    assert pick(scene, error=0.04, budget=3600, threads=1).scene == alone.scene
+    with pytest.raises(ValueError, match=r"--error 4 % takes fig6-thick about .* more than --budget 2\.0 s"):
+        pick(scene, error=0.04, budget=2, threads=1)
+
+
+def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
+    scene = load_scene("fig6-thick", OCTANT)
+    with pytest.raises(ValueError, match=r"--budget 1\.0 s: fig6-thick takes about \d.* with the coarsest edge"):
+        pick(scene, budget=1, threads=1)
+    with pytest.raises(ValueError, match=r"--error 0\.001 %: the finest edge to choose from \(0\.2\d T\)"):
+        pick(scene, error=1e-5, threads=1)
+    with pytest.raises(ValueError, match="neither a budget nor an error"):
+        pick(scene)
+
+
+@pytest.mark.parametrize(("scene", "why"), [("mesh", "its mesh is the file's"), ("radial", "one dimension"),
+                                            ("strip", "says it is 0.5 mm")])  # fmt: skip
+def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, why):
+    refused(capsys, ["simulate", scene, "--budget", "5min"], "--budget chooses accuracy.edge", why)
+    refused(capsys, ["simulate", scene, "--error", "1%"], "--error chooses accuracy.edge", why)
+
+
+def test_options_that_exclude_each_other_are_refused(here, capsys):
+    refused(capsys, ["simulate", "fig5", "--error", "1%", "--resume"], "--error is for a run that begins", "Drop it")
+    refused(capsys, ["simulate", "fig5", "--budget", "1h", "--set", "accuracy.edge=1"], "says it is 1 mm")
+    refused(capsys, ["simulate", "fig5", "--budget", "soon"], "--budget soon: is no time")
+    assert list(here.iterdir()) == []
+
+
+def test_the_run_records_the_edge_that_was_picked(here, capsys):
+    argv = ["simulate", "fig6-thick", "--error", "9%", "-q", "-o", "run", "--threads", "1"]
+    for setting in (*OCTANT, "growth.final=1.004"):
+        argv += ["--set", setting]
+    assert main(argv) == 0
+    told = capsys.readouterr().out
+    said = re.search(r"picked an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", told)
+    scene = load_scene(here / "run" / "scene.toml")
+    assert scene.accuracy.edge / 3 == pytest.approx(float(said[1]), abs=0.006)
+    assert scene.accuracy.elements_through_cortex == 3
+    assert f"{said[2]} bricks" in told
+    assert "expected error about" in told
+
+
+def test_a_dry_run_of_a_budget_only_says_what_it_would_pick(here, capsys, clockwork):
+    argv = ["simulate", "fig6-thick", "--budget", "20s", "--dry-run", "--threads", "1", "--set", OCTANT[0]]
+    assert main(argv) == 0
+    told = capsys.readouterr().out
+    assert "picked an edge of" in told
+    assert "forecast" in told
+    assert list(here.iterdir()) == []
+
+
+def test_what_is_picked_lies_where_errors_were_studied(clockwork):
+    finest, coarsest = studied()
+    scene = load_scene("fig6-thick", OCTANT)
+    for budget in (5, 1e6):
+        edge = pick(scene, budget=budget, threads=1).forecast.edge_over_T
+        assert finest * 0.999 <= edge <= coarsest * 1.001
