@@ -23,7 +23,7 @@ _PUBLIC = {
     "Measures": "morphofold.analysis.measures",
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
-    "forecast": "morphofold.accuracy",
+    "forecast": "morphofold.forecasts",
 }
 __all__ = ["__version__", *_PUBLIC]
 

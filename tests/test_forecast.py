@@ -9,16 +9,16 @@ import pytest
 from commands import refused
 
 import morphofold
-from morphofold.accuracy import forecast
-from morphofold.accuracy.afterwards import REST, cost_beside, cost_line, cost_of
-from morphofold.accuracy.calibration import LARGEST, calibrate, reduced
-from morphofold.accuracy.forecasting import SETTING_UP, STAGES, forecast_from
-from morphofold.accuracy.memory import building_bytes, running_bytes
-from morphofold.accuracy.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
-from morphofold.accuracy.steps import steps_of
-from morphofold.accuracy.table import HEADLINE, costs, expected_errors, headline, studied, table
-from morphofold.accuracy.words import percent, span, table_of
 from morphofold.cli import main
+from morphofold.forecasts import forecast
+from morphofold.forecasts.afterwards import REST, cost_beside, cost_line, cost_of
+from morphofold.forecasts.calibration import LARGEST, calibrate, reduced
+from morphofold.forecasts.forecasting import SETTING_UP, STAGES, forecast_from
+from morphofold.forecasts.memory import building_bytes, running_bytes
+from morphofold.forecasts.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.forecasts.steps import steps_of
+from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, studied, table
+from morphofold.forecasts.words import percent, span, table_of
 from morphofold.records import strict_json
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects

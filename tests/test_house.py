@@ -20,7 +20,7 @@ ROOMS = {
 
 # who may not be imported by whom; a name stands for itself and all below it
 GROUND = ("clock", "records", "surface", "io", "shapes", "tables", "threads")
-UPSTAIRS = ("results", "comparison", "simulation", "report", "accuracy", "cohort")
+UPSTAIRS = ("results", "comparison", "simulation", "report", "accuracy", "forecasts", "cohort")
 FORBIDDEN = {
     **{room: ("sim", "analysis", *UPSTAIRS, "cli") for room in GROUND},
     "sim": ("analysis", *UPSTAIRS, "cli"),

@@ -5,10 +5,10 @@ import re
 import pytest
 from commands import refused
 
-from morphofold.accuracy import calibration, forecast
-from morphofold.accuracy.picking import budget_seconds, error_share, pick
-from morphofold.accuracy.table import headline, studied
 from morphofold.cli import main
+from morphofold.forecasts import calibration, forecast
+from morphofold.forecasts.picking import budget_seconds, error_share, pick
+from morphofold.forecasts.table import headline, studied
 from morphofold.sim.scene_file import load_scene
 
 OCTANT = ("geometry.portion=octant", "output.stages=[]")

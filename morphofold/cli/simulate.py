@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.accuracy.picking import Pick
+    from morphofold.forecasts.picking import Pick
     from morphofold.sim.scene import Scene
 
 
@@ -84,7 +84,7 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
     """The accuracy that --budget and --error ask for, said on the way."""
     if args.budget is None and args.error is None:
         return None
-    from morphofold.accuracy.picking import budget_seconds, error_share, pick
+    from morphofold.forecasts.picking import budget_seconds, error_share, pick
 
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
@@ -94,11 +94,11 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
 
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
-    from morphofold.accuracy.words import table_of
+    from morphofold.forecasts.words import table_of
     from morphofold.records import strict_json
 
     if chosen is None:
-        from morphofold.accuracy import forecast
+        from morphofold.forecasts import forecast
 
         found = forecast(scene, args.threads)
     else:
@@ -108,7 +108,7 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
 
 
 def _what_it_cost(scene: Scene, health: Mapping[str, Any]) -> str:
-    from morphofold.accuracy.afterwards import cost_line, cost_of
+    from morphofold.forecasts.afterwards import cost_line, cost_of
 
     return cost_line(cost_of(health, scene))
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.accuracy.afterwards import PHASES, Cost, cost_beside
-from morphofold.accuracy.words import percent, span
+from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
+from morphofold.forecasts.words import percent, span
 from morphofold.report.contents import Entry
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from morphofold.accuracy.memory import memory_GiB
-from morphofold.accuracy.sizes import Sizes
-from morphofold.accuracy.table import costs
+from morphofold.forecasts.memory import memory_GiB
+from morphofold.forecasts.sizes import Sizes
+from morphofold.forecasts.table import costs
 
 if TYPE_CHECKING:
-    from morphofold.accuracy.forecasting import Forecast
+    from morphofold.forecasts.forecasting import Forecast
     from morphofold.sim.scene import Scene
 
 
@@ -17,9 +17,9 @@ def radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Solve the final stage of a radial scene, which takes milliseconds, and forecast the run."""
     import numba
 
-    from morphofold.accuracy.calibration import slowness_of_stages
-    from morphofold.accuracy.forecasting import SETTING_UP, STAGES, Forecast
     from morphofold.clock import working_seconds
+    from morphofold.forecasts.calibration import slowness_of_stages
+    from morphofold.forecasts.forecasting import SETTING_UP, STAGES, Forecast
     from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
     from morphofold.threads import check_threads, set_threads
 

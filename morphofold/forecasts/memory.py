@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from morphofold.accuracy.sizes import Sizes
-from morphofold.accuracy.table import costs
+from morphofold.forecasts.sizes import Sizes
+from morphofold.forecasts.table import costs
 
 GiB = 2**30
 

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.accuracy.calibration import Calibration, calibrate
-from morphofold.accuracy.memory import memory_GiB
-from morphofold.accuracy.sizes import Sizes, sizes_by_rule
-from morphofold.accuracy.steps import Steps, steps_of
-from morphofold.accuracy.table import HEADLINE, Expected, costs, doubts, expected_errors, table
-from morphofold.accuracy.words import setting_words
+from morphofold.forecasts.calibration import Calibration, calibrate
+from morphofold.forecasts.memory import memory_GiB
+from morphofold.forecasts.sizes import Sizes, sizes_by_rule
+from morphofold.forecasts.steps import Steps, steps_of
+from morphofold.forecasts.table import HEADLINE, Expected, costs, doubts, expected_errors, table
+from morphofold.forecasts.words import setting_words
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -112,7 +112,7 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
-        from morphofold.accuracy.radial import radial_forecast
+        from morphofold.forecasts.radial import radial_forecast
 
         return radial_forecast(scene, threads)
     return forecast_from(scene, calibrate(scene, costs(), threads))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from morphofold.accuracy.forecasting import Forecast
+    from morphofold.forecasts.forecasting import Forecast
     from morphofold.sim.scene import Scene
 
 

@@ -6,11 +6,11 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from morphofold.accuracy.calibration import Calibration, calibrate
-from morphofold.accuracy.forecasting import Forecast, forecast_from
-from morphofold.accuracy.sizes import edges_between
-from morphofold.accuracy.table import costs, headline, studied
-from morphofold.accuracy.words import percent, span
+from morphofold.forecasts.calibration import Calibration, calibrate
+from morphofold.forecasts.forecasting import Forecast, forecast_from
+from morphofold.forecasts.sizes import edges_between
+from morphofold.forecasts.table import costs, headline, studied
+from morphofold.forecasts.words import percent, span
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.accuracy.table import Expected, doubts, expected_errors, headline, table
-from morphofold.accuracy.words import percent
+from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, table
+from morphofold.forecasts.words import percent
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
