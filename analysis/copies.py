@@ -31,7 +31,8 @@ class Accuracy:
     Attributes
     ----------
     most, least : int
-        Vertices of a hemisphere beyond which its copy is thinned, and below which it is split; 0: it is not.
+        Vertices of a hemisphere to which its copy is thinned if it has more, and below which triangles are cut in four
+        (once: twice brings nothing more); 0: never.
     voxels : float
         Of local gyrification, in the radius of its closing.
     """
@@ -122,10 +123,7 @@ def copied(cortex: Cortex, accuracy: Accuracy) -> Copy:
         return _thinned(cortex, accuracy.most / n)
     every = np.arange(cortex.n_vertices)
     same = Copy(cortex, cortex, every, every, np.arange(len(cortex.faces)))
-    times = 0
-    while n * 4**times < accuracy.least:
-        times += 1
-    return _split(same, times) if times else same
+    return _split(same) if n < accuracy.least else same
 
 
 def parameters(name: str, copy: Copy) -> dict[str, Any]:
@@ -162,15 +160,13 @@ def _thinned(cortex: Cortex, keep: float) -> Copy:
     return Copy(cortex, _on(cortex, inner + middle, outer + middle, fewer, twin), place, twin, triangle)
 
 
-def _split(same: Copy, times: int) -> Copy:
-    """Every triangle cut in four, some times, in the surface as it is; the original's vertices come first."""
-    cortex, twin, triangle = same.of, same.twin, same.triangle
-    white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
-    for _ in range(times):
-        twin = np.concatenate([twin, twin[_mesh.edges(faces)[:, 0]]])
-        (white, finer), (pial, _) = (_mesh.split(verts, faces) for verts in (white, pial))
-        faces, triangle = finer, np.tile(triangle, 4)
-    return replace(same, cortex=_on(cortex, white, pial, faces, twin), twin=twin, triangle=triangle)
+def _split(same: Copy) -> Copy:
+    """Every triangle cut in four, in the surface as it is; the original's vertices come first."""
+    cortex, faces = same.of, same.of.faces
+    twin = np.concatenate([same.twin, _mesh.edges(faces)[:, 0]])
+    (white, finer), (pial, _) = (_mesh.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
+    copy = _on(cortex, white, pial, finer, twin)
+    return replace(same, cortex=copy, twin=twin, triangle=np.tile(same.triangle, 4))
 
 
 def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, twin: Ints) -> Cortex:

@@ -81,8 +81,8 @@ def measure(
         For :func:`morphofold.analysis.gyral_graph` [mm]; None: measured.
     accuracy : {"draft", "standard", "fine"}
         ``"draft"``: cortical and gyral thickness and the gyral net are of a copy of the surfaces that is thinned to
-        50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four
-        until it has 40,000, if they have fewer. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm. Curvature, areas
+        50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four,
+        if they have less than 40,000. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm. Curvature, areas
         and depth are the same in all (see docs/accuracy.md).
     progress : callable, optional
         Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.

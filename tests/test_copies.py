@@ -15,7 +15,7 @@ from morphofold.ridges import irregular_net
 from morphofold.shapes import icosphere, ridged_sphere
 from morphofold.surface import Cortex, Regions, Surface
 
-THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 8000, 12.0)
+THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 2600, 12.0)
 
 
 @pytest.fixture(scope="module")

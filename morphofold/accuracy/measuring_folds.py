@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from morphofold.accuracy.measuring import point, timed
+from morphofold.accuracy.measuring import Timing, point, timed
 from morphofold.accuracy.points import Case, Point
 from morphofold.analysis import _mesh, gyral_thickness, local_gyrification_index
 from morphofold.analysis.closing import CLOSING
@@ -43,8 +43,7 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
         cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
         n = cortex.n_vertices
         about: dict[str, Any] = {"size": n, "value": _mesh.mean_edge_length(cortex.pial.verts, cortex.faces)}
-        for name, accuracy in ACCURACIES.items():
-            found, timing = timed(partial(_median, cortex, accuracy))
+        for name, found, timing in _at_accuracies(cortex, _median):
             points += [_width("ridged sphere", chord, found, timing, **about, **where) for where in _axes(name, n)]
     cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
@@ -72,10 +71,17 @@ def _median_of_sheet(sheet: Surface) -> float:
     return gyral_thickness(sheet).median
 
 
-def _width(subject: str, exact: float, found: float, timing: Any, *, axis: str = "mesh", **about: Any) -> Point:
+def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
     """Of a median, which is NaN where no folds were resolved."""
     error = abs(found / exact - 1) if np.isfinite(found) else 1.0
     return point(subject, "gyral thickness", error, timing, axis=axis, **about)
+
+
+def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Accuracy], Any]) -> Iterator[tuple[str, Any, Timing]]:
+    """What the work gives of a cortex at each accuracy, and its time; once for those that measure it as it is."""
+    plain = timed(partial(work, cortex, ACCURACIES["standard"]))
+    for name, accuracy in ACCURACIES.items():
+        yield name, *(timed(partial(work, cortex, accuracy)) if copied(cortex, accuracy).changed else plain)
 
 
 def _axes(name: str, n: int) -> list[dict[str, Any]]:
@@ -91,8 +97,7 @@ def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     for n in sizes:
         cortex = folds(net, n)
         edge = _mesh.mean_edge_length(cortex.white.verts, cortex.faces)
-        for name, accuracy in ACCURACIES.items():
-            graph, timing = timed(partial(_graph, cortex, accuracy))
+        for name, graph, timing in _at_accuracies(cortex, _graph):
             about: dict[str, Any] = {"size": n, "value": edge}
             points += [
                 point("ridged net", quantity, error, timing, **about, **where)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import statistics
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -24,7 +23,7 @@ from morphofold.accuracy.points import Case, Point
 from morphofold.analysis import Measures, _mesh, curvature, measure
 from morphofold.analysis.chord import weighted_quantile
 from morphofold.analysis.closing import CLOSING
-from morphofold.analysis.copies import ACCURACIES, Accuracy, Copy, copied
+from morphofold.analysis.copies import ACCURACIES, Accuracy, copied
 from morphofold.clock import working_seconds
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -61,8 +60,7 @@ def person() -> Cortex:
 def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> list[Point]:
     """Presets and thinned meshes, against the triangles cut in four."""
     cortex = cortex or person()
-    finest = split(cortex)
-    truth = measure(finest.cortex)
+    truth = measure(split(cortex))
     points = _presets("S1", cortex, truth, "split surface")
     for size in sizes:
         copy = copied(cortex, Accuracy(size, 0, 12.0))
@@ -136,23 +134,23 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
     """Mean curvature within 3 mm on white and pial, thinned, as they are, and split once, against split twice."""
     cortex = cortex or person()
     n = cortex.n_vertices
-    same = copied(cortex, ACCURACIES["standard"])
-    copies = [*(copied(cortex, Accuracy(size, 0, 12.0)) for size in sizes), same, split(cortex)]
+    thin = [copied(cortex, Accuracy(size, 0, 12.0)) for size in sizes]
+    meshes = [*((copy.cortex, copy.place) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
     points = []
     for kind in ("white", "pial"):
         surface = getattr(cortex, kind)
         areas = _mesh.vertex_areas(surface.verts, surface.faces)
-        finest = getattr(split(cortex, 2).cortex, kind)
+        finest = getattr(split(split(cortex)), kind)
         truth = curvature(finest.verts, finest.faces, scale).H[:n]
-        for copy in copies:
-            mesh = getattr(copy.cortex, kind)
+        for body, place in meshes:
+            mesh = getattr(body, kind)
             found, timing = timed(partial(_mean_curvature, mesh, scale))
-            wrong = median_error(found[copy.place], truth, areas)
+            wrong = median_error(found[place], truth, areas)
             points.append(
                 point(
                     f"S1, {kind}", "mean curvature", wrong, timing, axis="mesh", size=len(mesh.verts),
                     setting=f"{len(mesh.verts):,} vertices", value=_mesh.mean_edge_length(mesh.verts, mesh.faces),
-                    against="split surface", preset="standard" if copy is same else "",
+                    against="split surface", preset="standard" if body is cortex else "",
                 )
             )  # fmt: skip
     return points
@@ -187,7 +185,7 @@ def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ..
     return points
 
 
-def split(cortex: Cortex, times: int = 1) -> Copy:
-    """The cortex with every triangle cut in four, some times."""
-    least = len(np.unique(cortex.faces)) * 4 ** (times - 1) + 1
-    return copied(cortex, replace(ACCURACIES["standard"], least=least))
+def split(cortex: Cortex) -> Cortex:
+    """The cortex with every triangle cut in four: the same surfaces."""
+    white, pial = (Surface(*_mesh.split(s.verts, s.faces), name=s.name) for s in (cortex.white, cortex.pial))
+    return Cortex(white, pial, cortex.hemi, cortex.name, units=cortex.units)
