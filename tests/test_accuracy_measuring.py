@@ -13,6 +13,7 @@ from morphofold.accuracy import measuring, measuring_folds, measuring_person
 from morphofold.accuracy.measuring import GAP, H, K, Timing, bumpy, relative_rms, timed
 from morphofold.accuracy.peers import Peer
 from morphofold.analysis import copies, curvature, measure, vertex_areas
+from morphofold.analysis.speed import folded_ball
 from morphofold.ridges import irregular_net
 from morphofold.shapes import bumpy_sphere, torus
 
@@ -177,7 +178,7 @@ def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds()
 
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
     monkeypatch.setitem(copies.ACCURACIES, "fine", copies.Accuracy(0, 2501, 12.0))
-    cortex = replace(measuring_folds.folds(irregular_net(60, shortest=0.07), 2500), units="cm")     # has no local index
+    cortex = replace(folded_ball(2500), units="cm")     # has no local index
     points = measuring_person.measures_of_person((2000,), cortex)
     truth, plain = measure(measuring_person.split(cortex)), measure(cortex)
     name = "crest_length_mm"
@@ -217,7 +218,7 @@ def test_quick_work_is_repeated_after_a_warm_up_and_long_work_is_not(monkeypatch
 
 
 def test_splitting_a_person_keeps_the_surfaces():
-    cortex = measuring_folds.folds(irregular_net(10), 1000)
+    cortex = folded_ball(1000)
     twice = measuring_person.split(measuring_person.split(cortex))
     assert twice.n_vertices == 15970
     for kind in ("white", "pial"):

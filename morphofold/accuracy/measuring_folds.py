@@ -15,13 +15,14 @@ from morphofold.accuracy.points import Case, Point
 from morphofold.analysis import _mesh, gyral_thickness, local_gyrification_index
 from morphofold.analysis.closing import CLOSING
 from morphofold.analysis.copies import ACCURACIES, Accuracy, copied
-from morphofold.ridges import SphericalNet, from_arc, irregular_net, ridged_net
-from morphofold.shapes import corrugated_sheet, even_directions, ridged_sphere, sphere, spherical_delaunay
+from morphofold.analysis.speed import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
+from morphofold.ridges import SphericalNet, from_arc, irregular_net
+from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.surface import Cortex, PerVertex, Surface
 
 Array = NDArray[np.float64]
-NET, WIDTH, HEIGHT, RADIUS, THICKNESS = (60, 0.07), 9.0, 8.0, 65.0, 1.8     # cells, shortest arc [rad]; [mm]
-SIZES = (2_500, 5_000, 10_000, 20_000, 40_000, 80_000, 160_000)
+SHORTEST = 0.07             # [rad] of the arcs of the net: shorter ones are one hinge by definition
+SIZES = (2_500, 10_000, 40_000, 160_000)
 SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)                 # [mm], of gyral thickness
 VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)           # in the radius of the closing
 
@@ -92,10 +93,10 @@ def _axes(name: str, n: int) -> list[dict[str, Any]]:
 
 def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     """Hinges and crests of a net of ridges, on meshes as they are and at the accuracies where those change anything."""
-    net = irregular_net(NET[0], shortest=NET[1])
+    net = irregular_net(CELLS, shortest=SHORTEST)
     points = []
     for n in sizes:
-        cortex = folds(net, n)
+        cortex = folded_ball(n, net)
         edge = _mesh.mean_edge_length(cortex.white.verts, cortex.faces)
         for name, graph, timing in _at_accuracies(cortex, _graph):
             about: dict[str, Any] = {"size": n, "value": edge}
@@ -109,15 +110,6 @@ def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
 
 def _graph(cortex: Cortex, accuracy: Accuracy) -> Any:
     return copied(cortex, accuracy).gyral_graph(None)
-
-
-def folds(net: SphericalNet, n: int) -> Cortex:
-    """Cortex of ``n`` vertices with a ridge along every arc."""
-    verts = even_directions(n)
-    faces = spherical_delaunay(verts)
-    pial = ridged_net(net, (verts, faces), WIDTH, height=HEIGHT, radius=RADIUS)
-    white = Surface(pial.verts - THICKNESS * _mesh.vertex_normals(pial.verts, faces), faces)
-    return Cortex(white, pial, name="ridged net")
 
 
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
