@@ -139,6 +139,28 @@ def mean_edge_length(verts: Verts, faces: Faces) -> float:
     return float(np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1).mean())
 
 
+def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
+    """The same surface with every triangle cut in four: the vertices as they are, then the middles of ``edges``.
+
+    Returns
+    -------
+    verts : (N + E, 3) float64
+    faces : (4 M, 3) int64
+        Triangle i became i, i + M, i + 2 M (its corners, in order) and i + 3 M (its middle).
+    """
+    n, pair = len(verts), edges(faces)
+    key = pair[:, 0] * n + pair[:, 1]                                   # ascending, as edges are
+    a, b, c = faces.T
+    ab, bc, ca = (
+        n + np.searchsorted(key, np.minimum(i, j) * n + np.maximum(i, j)) for i, j in ((a, b), (b, c), (c, a))
+    )
+    four = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return (
+        np.concatenate([verts, (verts[pair[:, 0]] + verts[pair[:, 1]]) / 2]),
+        np.concatenate([np.stack(corners, axis=1) for corners in four]),
+    )
+
+
 def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
     pair = edges(faces)

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.analysis._mesh import incident_faces
-from morphofold.analysis.altitude import Altimeter, persistence
+from morphofold.analysis.altitude import persistence
 from morphofold.analysis.gyral_net import Fields, Ground, GyralScales
 from morphofold.analysis.net import Net, resampled
 from morphofold.analysis.refine import refine, upright
 from morphofold.analysis.thickness import closest_in_triangle
-from morphofold.surface import Cortex, Surface
+from morphofold.surface import Cortex, Faces, Surface, Verts
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -85,7 +85,7 @@ def gyral_graph(
 def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) -> None:
     """Nodes and edges of the graph, in an order that depends on their places alone."""
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
-    feet = _Feet(ground.meter, ground.tree)
+    feet = Feet(ground.meter.verts, ground.meter.faces, ground.tree)
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
     degrees, least = net.degrees(), persistence(D, scales.persistence)
     held = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
@@ -119,18 +119,19 @@ def _turning(points: NDArray[np.float64], ground: Ground, step: float) -> float:
     return float(np.abs(turn).sum()) / length if length > 0 else 0.0
 
 
-class _Feet:
-    """The points of a surface nearest to points close to it."""
+class Feet:
+    """The points of a surface nearest to points close to it; ``tree`` is of its vertices."""
 
-    def __init__(self, meter: Altimeter, tree: cKDTree):
-        self._meter, self._tree = meter, tree
-        self._around = incident_faces(len(meter.verts), meter.faces)
+    def __init__(self, verts: Verts, faces: Faces, tree: cKDTree):
+        self._verts, self._faces, self._tree = verts, faces, tree
+        self._around = incident_faces(len(verts), faces)
 
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Places (P, 3), and the nearest vertices (P,): those of the triangles there."""
         nearest = self._tree.query(points)[1]
-        around, meter = self._around, self._meter
-        places = _nearest_places(points, nearest, meter.verts, meter.faces, around.indptr, around.indices)
+        places = _nearest_places(
+            points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices
+        )
         return places, nearest
 
 

@@ -133,6 +133,20 @@ def of_gyral_thickness(across: GyralThickness) -> Notes:
     }
 
 
+def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:
+    """``measured``: vertices of the copy that thicknesses and the net are of; nothing to say of the standard."""
+    if accuracy == "standard":
+        return {}
+    copy = (
+        f"cortical and gyral thickness and the gyral net are of a copy of the surfaces with {measured:,} vertices in "
+        f"place of {vertices:,}"
+        if measured != vertices
+        else "all surfaces are measured as they are"
+    )
+    voxel = "coarser" if accuracy == "draft" else "finer"
+    return {"accuracy": f"{accuracy.capitalize()} accuracy: {copy}; voxels of local gyrification are {voxel}."}
+
+
 def of_regions() -> Notes:
     return {
         "regions": "NumVert, area and thickness as mris_anatomical_stats counts them. A region with less measured "

@@ -139,7 +139,7 @@ def ridged_net(
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
     for a, b, lower in arcs:
-        away, share = _from_arc(verts, a, b)
+        away, share = from_arc(verts, a, b)
         ridge = height * (1 - lower * np.sin(np.pi * share) ** 2) * np.exp2(-((2 * radius * away / width) ** 2))
         grown = np.maximum(grown, ridge)
     verts = verts * (radius + grown)[:, None]
@@ -150,7 +150,7 @@ def ridged_net(
     return Surface(verts, faces, name="ridged net")
 
 
-def _from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
+def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
     """Angle (N,) [rad] of unit directions from the great arc between two, and where on it, 0 to 1, the nearest is."""
     pole = np.cross(a, b)
     pole /= np.linalg.norm(pole)

@@ -128,7 +128,7 @@ def ellipsoid(
 
 
 def bumpy_sphere(
-    level: int,
+    level: int | tuple[Verts, Faces],
     radius: float = 50.0,
     amplitude: float = 0.2,
     *,
@@ -137,9 +137,10 @@ def bumpy_sphere(
     """Sphere with hills, ``r = radius (1 + amplitude Y)``, Y the real orthonormal harmonic of degree 6, order 3.
 
     Y lies between -0.65 and 0.65. At amplitude 0.2 the surface has hills, valleys and saddles with curvatures
-    several times 1/radius. Irregular if ``rng`` (a generator or a seed) is given.
+    several times 1/radius. Irregular if ``rng`` (a generator or a seed) is given; ``level`` may also be any mesh of the
+    unit sphere, (verts, faces).
     """
-    verts, faces = _sphere(level, rng)
+    verts, faces = level if isinstance(level, tuple) else _sphere(level, rng)
     harmonic, _, _ = _harmonic_6_3(verts)
     verts = verts * (radius * (1 + amplitude * harmonic))[:, None]
     rho = np.linalg.norm(verts, axis=1)[:, None]

@@ -142,6 +142,29 @@ def test_the_gyral_width_of_the_net_can_be_held(here):
         assert (found == 9.0) == (width == 9.0)
 
 
+@pytest.mark.parametrize("layout", ["plain", "bids"])
+def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout):
+    file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
+    common = ["analyze", str(sample_path("simulated")), "-q", "--no-report", "--layout", layout, "--name", "a"]
+    for name, more in (("standard", []), ("fine", ["--accuracy", "fine"])):
+        assert main([*common, "-o", name, *more]) == 0
+        told = json.loads((here / name / file).read_text())
+        assert told["parameters"].get("accuracy", "standard") == name
+        used = told["surfaces"][0]["parameters"]
+        assert used["accuracy"] == name
+        n = told["surfaces"][0]["measures"]["n_vertices"]
+        assert (used["accuracy_vertices"] > n) == (name == "fine")          # 2 to 10 thousand are split
+        assert ("accuracy" in told["surfaces"][0]["notes"]) == (name == "fine")
+
+
+def test_an_accuracy_of_another_name_is_refused(here, capsys):
+    with pytest.raises(SystemExit) as leave:
+        main(["analyze", str(sample_path("simulated")), "--accuracy", "best", "-o", "out"])
+    assert leave.value.code == 2
+    assert "--accuracy: invalid choice: 'best'" in capsys.readouterr().err.splitlines()[-1]
+    assert not (here / "out").exists()
+
+
 def test_compare_refuses_what_is_no_analysis(here, capsys):
     (here / "empty").mkdir()
     refused(capsys, ["compare", "a=empty", "-o", "out"], "empty")

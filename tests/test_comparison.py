@@ -117,6 +117,9 @@ def test_differing_scales_are_said_once_with_their_values():
     assert "capped nowhere on model and one and at 5 mm on mean" in cap
     assert "by 'white off pial' on model and one and by 'label' on mean" in mask
     assert compare(measured).to_dict()["cautions"] == [scale, cap, mask]
+    draft = replace(measured["one"], parameters={**options["one"], "accuracy": "draft"})
+    (said,) = compare({"a": draft, "b": replace(draft, parameters={**options["one"], "accuracy": "fine"})}).cautions
+    assert said.startswith("Accuracy was draft on a and fine on b;")
     assert compare({"a": measured["one"], "b": measured["one"]}).cautions == ()
     assert compare({"a": measured["one"], "b": replace(measured["one"], parameters={})}).cautions == ()
 

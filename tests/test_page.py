@@ -180,6 +180,22 @@ def test_the_methods_say_what_was_done_to_which_surface(drawn):
     assert not re.search("grown|Chen|in FreeSurfer", alone)
 
 
+def test_the_methods_say_which_surfaces_were_thinned_or_split(drawn):
+    used = {"accuracy": "draft", "accuracy_vertices": 50001, "local_gyrification_voxel_mm": 2.5}
+    usual = {"accuracy": "standard", "accuracy_vertices": 642, "local_gyrification_voxel_mm": 1.25}
+
+    def said(*parameters):
+        text, _, _ = drawn({str(k): replace(made_measures(), parameters=p) for k, p in enumerate(parameters)})
+        return text.split('<textarea id="methods"')[1].split("</textarea>")[0]
+
+    assert "gyral net were measured on thinned copies of the surfaces with 50,001 vertices" in said(used)
+    assert "on voxels of 2.5 mm" in said(used)
+    both = said({**used, "accuracy": "fine", "accuracy_vertices": 2562, "local_gyrification_voxel_mm": 0.75}, usual)
+    assert "finer copies of the surfaces with 2,562 vertices" in both
+    assert "on voxels of 0.75 or 1.25 mm" in both
+    assert not re.search("copies|voxels", said(usual) + said({}))
+
+
 def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn):
     kind = lambda m: re.search('class="kind">([^<]*)<', drawn([m])[0])[1]
     silent = made_measures(origin="simulation", info={"g": None, "law": "isotropic", "mu_ratio": None})

@@ -33,6 +33,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "group (default: from the surface)",
     )  # fmt: skip
     parser.add_argument(
+        "--accuracy", choices=["draft", "standard", "fine"], default="standard",
+        help="draft: thicknesses and the gyral net are of a thinned copy of a mesh of more than 50,000 vertices; fine: "
+        "of a split one of a mesh of less than 40,000 (default: standard, of the mesh as it is)",
+    )  # fmt: skip
+    parser.add_argument(
         "--stages", action="store_true",
         help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
         "an earlier run measured of the same files stays",
@@ -179,14 +184,19 @@ def _stages(args: argparse.Namespace) -> int:
     return 0
 
 
-def _scales(args: argparse.Namespace) -> dict[str, float | None]:
-    return {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+def _scales(args: argparse.Namespace) -> dict[str, float | str | None]:
+    """What was asked for; the standard accuracy goes without saying, so that analyses of older runs stay."""
+    asked = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    return asked if args.accuracy == "standard" else {**asked, "accuracy": args.accuracy}
 
 
 def _measure(cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None]) -> Measures:
     from morphofold.analysis.measures import measure
 
-    return measure(cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, progress=progress)
+    return measure(
+        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, accuracy=args.accuracy,
+        progress=progress,
+    )  # fmt: skip
 
 
 def _stages_of(folder: Path) -> list[Cortex]:

@@ -259,6 +259,9 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
     if differing := _by_value(named, "graph_width_mm", lambda mm: f"{number(float(mm), 2)} mm"):
         where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
         said.append(f"Hinges are those of nets at a gyral width of {where}; compare them per square of that width.")
+    if differing := _by_value(named, "accuracy", str):
+        where = _listed([f"{kind} on {_listed(names)}" for kind, names in differing.items()])
+        said.append(f"Accuracy was {where}; hinges and local gyrification hang on it where meshes are coarse.")
     if differing := _by_value(named, "cortex_mask", str):
         where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
         said.append(f"Cortex was marked out {where}; means without a label may count a medial wall as cortex.")

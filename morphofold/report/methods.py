@@ -64,6 +64,7 @@ def _measured(measures: Sequence[Measures], version: str) -> list[str]:
     return [
         f"White and pial surfaces were measured with morphofold {version}"
         f"{', the same code for simulated and reconstructed cortex' * simulated}.",
+        *_copied(measures),
         f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface, convex "
         "positive.",
         "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the closest "
@@ -76,3 +77,24 @@ def _measured(measures: Sequence[Measures], version: str) -> list[str]:
         "the surface within 25 mm over that of its closing by a ball of 15 mm (Schaer et al. 2008).",
         "Sulcal depth is the distance to the convex hull.",
     ]
+
+
+def _copied(measures: Sequence[Measures]) -> list[str]:
+    """Which surfaces were measured on a copy with more or fewer vertices, and which in coarser or finer voxels."""
+    said = []
+    for kind, how in (("draft", "thinned"), ("fine", "finer")):
+        counts = sorted({
+            int(m.parameters["accuracy_vertices"]) for m in measures
+            if m.parameters.get("accuracy") == kind and m.parameters["accuracy_vertices"] != m.cortex.n_vertices
+        })  # fmt: skip
+        if counts:
+            sizes = " or ".join(f"{n:,}" for n in counts)
+            said.append(
+                f"Cortical and gyral thickness and the gyral net were measured on {how} copies of the surfaces with "
+                f"{sizes} vertices."
+            )
+    usual = 1.25
+    voxels = {float(m.parameters.get("local_gyrification_voxel_mm", usual)) for m in measures}
+    if voxels != {usual}:
+        said.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
+    return said

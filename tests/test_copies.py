@@ -1,0 +1,176 @@
+"""Accuracy of the measuring room: copies of a cortex, thinned and split, and what is carried back from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import _mesh, copies, measure
+from morphofold.analysis.copies import Accuracy, copied
+from morphofold.analysis.speed import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
+from morphofold.io import read_cortex, sample_path
+from morphofold.ridges import irregular_net
+from morphofold.shapes import icosphere, ridged_sphere
+from morphofold.surface import Cortex, Regions, Surface
+
+THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 2600, 12.0)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return folded_ball(12_000)
+
+
+@pytest.fixture(scope="module")
+def thinned(ball):
+    return copied(ball, THIN)
+
+
+def shell(level=4, gap=3.0, **more):
+    verts, faces = icosphere(level, 50.0)
+    return Cortex(Surface((1 - gap / 50) * verts, faces), Surface(verts, faces), **more)
+
+
+def test_splitting_keeps_the_surface_its_vertices_and_which_triangle_came_from_which(rough):
+    verts, faces = _mesh.split(rough.verts, rough.faces)
+    n, m = len(rough.verts), len(rough.faces)
+    assert (len(verts), len(faces)) == (n + len(_mesh.edges(rough.faces)), 4 * m)
+    np.testing.assert_array_equal(verts[:n], rough.verts)
+    parents = _mesh.face_areas(rough.verts, rough.faces)
+    np.testing.assert_allclose(_mesh.face_areas(verts, faces).reshape(4, m), np.tile(parents / 4, (4, 1)))
+    normals = _mesh.face_normals(rough.verts, rough.faces)
+    found = _mesh.face_normals(verts, faces).reshape(4, m, 3)
+    np.testing.assert_allclose(found, np.tile(normals, (4, 1, 1)), atol=1e-9)
+    assert _mesh.is_closed(faces)
+    assert _mesh.euler_characteristic(faces) == 2
+
+
+def test_a_mesh_that_is_fine_enough_and_not_too_fine_is_no_copy_at_all():
+    cortex = shell()
+    for accuracy in (Accuracy(2562, 2562, 12.0), *copies.ACCURACIES.values()):
+        copy = copied(cortex, replace(accuracy, least=min(accuracy.least, 2562)))
+        assert copy.cortex is cortex
+        assert not copy.changed
+    assert copied(cortex, Accuracy(2561, 0, 12.0)).changed
+    assert copied(cortex, Accuracy(0, 2563, 12.0)).cortex.n_vertices == 10242
+
+
+def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_original_does(ball, thinned):
+    copy, n = thinned.cortex, thinned.cortex.n_vertices
+    assert n == pytest.approx(4000, abs=10)
+    np.testing.assert_array_equal(thinned.place[thinned.twin], np.arange(n))
+    edge = _mesh.mean_edge_length(ball.pial.verts, ball.faces)
+    for mine, theirs in ((copy.white, ball.white), (copy.pial, ball.pial)):
+        assert np.quantile(np.linalg.norm(mine.verts - theirs.verts[thinned.twin], axis=1), 0.99) < edge
+        assert _mesh.face_areas(mine.verts, mine.faces).sum() == pytest.approx(
+            _mesh.face_areas(theirs.verts, theirs.faces).sum(), rel=0.01
+        )
+    beside = ball.pial.verts[ball.faces[thinned.triangle]].mean(axis=1) - copy.pial.verts[copy.faces].mean(axis=1)
+    assert np.quantile(np.linalg.norm(beside, axis=1), 0.99) < 4 * edge
+
+
+@pytest.mark.parametrize("accuracy", [THIN, SPLIT])
+def test_thickness_of_a_shell_comes_back_from_its_copy(accuracy):
+    cortex = shell(5) if accuracy is THIN else shell(4)
+    copy = copied(cortex, accuracy)
+    assert copy.changed
+    thickness = copy.cortical_thickness(cap=None)
+    edge = max(_mesh.mean_edge_length(c.pial.verts, c.faces) for c in (cortex, copy.cortex))
+    assert thickness.shape == (cortex.n_vertices,)
+    assert np.abs(thickness - 3).max() < 3 * edge**2 / 8 / 47              # thrice the sag of an even triangle
+
+
+@pytest.mark.parametrize(("level", "accuracy"), [(5, THIN), (4, SPLIT)])
+def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
+    cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
+    found = copied(cortex, accuracy).gyral_thickness()
+    assert found.median == pytest.approx(chord, rel=0.03)                   # 0.02 is that of the measure itself
+    assert found.per_vertex.shape == found.relief.height.shape == (cortex.n_vertices,)
+    assert np.nanmedian(found.per_vertex) == pytest.approx(chord, rel=0.05)
+    middle = cortex.pial.verts[cortex.faces[found.triangle]].mean(axis=1)
+    edge = _mesh.mean_edge_length(cortex.pial.verts, cortex.faces)
+    assert np.quantile(np.linalg.norm(middle - found.points, axis=1), 0.99) < 4 * edge
+    north = cortex.pial.verts[:, 2] > 0                                     # half of them by symmetry
+    assert found.contour_where(north, cortex.faces) == pytest.approx(np.nansum(found.weight) / 2, rel=0.1)
+    masked = copied(cortex, accuracy).gyral_thickness(mask=north)
+    assert (masked.points[:, 2] > -edge).all()
+
+
+def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(ball, thinned):
+    graph = thinned.gyral_graph(None)
+    nodes = [node for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    at = np.array([node["position"] for node in nodes])
+    true = irregular_net(60).nodes * (RADIUS + HEIGHT - THICKNESS)
+    assert (cKDTree(true).query(at)[0] < WIDTH / 2).all()
+    assert (cKDTree(at).query(true)[0] < WIDTH / 2).all()
+    places = np.concatenate([at, *(line for *_, line in graph.edges(data="polyline"))])
+    vertices = np.concatenate([[node["vertex"] for node in nodes], *(v for *_, v in graph.edges(data="vertices"))])
+    mesh = trimesh.Trimesh(ball.white.verts, ball.faces, process=False)
+    planes = mesh.face_normals[mesh.vertex_faces[vertices]]                 # of the triangles at the nearest vertex
+    off = np.abs(np.einsum("pfk,pk->pf", planes, places - ball.white.verts[vertices]))
+    assert off.min(axis=1).max() < 1e-9
+    np.testing.assert_array_equal(vertices[: len(at)], cKDTree(ball.white.verts).query(at)[1])
+
+
+def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():
+    cortex = shell(5)
+    white, pial = (np.concatenate([[[0.0, 0, 0]], s.verts]) for s in (cortex.white, cortex.pial))
+    lone = Cortex(Surface(white, cortex.faces + 1), Surface(pial, cortex.faces + 1))
+    thickness = copied(lone, THIN).cortical_thickness(cap=None)
+    assert np.isnan(thickness[0])
+    np.testing.assert_array_equal(thickness[1:], copied(cortex, THIN).cortical_thickness(cap=None))
+
+
+def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers(ball, monkeypatch):
+    monkeypatch.setitem(copies.ACCURACIES, "draft", THIN)
+    x = ball.pial.verts[:, 0]
+    regions = Regions((x > 0).astype(np.int64), ("left", "right"), np.zeros((2, 3), np.uint8))
+    cortex = replace(ball, cortex=ball.pial.verts[:, 2] > -40, regions=regions)
+    draft, standard = measure(cortex, accuracy="draft"), measure(cortex)
+    for name, values in standard.maps.items():
+        differ = np.isfinite(draft.maps[name]) != np.isfinite(values)       # a way to a sample may leave the mask
+        assert differ.mean() <= (0.01 if name == "gyral_thickness" else 0), name
+        assert name == "area" or np.isnan(draft.maps[name][~cortex.cortex]).all(), name
+    same = {"H", "K", "k1", "k2", "sulcal_depth", "area", "shape_index", "curvedness"}
+    assert all(np.array_equal(draft.maps[name], standard.maps[name], equal_nan=True) for name in same)
+    whole = ("n_vertices", "euler_characteristic", "area_pial_mm2", "gyrification_index", "folding_index")
+    assert all(draft.scalars[name] == standard.scalars[name] for name in whole)
+    assert draft.scalars["median_gyral_thickness_mm"] == pytest.approx(
+        standard.scalars["median_gyral_thickness_mm"], rel=0.03
+    )
+    assert draft.scalars["crest_length_mm"] == pytest.approx(standard.scalars["crest_length_mm"], rel=0.03)
+    for mine, theirs in zip(draft.regions, standard.regions):
+        assert mine["n_vertices"] == theirs["n_vertices"]
+        assert mine["gyral_thickness_mm"] == pytest.approx(theirs["gyral_thickness_mm"], rel=0.05)
+        assert mine["gyral_contour_mm"] == pytest.approx(theirs["gyral_contour_mm"], rel=0.1)
+    assert draft.parameters["accuracy"] == "draft"
+    assert draft.parameters["accuracy_vertices"] == pytest.approx(4000, abs=10)
+    assert draft.parameters["local_gyrification_voxel_mm"] == 2.5
+    assert "in place of 12,000" in draft.notes["accuracy"]
+    assert (standard.parameters["accuracy"], standard.parameters["accuracy_vertices"]) == ("standard", 12_000)
+    assert "accuracy" not in standard.notes
+
+
+def test_an_accuracy_of_another_name_is_refused():
+    with pytest.raises(ValueError, match="accuracy must be one of draft, standard, fine, got 'best'"):
+        measure(shell(3), accuracy="best")
+
+
+@pytest.mark.slow
+def test_the_draft_of_a_person_is_the_standard_within_what_thinning_moves():
+    """Edges of 1.6 mm lie 0.06 mm off a surface whose curvature is 0.2 per mm: 2 x 0.06 of a thickness of 2.5 at one
+    vertex, a fifth of that in the mean; as much on either side of a gyrus of 10 mm."""
+    cortex = read_cortex(sample_path("S1"))
+    draft, standard = measure(cortex, accuracy="draft"), measure(cortex)
+    a, b = draft.maps["cortical_thickness"], standard.maps["cortical_thickness"]
+    assert np.sqrt(np.nanmean((a - b) ** 2)) < 2 * 0.064
+    close = {"mean_cortical_thickness_mm": 0.01, "median_gyral_thickness_mm": 0.0128, "wavelength_mm": 0.0128,
+             "crest_length_mm": 0.02, "mean_local_gyrification_index": 0.03}  # fmt: skip
+    for name, relative in close.items():
+        assert draft.scalars[name] == pytest.approx(standard.scalars[name], rel=relative), name
+    places = [np.array([[row[k] for k in "xyz"] for row in m.hinges]) for m in (draft, standard)]
+    half = standard.parameters["graph_width_mm"] / 2
+    for one, other in (places, places[::-1]):
+        assert (cKDTree(other).query(one)[0] < half).mean() > 0.9
