@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from morphofold.accuracy import measuring, measuring_folds, measuring_person
-from morphofold.accuracy.measuring import GAP, H, K, Timing, bumpy, relative_rms, timed
+from morphofold.accuracy import points as timing
+from morphofold.accuracy.measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.accuracy.peers import Peer
 from morphofold.analysis import copies, curvature, measure, vertex_areas
 from morphofold.analysis.speed import folded_ball
@@ -26,7 +27,7 @@ def by(points, **wanted):
 @pytest.fixture(autouse=True)
 def once(monkeypatch):
     """All work is long, so that it is done once."""
-    for module in (measuring, measuring_person):
+    for module in (timing, measuring_person):
         monkeypatch.setattr(module, "LONG", 0.0)
 
 
@@ -208,13 +209,13 @@ def test_every_case_has_a_name_of_its_own_that_a_file_can_bear():
 
 @pytest.mark.parametrize(("each", "calls"), [(0.1, 6), (1.0, 4), (6.0, 1)])
 def test_quick_work_is_repeated_after_a_warm_up_and_long_work_is_not(monkeypatch, each, calls):
-    monkeypatch.setattr(measuring, "LONG", 5.0)
+    monkeypatch.setattr(timing, "LONG", 5.0)
     clock = iter(np.arange(100) * each)
-    monkeypatch.setattr(measuring, "working_seconds", lambda: next(clock))
+    monkeypatch.setattr(timing, "working_seconds", lambda: next(clock))
     done = []
-    result, timing = timed(lambda: done.append(1) or "result")
+    result, told = timing.timed(lambda: done.append(1) or "result")
     assert (result, len(done)) == ("result", calls)
-    assert timing == Timing(*[pytest.approx(each)] * 3, max(1, calls - 1))
+    assert told == timing.Timing(*[pytest.approx(each)] * 3, max(1, calls - 1))
 
 
 def test_splitting_a_person_keeps_the_surfaces():

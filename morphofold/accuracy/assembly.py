@@ -69,7 +69,7 @@ def assembly_points(cells: int) -> list[Point]:
     return [
         Point(
             "solver", "shaken octant", "nodal forces", error, EACH_OTHER, "mesh", f"{body.elements.n:,} bricks",
-            body.bilayer.edge, body.elements.n, *timed(work), method=method,
+            body.bilayer.edge, body.elements.n, *timed(work)[1], method=method,
         )
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
     ]  # fmt: skip

@@ -7,55 +7,24 @@ compiles. A peer that fails has a point without error or seconds (NaN, no repeat
 
 from __future__ import annotations
 
-import gc
 import math
-import statistics
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from morphofold.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
-from morphofold.accuracy.points import OURS, Case, Point
+from morphofold.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
 from morphofold.analysis import _mesh, cortical_thickness, curvature
 from morphofold.analysis.measures import COARSE, CURVATURE_SCALE
-from morphofold.clock import working_seconds
 from morphofold.shapes import Shape, bumpy_sphere, ellipsoid, irregular_sphere, torus, with_noise
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 LEVELS = (4, 5, 6, 7)           # of the icosphere: 2,562 to 163,842 vertices
 SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)    # mean edges
 GAP, SLIDE = 2.5, 0.4           # [mm] of cortex; by which its inner vertices slid along it, in mean edges
-QUICK, LONG = 0.5, 5.0          # [s] below which work is repeated five times, and from which it is not repeated
 Fields = Mapping[str, PerVertex]
-
-
-class Timing(NamedTuple):
-    """Median, fastest and slowest [s] of so many repeats; the first of several is a warm-up that does not count."""
-
-    seconds: float
-    fastest: float
-    slowest: float
-    repeats: int
-
-
-NEVER = Timing(math.nan, math.nan, math.nan, 0)
-
-
-def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
-    """What the work returns, and how long it takes."""
-    gc.collect()
-    start = working_seconds()
-    result = work()
-    took = [working_seconds() - start]
-    if took[0] < LONG:
-        warm, took = took[0], []
-        for _ in range(5 if warm < QUICK else 3):
-            start = working_seconds()
-            result = work()
-            took.append(working_seconds() - start)
-    return result, Timing(statistics.median(took), min(took), max(took), len(took))
 
 
 def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from morphofold.accuracy.measuring import Timing, point, timed
-from morphofold.accuracy.points import Case, Point
+from morphofold.accuracy.measuring import point
+from morphofold.accuracy.points import Case, Point, Timing, timed
 from morphofold.analysis import _mesh, gyral_thickness, local_gyrification_index
 from morphofold.analysis.closing import CLOSING
 from morphofold.analysis.copies import ACCURACIES, Accuracy, copied

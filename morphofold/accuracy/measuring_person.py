@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.accuracy.measuring import LONG, Timing, point, timed
+from morphofold.accuracy.measuring import point
 from morphofold.accuracy.measuring_folds import VOXELS, f1, local_index
-from morphofold.accuracy.points import Case, Point
+from morphofold.accuracy.points import LONG, Case, Point, Timing, timed
 from morphofold.analysis import Measures, _mesh, curvature, measure
 from morphofold.analysis.chord import weighted_quantile
 from morphofold.analysis.closing import CLOSING

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import statistics
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from morphofold.clock import working_seconds
 
 OURS = "morphofold"
 EACH_OTHER = "each other"         # against which two peers are held that do the same
-LEAST, MOST, LONG = 5, 40, 2.0      # repeats of what is timed: so many, at most, and no new one after so long [s]
+QUICK, LONG = 0.5, 5.0          # [s] below which work is repeated five times, and from which it is not repeated
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Case(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """Wall seconds of repeated work, without compiling: median and range."""
+    """Median, fastest and slowest wall time [s], without compiling, of so many repeats."""
 
     seconds: float
     fastest: float
@@ -105,13 +105,20 @@ class Timing(NamedTuple):
     repeats: int
 
 
-def timed(work: Callable[[], object]) -> Timing:
-    """Time work after once for caches and compilers: five times or, if that is quick, for two seconds."""
-    work()
-    laps: list[float] = []
-    end = time.perf_counter() + LONG
-    while len(laps) < LEAST or (time.perf_counter() < end and len(laps) < MOST):
-        begun = working_seconds()
-        work()
-        laps.append(working_seconds() - begun)
-    return Timing(statistics.median(laps), min(laps), max(laps), len(laps))
+NEVER = Timing(math.nan, math.nan, math.nan, 0)
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
+    """What the work returns, and how long it takes: five times if it is quick, once if it is long. The first of several
+    is a warm-up that does not count."""
+    gc.collect()
+    start = working_seconds()
+    result = work()
+    took = [working_seconds() - start]
+    if took[0] < LONG:
+        warm, took = took[0], []
+        for _ in range(5 if warm < QUICK else 3):
+            start = working_seconds()
+            result = work()
+            took.append(working_seconds() - start)
+    return result, Timing(statistics.median(took), min(took), max(took), len(took))

@@ -124,7 +124,7 @@ def theory_points() -> list[Point]:
     errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
     return [
         Point(
-            "solver", SUBJECT, what, errors[what], THEORY, "mesh", "the exact body", 0.0, 0, *timed(work),
+            "solver", SUBJECT, what, errors[what], THEORY, "mesh", "the exact body", 0.0, 0, *timed(work)[1],
             method="the theory",
         )
         for what, work in (("radius", radius), ("onset", begins))

@@ -12,7 +12,8 @@ from morphofold.accuracy.fronts import Law, better_than, grouped, halving, law
 from morphofold.accuracy.points import EACH_OTHER, OURS, Point
 
 Row = dict[str, Any]
-REFINED = "own refinement"          # of a real surface: its error is against twice as many vertices along each edge
+ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")        # axes on which ours and peers have the same mesh
+PRESETS = ("mesh", "accuracy", "voxel")                            # axes that know presets
 
 COLUMNS = {
     "error": "relative: 0.01 is 1 %",
@@ -62,7 +63,7 @@ def edge_of(p: Point) -> float:
 def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
     """Laws of time and of error with the edge; none of the error where it is round-off."""
     x = [edge_of(p) for p in group]
-    beyond = FINEST.edge if group[0].against == MESH else 0.5 * min(x) if REFINED in group[0].against else 0.0
+    beyond = FINEST.edge if group[0].against == MESH else 0.0
     seconds = law(x, [p.seconds for p in group])
     if any(p.error < 1e-12 for p in group) or any(at <= beyond for at in x):
         return seconds, None
@@ -89,13 +90,13 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
 
 def peer_rows(points: Sequence[Point]) -> list[Row]:
     """Each peer beside us on the same mesh, or where it has none beside our ``standard``."""
-    along = [p for p in points if p.method == OURS and p.axis == "mesh"]
-    ours = {(p.half, p.subject, p.quantity, p.against, p.size): p for p in along}
-    ours |= {(p.half, p.subject, p.quantity, p.against, 0): p for p in along if p.preset == "standard"}
+    along = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
+    ours = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in along}
+    ours |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in along if p.preset == "standard"}
     rows = []
     for p in points:
-        mine = ours.get((p.half, p.subject, p.quantity, p.against, p.size))
-        if p.method == OURS or mine is None or p.axis != "mesh":
+        mine = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
+        if p.method == OURS or mine is None:
             continue
         rows.append({
             "subject": p.subject, "quantity": p.quantity, "size": p.size, "method": p.method, "setting": p.setting,
@@ -113,7 +114,7 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
     rows = []
     for p in points:
         key = (p.half, p.subject, p.quantity, p.against, p.method)
-        if p.preset and p.axis in ("mesh", "preset"):
+        if p.preset and p.axis in PRESETS:
             error = laws_of(meshes[key])[1] if key in meshes and p.axis == "mesh" else None
             rows.append({
                 "half": p.half, "preset": p.preset, "subject": p.subject, "quantity": p.quantity, "against": p.against,

@@ -53,11 +53,16 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
             write_table(folder / f"{name}.tsv", [f for f in FIELDS if f in rows[0]] if name == "points" else [], rows)
     drawn, pictures = rivals(points), []
     (folder / "figures").mkdir()
-    for half, by in (("solver", "axis"), ("measuring", "method")):
-        figure = front_figure([p for p in drawn if p.half == half], by)
+    shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
+    person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
+    for name, mine, by in (
+        ("solver", [p for p in drawn if p.half == "solver"], "axis"), ("shapes", shapes, "method"),
+        ("person", person, "axis"),
+    ):  # fmt: skip
+        figure = front_figure(mine, by)
         if figure is not None:
-            save(figure, folder / "figures" / f"{half}.png")
-            pictures.append(f"figures/{half}.png")
+            save(figure, folder / "figures" / f"{name}.png")
+            pictures.append(f"figures/{name}.png")
     if {p.half for p in points} == {"solver", "measuring"}:
         save(overview(drawn), folder / "figures" / "overview.png")
         pictures.append("figures/overview.png")
