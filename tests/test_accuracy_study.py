@@ -44,8 +44,11 @@ def points():
         solver_point(e, "gyrification index, g = 2", MESH, 0.05 * (e**1.5 - FINEST.edge**1.5)) for e in EDGES
     ]
     layers = [
-        solver_point(0.45, "wavelength, g = 2", "6 elements through the cortex", 0.02, axis="layers", value=3)
+        solver_point(0.45, f"{what}, g = 2", "6 elements through the cortex", error, axis="layers", value=3)
+        for what, error in (("wavelength", 0.02), ("gyrification index", 0.03))
     ]
+    layers += [solver_point(0.45, "gyrification index, g = 2", "pace 0.25", 0.04, axis="pace", value=1)]
+    layers += [solver_point(0.45, "gyrification index, g = 2", "kappa/mu = 200", 0.5, axis="kappa", value=50)]
     sizes = (2_562, 10_242, 40_962)
     ours = [measuring_point(n) for n in sizes]
     peers = [measuring_point(n, "libigl", 2e-5 * n, 200 / n) for n in sizes]
@@ -146,7 +149,10 @@ def test_presets_carry_their_measured_error_and_that_of_the_law(points):
 
 def test_the_error_of_standard_is_told_axis_by_axis(points):
     rows = [row for row in budget_rows(points) if row["axis"] == "layers"]
-    assert [(row["against"], row["error"]) for row in rows] == [("6 elements through the cortex", 0.02)]
+    assert {(row["quantity"], row["against"]): row["error"] for row in rows} == {
+        ("wavelength, g = 2", "6 elements through the cortex"): 0.02,
+        ("gyrification index, g = 2", "6 elements through the cortex"): 0.03,
+    }
 
 
 def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
@@ -154,6 +160,8 @@ def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
     assert told["radius"]["coefficient"] == pytest.approx(0.01)
     assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
     assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.27, 1.2)
+    assert told["gyrification index"]["other"] == pytest.approx(0.05)   # layers and pace; kappa/mu is the body's own
+    assert told["radius"]["other"] == 0
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
 
@@ -170,8 +178,8 @@ def test_a_study_writes_what_its_summary_says(study):
     assert summary["left_out"] == {}
     assert all((study / name).stat().st_size > 0 for name in summary["files"])
     assert {"points.tsv", "figures/overview.png", "figures/solver.png"} <= set(summary["files"])
-    assert len(tables["points"]) == 17
-    assert sum(row["front"] for row in tables["points"]) == 14          # the three of the peer are beaten
+    assert len(tables["points"]) == 20
+    assert sum(row["front"] for row in tables["points"]) == 17          # the three of the peer are beaten
 
 
 def test_a_study_of_one_half_says_what_it_lacks(points, tmp_path):

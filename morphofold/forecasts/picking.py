@@ -32,7 +32,7 @@ class Pick:
         name, expected = headline(found.edge_over_T or 0.0)
         return (
             f"picked an edge of {found.edge_over_T:.2f} T ({found.setting}): {found.elements:,} elements, about "
-            f"{span(found.seconds)}, error about {percent(expected.error)} ({name})"
+            f"{span(found.seconds)} ({span(found.slowest)} at most), error about {percent(expected.error)} ({name})"
         )
 
 
@@ -142,13 +142,13 @@ def _with(scene: Scene, edge: float) -> Scene:
 
 
 def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float) -> float:
-    """The finest edge with which the run takes no longer than the budget."""
+    """The finest edge with which the run should take no longer than the budget, at the slower end of its range."""
     forecasts = [forecast_from(_with(scene, edge), found) for edge in edges]
-    fitting = [edge for edge, cost in zip(edges, forecasts) if cost.seconds <= budget]
+    fitting = [edge for edge, cost in zip(edges, forecasts) if cost.slowest <= budget]
     if not fitting:
         cheapest = forecasts[0]
         raise ValueError(
-            f"--budget {span(budget)}: {scene.name} takes about {span(cheapest.seconds)} with the coarsest edge that "
+            f"--budget {span(budget)}: {scene.name} may take {span(cheapest.slowest)} with the coarsest edge that "
             f"was studied ({cheapest.edge_over_T:.2f} T). Allow as much, take a smaller portion, or set accuracy.edge."
         )
     return min(fitting)
@@ -165,9 +165,9 @@ def _for_error(
         )
     chosen = _with(scene, good[0])
     cost = forecast_from(chosen, calibrate(chosen, costs(), threads))
-    if budget is not None and cost.seconds > budget:
+    if budget is not None and cost.slowest > budget:
         raise ValueError(
-            f"--error {percent(error)} takes {scene.name} about {span(cost.seconds)} (an edge of "
+            f"--error {percent(error)} may take {scene.name} {span(cost.slowest)} (an edge of "
             f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
         )
     return Pick(chosen, cost)

@@ -39,13 +39,13 @@ def costs() -> Mapping[str, Any]:
 def expected_errors(edge_over_T: float) -> dict[str, Expected]:
     """Expected relative error of each quantity with surface edges of ``edge_over_T`` thicknesses.
 
-    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. Beyond the edges that were studied
-    the same power goes on; ``doubts`` says so.
+    That of the mesh, ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter, and that of all
+    ``other`` settings, added as squares. Beyond the edges that were studied the same power goes on; ``doubts`` says so.
     """
     found = {}
     for name, law in table()["errors"]["quantities"].items():
-        error, factor = law["coefficient"] * edge_over_T ** law["power"], math.exp(law["spread"])
-        found[name] = Expected(error, error / factor, error * factor)
+        mesh, factor, other = law["coefficient"] * edge_over_T ** law["power"], math.exp(law["spread"]), law["other"]
+        found[name] = Expected(*(math.hypot(error, other) for error in (mesh, mesh / factor, mesh * factor)))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from morphofold.accuracy.fronts import Halving, better_than, grouped, halving
@@ -92,6 +92,7 @@ def factor(half: Halving) -> str:
     return f"{half.factor:.2g} × the time ({half.low:.2g} to {half.high:.2g})"
 
 
+CURVATURE = "mean curvature"
 #: what the overview shows of the solver, and how it calls it
 HEADLINES = {
     "radius": "radius of the smooth body", "onset": "growth at which folds begin",
@@ -109,22 +110,30 @@ def overview(points: Sequence[Point]) -> Figure:
             for key, group in meshes.items():
                 if (key[0], key[2], key[4]) == ("solver", quantity, OURS) and "incompressible" not in key[3]:
                     _curve(left, group, words, line_style(k))
-        curvature = [key for key in meshes if key[0] == "measuring" and key[2] == "mean curvature"]
-        shapes = list(dict.fromkeys(key[1] for key in curvature))
-        methods = list(dict.fromkeys(key[4] for key in curvature))
-        for key in curvature:
-            if key[1] == shapes[0]:
-                k = methods.index(key[4])
-                strong = {"color": CATEGORICAL[1], "linewidth": 2.6} if key[4] == OURS else {}
-                _curve(right, meshes[key], key[4], {**line_style(k), **strong})
-        titles = "solver: a growing sphere", f"measuring: mean curvature, {(shapes or ['no shape'])[0]}"
+        curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
+        shape = next((key[1] for key in curvature), "no shape")
+        for k, group in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
+            strong = {"linewidth": 2.8} if group[0].method == OURS else {}
+            _curve(right, group, group[0].method, {**line_style(k), **strong})
+        titles = "solver: a growing sphere", f"measuring: {CURVATURE} of a {shape}"
         for ax, title in zip((left, right), titles):
             _logarithmic(ax)
             ax.set(xlabel="seconds")
             ax.set_title(title, loc="left")
-            ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8.5, ncols=1 if ax is left else 2)
+            if ax.lines:
+                ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8.5)
         left.set(ylabel="error")
     return figure
+
+
+def _best_of_packages(groups: Iterable[Sequence[Point]]) -> list[Sequence[Point]]:
+    """Of the ways in which a package does the same, the one with the least error on its finest mesh; ours first."""
+    best: dict[str, Sequence[Point]] = {}
+    for group in groups:
+        package, last = group[0].method.split()[0], lambda g: max(g, key=lambda p: p.size).error
+        if package not in best or last(group) < last(best[package]):
+            best[package] = group
+    return sorted(best.values(), key=lambda group: group[0].method != OURS)
 
 
 def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any]) -> None:

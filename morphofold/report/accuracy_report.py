@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.accuracy.bodies import FINEST, SUBJECT
-from morphofold.accuracy.folds import MESH
+from morphofold.accuracy.bodies import FINEST, SUBJECT, Setting
+from morphofold.accuracy.folds import MESH, WITH_A_LIMIT
 from morphofold.accuracy.points import FIELDS, Point
 from morphofold.accuracy.solver import THEORY
 from morphofold.accuracy.tables import (
@@ -83,10 +84,16 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if there are
     none of the solver.
 
-    ``coefficient * (edge / T)^power`` is the relative error of a quantity, ``spread`` the standard deviation of its
-    logarithm, ``finest`` and ``coarsest`` the edges over T that were studied.
+    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
+    standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is the
+    root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which is
+    the body's own.
     """
     quantities = {}
+    beside: dict[str, list[float]] = {}
+    for row in budget_rows(points):
+        if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
+            beside.setdefault(row["quantity"], []).append(row["error"])
     for (half, subject, quantity, against, _), group in along_meshes(points).items():
         if half == "solver" and subject == SUBJECT and quantity in FORECAST and against in (THEORY, MESH):
             error = laws_of([p for p in group if p.value > FINEST.edge])[1]
@@ -94,5 +101,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                 quantities[FORECAST[quantity]] = {
                     "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
                     "finest": error.low, "coarsest": error.high, "against": against,
+                    "other": math.hypot(*beside.get(quantity, [])),
                 }  # fmt: skip
-    return {"subject": SUBJECT, "quantities": quantities} if quantities else None
+    layers = Setting("", "", 0.0).layers
+    return {"subject": SUBJECT, "layers": layers, "quantities": quantities} if quantities else None
