@@ -26,6 +26,13 @@ def test_the_most_accurate_of_those_that_are_better_is_named():
     assert better_than([good, bad, best])[1] == best
 
 
+def test_what_is_a_little_faster_or_truer_dominates_nothing():
+    one = point(1, 0.1)
+    assert better_than([one, point(0.8, 0.1), point(0.9, 0.097)])[0] is None
+    assert better_than([one, point(0.7, 0.1)])[0] is not None
+    assert better_than([one, point(0.9, 0.09)])[0] is not None
+
+
 def test_equal_points_are_both_on_the_front():
     assert better_than([point(1, 0.1), point(1, 0.1)]) == [None, None]
 

@@ -91,7 +91,9 @@ def axes() -> dict[str, list[Setting]]:
     mesh = [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES]
     return {
         "mesh": mesh,
-        "layers": [Setting("layers", f"{n} elements through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)],
+        "layers": [
+            Setting("layers", f"{n} element{'s' * (n > 1)} through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)
+        ],
         "mesh, 2 layers": [
             Setting("mesh, 2 layers", f"h = {e:.2f} T, 2 elements through the cortex", e, edge=e, layers=2)
             for e in (0.8, 0.6, 0.45, 0.27)

@@ -15,6 +15,7 @@ from morphofold.accuracy.points import Point
 
 Array = NDArray[np.float64]
 LIKELY = 0.95           # of intervals
+FASTER, TRUER = 0.75, 0.95      # shares of time and error below which a setting is the better one for sure
 
 #: what can be compared: points of one key are in one picture
 Key = tuple[str, str, str, str]
@@ -29,7 +30,8 @@ def grouped(points: Iterable[Point]) -> dict[Key, list[Point]]:
 
 
 def better_than(points: Sequence[Point]) -> list[Point | None]:
-    """For each point the one that dominates it: no slower, no less accurate, and not the same in both; None if none.
+    """For each point the one that dominates it: no slower, no less accurate, and better in one of them by more than
+    times wander (``FASTER``) or errors scatter (``TRUER``); None if none.
 
     Those that have None are the Pareto front. Of several the most accurate is named, of these the fastest.
     """
@@ -37,7 +39,8 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
     for p in points:
         better = [
             q for q in points
-            if q.seconds <= p.seconds and q.error <= p.error and (q.seconds, q.error) != (p.seconds, p.error)
+            if q.seconds <= p.seconds and q.error <= p.error
+            and (q.seconds < FASTER * p.seconds or q.error < TRUER * p.error)
         ]  # fmt: skip
         found.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
     return found

@@ -15,8 +15,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from morphofold.accuracy.folds import MESH
+from morphofold.accuracy.solver import THEORY
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
+from morphofold.report.accuracy_plots import bounded
 from morphofold.report.accuracy_report import SHOWS
 from morphofold.report.markdown import Row, between_marks, number, table
 from morphofold.tables import read_table
@@ -109,7 +112,8 @@ def _text(path: Path) -> str:
 
 
 def _factor(row: Mapping[str, Any]) -> str:
-    return f"{row['half_the_error']:.2g} ({row['half_the_error_low']:.2g} to {row['half_the_error_high']:.2g})"
+    half, low, high = (row[f"half_the_error{end}"] for end in ("", "_low", "_high"))
+    return f"{bounded(half)} ({low:.2g} to {bounded(high)})"
 
 
 def _power(row: Mapping[str, Any], name: str) -> str:
@@ -203,7 +207,7 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     """How often each setting of ours is on a front."""
     counted: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
-        if row["method"] == OURS and row["half"] == "solver":
+        if row["method"] == OURS and row["half"] == "solver" and row["against"] in (THEORY, MESH):
             counted.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
     rows = [
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]

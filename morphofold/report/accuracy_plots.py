@@ -89,14 +89,18 @@ def half_of(points: Sequence[Point]) -> Halving | None:
 
 
 def factor(half: Halving) -> str:
-    return f"{half.factor:.2g} × the time ({half.low:.2g} to {half.high:.2g})"
+    return f"{half.factor:.2g} × the time ({half.low:.2g} to {bounded(half.high)})"
+
+
+def bounded(factor: float) -> str:
+    """A factor; one that is too large to matter is said to be."""
+    return f"{factor:.2g}" if factor < 100 else "more than 100"
 
 
 CURVATURE = "mean curvature"
 #: what the overview shows of the solver, and how it calls it
 HEADLINES = {
-    "radius": "radius of the smooth body", "onset": "growth at which folds begin",
-    "gyrification index, g = 2": "gyrification index, folded",
+    "radius": "radius of the smooth body", "gyrification index, g = 2": "gyrification index, folded",
     "pial distance, g = 1.5": "pial surface, folded (over T)",
 }  # fmt: skip
 
@@ -112,9 +116,9 @@ def overview(points: Sequence[Point]) -> Figure:
                     _curve(left, group, words, line_style(k))
         curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape = next((key[1] for key in curvature), "no shape")
-        for k, group in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
-            strong = {"linewidth": 2.8} if group[0].method == OURS else {}
-            _curve(right, group, group[0].method, {**line_style(k), **strong})
+        for k, best in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
+            strong = {"linewidth": 2.8} if best[0].method == OURS else {}
+            _curve(right, best, best[0].method, {**line_style(k), **strong})
         titles = "solver: a growing sphere", f"measuring: {CURVATURE} of a {shape}"
         for ax, title in zip((left, right), titles):
             _logarithmic(ax)

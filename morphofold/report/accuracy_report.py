@@ -57,8 +57,8 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
     shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
     person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
     for name, mine, by in (
-        ("solver", [p for p in drawn if p.half == "solver"], "axis"), ("shapes", shapes, "method"),
-        ("person", person, "axis"),
+        ("solver", [p for p in drawn if p.half == "solver" and p.against in (THEORY, MESH)], "axis"),
+        ("shapes", shapes, "method"), ("person", person, "axis"),
     ):  # fmt: skip
         figure = front_figure(mine, by)
         if figure is not None:
@@ -85,9 +85,9 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     none of the solver.
 
     ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
-    standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is the
-    root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which is
-    the body's own.
+    standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is
+    the root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which
+    is the body's own.
     """
     quantities = {}
     beside: dict[str, list[float]] = {}
