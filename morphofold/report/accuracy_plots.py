@@ -58,7 +58,7 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
             **styles, "dominated": {**_style(6), "markerfacecolor": "none"},
             "front": {"color": BLACK, "linewidth": 0.9},
         }  # fmt: skip
-        legend_of_figure(figure, entries, axes.flat[0], columns=4)
+        legend_of_figure(figure, entries, axes.flat[0], columns=3 if by == "method" else 5)
     return figure
 
 
@@ -77,7 +77,7 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
 def _told(group: Sequence[Point]) -> str:
     """What half the error costs us along meshes, in words."""
     half = half_of([p for p in group if p.method == OURS])
-    return f"; half the error: {factor(half)}" if half else ""
+    return f"; half the error: {bounded(half.factor)} × the time" if half else ""
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
@@ -86,10 +86,6 @@ def half_of(points: Sequence[Point]) -> Halving | None:
         seconds, error = laws_of(group)
         return halving(seconds, error) if error else None
     return None
-
-
-def factor(half: Halving) -> str:
-    return f"{half.factor:.2g} × the time ({half.low:.2g} to {bounded(half.high)})"
 
 
 def bounded(factor: float) -> str:
