@@ -99,6 +99,15 @@ def test_the_interval_of_a_factor_widens_with_the_scatter(rng):
     assert b.high / b.low > a.high / a.low
 
 
+def test_a_price_beyond_all_bounds_is_a_number_still():
+    x = np.array([0.3, 0.6, 1.2])
+    error = law(x, x)
+    hardly = replace(error, uncertainty=0.9999 * error.power)
+    found = halving(law(x, x**-3.0), hardly)
+    assert found.factor == pytest.approx(8.0)
+    assert 1e100 < found.high < np.inf
+
+
 def test_an_error_that_does_not_fall_has_no_price(rng):
     x = np.geomspace(0.3, 1.2, 5)
     noise = law(x, 0.1 * np.exp(0.5 * rng.standard_normal(5)))

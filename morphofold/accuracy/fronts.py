@@ -15,6 +15,7 @@ from morphofold.accuracy.points import Point
 
 Array = NDArray[np.float64]
 LIKELY = 0.95           # of intervals
+ENDLESS = 1000.0        # powers of two of the time beyond which it doesn't matter how many
 FASTER, TRUER = 0.75, 0.95      # shares of time and error below which a setting is the better one for sure
 
 #: what can be compared: points of one key are in one picture
@@ -135,5 +136,5 @@ def halving(seconds: Law, error: Law) -> Halving | None:
     if not p - dp > 0:
         return None
     middle, spread = a * p, np.sqrt((a * dp) ** 2 + da**2 * (p**2 - dp**2))
-    low, high = ((middle + sign * spread) / (p**2 - dp**2) for sign in (-1, 1))
+    low, high = (min((middle + sign * spread) / (p**2 - dp**2), ENDLESS) for sign in (-1, 1))
     return Halving(float(2 ** (a / p)), float(2**low), float(2**high))
