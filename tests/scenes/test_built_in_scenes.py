@@ -39,19 +39,20 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
 def test_folds_at_standard_are_those_of_the_fine_mesh(tmp_path):
     """One imperfection, T/C = 3/50, cortex as stiff as the core: the outer radius in 4,000 directions, and GI.
 
-    By the last stage folds have amplified what differs by chance some twenty times (docs/solver.md, section 6).
+    By the last stage folds have amplified what differs by chance some twenty times (docs/solver.md, section 6). GI
+    differs by what the errors of the two levels do (docs/accuracy.md).
     """
     runs = []
     for level in ("standard", "fine"):
         settings = ["geometry.portion=octant", f"accuracy.edge={3.0 * LEVELS[level]}", "output.stages=[1.5]"]
         runs.append(mf.simulate("demo", tmp_path / level, settings=settings))
     along = even_directions(4000)
-    for g, least in ((1.5, 0.98), (runs[0].scene.growth.final, 0.9)):
+    for g, least in ((1.5, 0.95), (runs[0].scene.growth.final, 0.8)):
         cortices = [run.cortex(g) for run in runs]
         radii = [outer_radius(cortex.pial, along) for cortex in cortices]
         assert np.corrcoef(*radii)[0, 1] > least
         standard, fine = (mf.analysis.gyrification_index(cortex.pial.verts, cortex.faces) for cortex in cortices)
-        assert standard == pytest.approx(fine, rel=0.04)
+        assert standard == pytest.approx(fine, rel=0.05)
 
 
 @pytest.mark.parametrize(
