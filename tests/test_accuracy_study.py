@@ -229,6 +229,16 @@ def test_a_page_without_a_mark_is_left_alone(study, page, capsys):
     assert page.read_text() == before
 
 
+def test_half_a_study_makes_no_page(points, page, tmp_path, capsys):
+    out = tmp_path / "half"
+    out.mkdir()
+    write_study([p for p in points if p.half == "measuring"], circumstances(), out)
+    before = page.read_text()
+    assert write([str(out), str(page)]) == 2
+    assert "holds measuring only. Study both halves" in capsys.readouterr().err
+    assert page.read_text() == before
+
+
 def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
     assert write([str(tmp_path), str(page)]) == 2
     assert "summary.json: no such file" in capsys.readouterr().err

@@ -72,6 +72,7 @@ class Setting:
         ])  # fmt: skip
 
     def bilayer(self) -> Bilayer:
+        """The mesh of the body, not grown."""
         bricks = build_bilayer(self.scene())
         return cut_bricks(bricks) if self.element == "tet" else bricks
 

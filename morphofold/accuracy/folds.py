@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,8 +91,9 @@ def _folds(arrays: Any, g: float) -> Folds:
 
 
 def fold_points(
-    settings: Sequence[Setting], found: Mapping[str, Mapping[float, Folds]], finest: Setting = FINEST
-) -> list[Point]:
+    settings: Sequence[Setting], found: Mapping[str, Mapping[float, Folds]], finest: Setting = FINEST,
+    tell: Callable[[float], None] = lambda share: None,
+) -> list[Point]:  # fmt: skip
     """Errors of all settings against the finest mesh, and of those of an axis with a limit against the last of it.
 
     Parameters
@@ -102,6 +103,8 @@ def fold_points(
     found : mapping
         Folds by growth, by the name of the setting; the finest among them.
     finest : Setting
+    tell : callable
+        Called with the share done.
 
     Returns
     -------
@@ -112,7 +115,8 @@ def fold_points(
     """
     last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
     points = []
-    for s in settings:
+    for k, s in enumerate(settings):
+        tell(k / len(settings))
         points += _against(s, found[s.name], found[finest.name], MESH)
         if s.axis in last and s.name != last[s.axis].name:
             points += _against(s, found[s.name], found[last[s.axis].name], last[s.axis].words)

@@ -73,6 +73,7 @@ class Law:
     high: float
 
     def at(self, x: float) -> float:
+        """y at an x."""
         return self.coefficient * x**self.power
 
 

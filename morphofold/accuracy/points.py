@@ -74,6 +74,7 @@ class Point:
             )
 
     def as_row(self) -> dict[str, Any]:
+        """All fields by name, for a table or a file."""
         return asdict(self)
 
     @staticmethod

@@ -20,6 +20,8 @@ from morphofold.io import atomic_file
 from morphofold.records import strict_json
 
 HALVES = ("measuring", "solver")
+SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
+COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
 Progress = Callable[[float, str], None]
 
 
@@ -64,7 +66,18 @@ class Kept:
 def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:
     """All points of the study, in the order of its cases."""
     work = {"measuring": _measuring, "solver": _solver}
-    return [point for half in HALVES if half in halves for point in work[half](kept, tell)]
+    points: list[Point] = []
+    done, whole = 0.0, sum(SHARES[half] for half in halves)
+    for half in HALVES:
+        if half in halves:
+            points += work[half](kept, _part_of(tell, done / whole, SHARES[half] / whole))
+            done += SHARES[half]
+    return points
+
+
+def _part_of(tell: Progress, begun: float, part: float) -> Progress:
+    """Progress of a part of the whole that begins at a share of it."""
+    return lambda share, words: tell(begun + part * share, words)
 
 
 def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
@@ -92,7 +105,7 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     folds = {}
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        share = lambda part, words: tell((done + part * cost[name]) / whole, words)     # noqa: B023
+        share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)     # noqa: B023
         share(0.0, f"{s.words}, smooth")
         smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
         if s != FINEST:
@@ -104,7 +117,7 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
             replace(p, axis=s.axis, setting=s.words, value=s.value)
             for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"
         )  # fmt: skip
-    yield from fold_points(settings, folds)
+    yield from fold_points(settings, folds, tell=lambda share: tell(1 - COMPARING * (1 - share), "comparing folds"))
 
 
 def _cost(s: Setting) -> float:

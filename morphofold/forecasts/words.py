@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from morphofold.forecasts.forecasting import Forecast
+    from morphofold.forecasts.table import Expected
     from morphofold.sim.scene import Scene
 
 
@@ -69,13 +70,17 @@ def table_of(found: Forecast) -> str:
     most = sorted(found.seconds_by_phase.items(), key=lambda item: -item[1])[:4]
     rows.append(("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)))
     rows += [
-        (f"error of {name}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)})")
+        (f"error of {name}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
         for name, e in found.errors.items()
     ]
     width = max(len(name) for name, _ in rows)
     lines = [f"{found.scene}: forecast"] + [f"  {name:{width}}  {value}" for name, value in rows]
     lines += [f"{name}: {how}" for name, how in found.how.items()]
     return "\n".join([*lines, *found.doubts])
+
+
+def _beside(expected: Expected) -> str:
+    return f", other settings {percent(expected.other)}" if expected.other else ""
 
 
 def _setting(found: Forecast) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 
 from morphofold.accuracy.folds import MESH
 from morphofold.accuracy.solver import THEORY
+from morphofold.accuracy.study import HALVES
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
 from morphofold.report.accuracy_plots import bounded
@@ -83,9 +84,12 @@ def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path
     Raises
     ------
     FileNotFoundError, ValueError
-        If the study, a page or a pair of marks isn't there; nothing is written then.
+        If the study, one of its halves, a page or a pair of marks isn't there; nothing is written then.
     """
     summary, tables = read_study(out)
+    if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
+        held = " and ".join(summary["halves"]) or "nothing"
+        raise ValueError(f"{out}: holds {held} only. Study both halves for the page.")
     text = _text(page)
     for name, part in PARTS.items():
         text = between_marks(text, name, part(tables, summary), page)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
+from morphofold.forecasts.table import Expected
 from morphofold.forecasts.words import percent, span
 from morphofold.report.contents import Entry
 
@@ -41,10 +42,14 @@ def _times(cost: Cost) -> list[tuple[str, str, str, str]]:
     return rows + [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
 
 
+def _beside(expected: Expected) -> str:
+    return f"; other settings change it by {percent(expected.other)}" if expected.other else ""
+
+
 def _errors(cost: Cost) -> dict[str, Any]:
     """Errors of the quantities, each with how it was obtained."""
     rows = [
-        (name, percent(e.error), f"{percent(e.low)} to {percent(e.high)}", cost.how) for name, e in cost.errors.items()
+        (name, percent(e.error), f"{percent(e.low)} to {percent(e.high)}", f"{cost.how}{_beside(e)}")
+        for name, e in cost.errors.items()
     ]
-    # an estimate from the run itself, such as that from its stress field, is one more row here
     return {"errors": rows, "doubts": cost.doubts}
