@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import morphofold.sim
+from morphofold.accuracy import study as study_module
 from morphofold.accuracy.bodies import FINEST
 from morphofold.accuracy.folds import MESH
 from morphofold.accuracy.points import OURS, Case, Point
@@ -110,6 +112,34 @@ def test_circumstances_name_what_times_depend_on():
     told = circumstances()
     assert {"processor", "threads", "numba", "morphofold"} <= told.keys()
     assert told["processor"]
+
+
+def test_cases_of_other_code_are_done_anew(tmp_path, monkeypatch):
+    before = circumstances()["code"]
+    assert circumstances()["code"] == before
+    package = tmp_path / "sim"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "steps.py").write_text("STEP = 1")
+    monkeypatch.setattr(morphofold.sim, "__file__", str(package / "__init__.py"))
+    one = circumstances()["code"]
+    (package / "steps.py").write_text("STEP = 2")
+    assert len({before, one, circumstances()["code"]}) == 3
+
+
+def test_progress_of_both_halves_is_one_and_never_falls(monkeypatch, tmp_path):
+    told = []
+
+    def half(kept, tell):
+        for share in (0.0, 0.5, 1.0):
+            tell(share, "a case")
+        return []
+
+    for name in ("_measuring", "_solver"):
+        monkeypatch.setattr(study_module, name, half)
+    study_module.all_points(("solver", "measuring"), Kept(tmp_path, {}), lambda share, words: told.append(share))
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, pytest.approx(1.0))
 
 
 def test_dominated_points_say_by_what(points):
@@ -259,12 +289,10 @@ def test_the_command_refuses_before_it_works(tmp_path, capsys):
 
 
 def test_the_command_writes_a_study_and_does_no_case_twice(tmp_path, monkeypatch, capsys, points):
-    from morphofold.accuracy import study
-
     def some(halves, kept, tell):
         return [p for k, made in enumerate(points) for p in kept.points(Case(f"case-{k}", lambda made=made: [made]))]
 
-    monkeypatch.setattr(study, "all_points", some)
+    monkeypatch.setattr(study_module, "all_points", some)
     out = tmp_path / "accuracy"
     assert main(["bench", "accuracy", "-o", str(out), "-q"]) == 0
     assert "half the error takes 4" in capsys.readouterr().out

@@ -11,6 +11,7 @@ from commands import refused
 import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
+from morphofold.forecasts import table as stored
 from morphofold.forecasts.afterwards import REST, cost_beside, cost_line, cost_of
 from morphofold.forecasts.calibration import LARGEST, calibrate, reduced
 from morphofold.forecasts.forecasting import SETTING_UP, STAGES, forecast_from
@@ -212,6 +213,16 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"])).mesh.nelements
     assert found["errors"]["wavelength"]["low"] < found["errors"]["wavelength"]["error"]
     assert list(here.iterdir()) == []
+
+
+def test_the_error_of_the_mesh_falls_with_the_edge_and_that_of_other_settings_stays(monkeypatch):
+    law = {"coefficient": 0.2, "power": 2.0, "spread": 0.0, "finest": 0.2, "coarsest": 1.0, "other": 0.05}
+    monkeypatch.setattr(stored, "table", lambda: {"errors": {"quantities": dict.fromkeys(stored.HEADLINE, law)}})
+    name, coarse = stored.headline(1.0)
+    fine = stored.headline(0.5)[1]
+    assert name in stored.HEADLINE
+    assert (coarse.error, fine.error) == (pytest.approx(0.2), pytest.approx(0.05))
+    assert coarse.other == fine.other == 0.05
 
 
 def test_what_cannot_be_run_cannot_be_forecast(here, capsys):

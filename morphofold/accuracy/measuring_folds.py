@@ -28,6 +28,7 @@ VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)           # in the radius of the closi
 
 
 def cases() -> list[Case]:
+    """Those of this file."""
     return [
         Case("gyral-thickness-ridges", partial(width_of_ridges, (4, 5, 6, 7))),
         Case("gyral-thickness-sheet", partial(width_of_sheet, (3.0, 2.0, 1.5, 1.0, 0.75, 0.5))),
@@ -55,6 +56,7 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
 
 
 def width_of_sheet(edges: Iterable[float]) -> list[Point]:
+    """Median of gyral thickness of a sheet over meshes of so many edges [mm]."""
     points = []
     for edge in edges:
         sheet, width = corrugated_sheet(edge, rng=0)

@@ -43,6 +43,7 @@ SCALARS = {
 
 
 def cases() -> list[Case]:
+    """Those of this file."""
     return [
         Case("person-measures", partial(measures_of_person, THINNED)),
         Case("person-coarse", partial(coarse_person, COARSE)),

@@ -21,19 +21,36 @@ from morphofold.records import strict_json
 
 HALVES = ("measuring", "solver")
 SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
+READERS = ("study.py", "tables.py", "fronts.py")    # of this package: no case runs them
 COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
 Progress = Callable[[float, str], None]
 
 
 def circumstances() -> dict[str, Any]:
-    """What times depend on: the machine, its threads in use, and versions."""
+    """What errors and times depend on: the machine, its threads in use, versions, and the code that is studied."""
     import numba
 
     return {
-        "morphofold": __version__, "processor": _processor(), "cores": os.cpu_count(),
+        "morphofold": __version__, "code": _digest_of_code(), "processor": _processor(), "cores": os.cpu_count(),
         "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba", "scikit-fem")},
     }  # fmt: skip
+
+
+def _digest_of_code() -> str:
+    """Of all modules that the cases run; those that only read points, after them, are left out."""
+    import morphofold.accuracy
+    import morphofold.analysis
+    import morphofold.sim
+
+    digest = hashlib.sha256()
+    for package in (morphofold.accuracy, morphofold.analysis, morphofold.sim):
+        folder = Path(str(package.__file__)).parent
+        for file in sorted(folder.rglob("*.py")):
+            if file.name not in READERS:
+                digest.update(f"{package.__name__}/{file.relative_to(folder).as_posix()}\n".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def _processor() -> str:

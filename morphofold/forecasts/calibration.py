@@ -61,6 +61,7 @@ class Calibration:
 
     @property
     def seconds_per_step(self) -> float:
+        """Of all phases [s]."""
         return sum(self.phases.values())
 
 

@@ -33,6 +33,7 @@ class Steps:
 
     @property
     def expected(self) -> int:
+        """All of them."""
         return round(self.ramp + self.relaxing + self.waiting)
 
     @property
