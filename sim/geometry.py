@@ -15,7 +15,7 @@ from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Stri
 
 def build_bilayer(scene: Scene) -> Bilayer:
     """The mesh of a scene's body; ``ValueError`` for one that has none (a radial scene)."""
-    geometry, layers = scene.geometry, scene.accuracy.elements_through_cortex
+    geometry, layers = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
         thickness: Any = geometry.cortex_thickness
         if geometry.thickness_spots:

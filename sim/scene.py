@@ -12,7 +12,8 @@ SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
 #: accuracy level: surface edge over cortex thickness; each has half the error of the one before (docs/accuracy.md)
-LEVELS = {"draft": 0.80, "standard": 0.45, "fine": 0.27}
+LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
+COARSE = 0.5            # edge over thickness beyond which a third element through the cortex is not worth its time
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
@@ -257,11 +258,16 @@ class Effects(_Table):
         return tuple(name for name in type(self).model_fields if getattr(self, name) is not None)
 
 
+def elements_through(edge_over_T: float) -> int:
+    """Elements through the cortex that go with an edge over its thickness, unless a scene says how many."""
+    return 2 if edge_over_T > COARSE else 3
+
+
 class Accuracy(_Table):
     """Preset, or the number of element layers through the cortex and the largest surface edge [mm]."""
 
     level: Literal["draft", "standard", "fine"] = "standard"
-    elements_through_cortex: Annotated[int, Field(ge=1, le=12)] = 3
+    elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = None
     edge: Positive | None = None
 
 
@@ -341,6 +347,11 @@ class Scene(_Table):
         return self.accuracy.edge or LEVELS[self.accuracy.level] * self.thinnest
 
     @property
+    def elements_through_cortex(self) -> int:
+        """Layers of bricks in the cortex."""
+        return self.accuracy.elements_through_cortex or elements_through(self.edge / self.thinnest)
+
+    @property
     def cells(self) -> int:
         """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
         if not isinstance(self.geometry, Sphere | Ellipsoid):
@@ -354,7 +365,7 @@ class Scene(_Table):
     @property
     def bricks(self) -> float:
         """About how many bricks the body has; 0 where it isn't made of bricks by us."""
-        geometry, layers = self.geometry, self.accuracy.elements_through_cortex + 8
+        geometry, layers = self.geometry, self.elements_through_cortex + 8
         if isinstance(geometry, Sphere | Ellipsoid):
             share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[geometry.portion]
             along = max(4.0, self._edges_along_a_quarter(geometry))

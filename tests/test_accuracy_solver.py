@@ -78,8 +78,8 @@ def test_a_smooth_body_errs_less_on_a_finer_mesh_and_knows_its_preset():
 def test_presets_are_recognised_by_their_mesh_alone():
     presets = {s.preset for s in axes()["mesh"]}
     assert presets == {"", *LEVELS}
-    assert Setting("mesh", "", 0.8, edge=0.8).preset == "draft"
-    assert Setting("layers", "", 4, edge=0.8, layers=4).preset == ""
+    assert Setting("mesh", "", 0.6, edge=0.6).preset == "draft"
+    assert Setting("layers", "", 4, edge=0.6, layers=4).preset == ""
     assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name in WITH_A_LIMIT)
 
 
@@ -87,7 +87,7 @@ def test_settings_of_one_name_are_the_same_run_and_others_are_not():
     settings = [s for along in axes().values() for s in along]
     same = {}
     for s in [*settings, FINEST]:
-        how = s.edge, s.layers, s.kappa_ratio, s.rate, s.element, s.contact
+        how = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact
         assert same.setdefault(s.name, how) == how
     assert len(set(same.values())) == len(same)
 

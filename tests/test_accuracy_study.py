@@ -19,7 +19,7 @@ from morphofold.report.accuracy_page import main as write
 from morphofold.report.accuracy_report import expected_errors, write_study
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
-PRESETS = {0.8: "draft", 0.45: "standard", 0.27: "fine"}
+PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}
 
 
 def solver_point(edge, quantity="radius", against="theory", error=None, axis="mesh", **others):
@@ -173,7 +173,7 @@ def test_peers_stand_beside_us_on_the_same_mesh(points):
 def test_presets_carry_their_measured_error_and_that_of_the_law(points):
     rows = {(row["preset"], row["quantity"]): row for row in preset_rows(points)}
     assert rows["standard", "radius"]["error"] == pytest.approx(0.01 * 0.45**2)
-    assert rows["draft", "gyrification index, g = 2"]["error_by_law"] == pytest.approx(0.05 * 0.8**1.5, rel=1e-2)
+    assert rows["draft", "gyrification index, g = 2"]["error_by_law"] == pytest.approx(0.05 * 0.6**1.5, rel=1e-2)
     assert ("standard", "wavelength, g = 2") not in rows                # of another axis
 
 
@@ -237,7 +237,7 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     table.write_text('{"costs": {"a": 1}, "errors": {"provisional": true}}')
     assert write([str(study), str(page), "--readme", str(readme), "--table", str(table)]) == 0
     text = page.read_text()
-    assert "| solver | fig6-thick, octant | radius | theory | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
+    assert "| solver | fig6-thick, octant | radius | theory | mesh | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
     assert "libigl" in text
     assert (tmp_path / "accuracy-overview.png").read_bytes() == (study / "figures" / "overview.png").read_bytes()
     told = json.loads(table.read_text())
@@ -245,7 +245,7 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     assert told["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
     assert "provisional" not in told["errors"]
     assert "of last year" not in readme.read_text()
-    assert "radius of the smooth body 4" in readme.read_text()
+    assert "gyrification index, folded 6.3" in readme.read_text()
     before = text
     write_page(study, page)
     assert page.read_text() == before                                   # the same study gives the same page

@@ -267,7 +267,7 @@ def test_a_study_writes_a_row_for_each_run_and_growth(study):
     runs = [("draft", 0), ("draft", 1), ("standard", 0)]
     asked = [(level, seed, g) for level, seed in runs for g in (1.3, 1.5)]
     assert [(r["level"], r["seed"], r["growth"]) for r in rows if r["scene"] == "fig5"] == asked
-    assert rows[0]["edge_mm"] == 0.8
+    assert rows[0]["edge_mm"] == 0.6
     assert {f.name for f in out.iterdir()} == {*summary["files"], "summary.json", "simulations"}
     assert summary["left_out"] == {}
     assert len(summary["warnings"]) == len(summary["simulations"]) == 9

@@ -116,7 +116,7 @@ def test_the_run_records_the_edge_that_was_picked(here, capsys):
     said = re.search(r"picked an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", told)
     scene = load_scene(here / "run" / "scene.toml")
     assert scene.accuracy.edge / 3 == pytest.approx(float(said[1]), abs=0.006)
-    assert scene.accuracy.elements_through_cortex == 3
+    assert scene.elements_through_cortex == 2
     assert f"{said[2]} bricks" in told
     assert "expected error about" in told
 

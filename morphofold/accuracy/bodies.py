@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import STIFFNESS, Contact
 from morphofold.sim.geometry import build_bilayer, build_body
 from morphofold.sim.meshes.bilayer import Bilayer
-from morphofold.sim.scene import LEVELS, Scene
+from morphofold.sim.scene import LEVELS, Scene, elements_through
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.speed import cut_bricks
 
 SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far finer than any that is used
 PORTION = "octant"
 SUBJECT = f"{SCENE}, {PORTION}"
+STANDARD = LEVELS["standard"]
+PACED = "mesh and pace"     # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,8 @@ class Setting:
         Where it lies on the axis.
     edge : float
         Largest edge of the ungrown surface over the thickness of the cortex.
-    layers : int
-        Elements through the cortex.
+    layers : int, optional
+        Elements through the cortex; None: as many as go with the edge.
     kappa_ratio, rate : float
         As in a scene.
     element : {"brick", "tet"}
@@ -43,31 +45,35 @@ class Setting:
     axis: str
     words: str
     value: float
-    edge: float = LEVELS["standard"]
-    layers: int = 3
+    edge: float = STANDARD
+    layers: int | None = None
     kappa_ratio: float = 50.0
     rate: float = 1.0
     element: str = "brick"
     contact: float = 1.0
 
     @property
+    def through(self) -> int:
+        """Elements through the cortex."""
+        return self.layers or elements_through(self.edge)
+
+    @property
     def name(self) -> str:
         """For a file."""
-        return f"h{self.edge:g}-n{self.layers}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        return f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
 
     @property
     def preset(self) -> str:
         """The level of accuracy that this is, if it is one."""
         named = {edge: level for level, edge in LEVELS.items()}
-        same = replace(self, axis="", words="", value=0.0) == Setting("", "", 0.0, edge=self.edge)
-        return named.get(self.edge, "") if same else ""
+        return named.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
 
     def scene(self, settings: tuple[str, ...] = ()) -> Scene:
         """The scene of the study with this setting and others."""
         thickness = load_scene(SCENE).geometry.cortex_thickness
         return load_scene(SCENE, [
             f"geometry.portion={PORTION}", f"accuracy.edge={self.edge * thickness!r}",
-            f"accuracy.elements_through_cortex={self.layers}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
+            f"accuracy.elements_through_cortex={self.through}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
             f"growth.rate={float(self.rate)!r}", *settings,
         ])  # fmt: skip
 
@@ -89,15 +95,17 @@ class Setting:
 
 def axes() -> dict[str, list[Setting]]:
     """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
-    mesh = [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES]
     return {
-        "mesh": mesh,
+        "mesh": [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES],
+        PACED: [
+            Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES
+        ],
         "layers": [
             Setting("layers", f"{n} element{'s' * (n > 1)} through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)
         ],
-        "mesh, 2 layers": [
-            Setting("mesh, 2 layers", f"h = {e:.2f} T, 2 elements through the cortex", e, edge=e, layers=2)
-            for e in (0.8, 0.6, 0.45, 0.27)
+        "layers, other meshes": [
+            Setting("layers, other meshes", f"h = {e:.2f} T, {n} elements through the cortex", e, edge=e, layers=n)
+            for e, n in ((0.8, 3), (0.6, 3), (0.27, 2))
         ],
         "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
         "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
-from morphofold.accuracy.bodies import FINEST, Setting, axes
+from morphofold.accuracy.bodies import FINEST, PACED, Setting, axes
 from morphofold.accuracy.points import Case, Point
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
@@ -116,6 +116,8 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
         tell(0.0, f"forces, {cells} cells")
         yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
     settings = [s for along in axes().values() for s in along]
+    folding = [s for s in settings if s.axis != PACED]
+    to_fold = {s.name for s in (*folding, FINEST)}
     different = {s.name: s for s in (*settings, FINEST)}
     cost = {name: _cost(s) for name, s in different.items()}
     done, whole = 0.0, sum(cost.values())
@@ -127,16 +129,17 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
         smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
         if s != FINEST:
             smooth[name] += kept.points(Case(f"onset-{name}", partial(onset_points, s)))
-        folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
+        if name in to_fold:
+            folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
         done += cost[name]
     for s in (*settings, FINEST):
         yield from (
             replace(p, axis=s.axis, setting=s.words, value=s.value)
             for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"
         )  # fmt: skip
-    yield from fold_points(settings, folds, tell=lambda share: tell(1 - COMPARING * (1 - share), "comparing folds"))
+    yield from fold_points(folding, folds, tell=lambda share: tell(1 - COMPARING * (1 - share), "comparing folds"))
 
 
 def _cost(s: Setting) -> float:
     """About how long a setting takes, in any unit: elements times steps."""
-    return s.edge**-3 * (s.layers + 8) * (s.kappa_ratio / 50) ** 0.5 / s.rate
+    return s.edge**-3 * (s.through + 8) * (s.kappa_ratio / 50) ** 0.5 / s.rate

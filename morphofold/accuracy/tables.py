@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from morphofold.accuracy.bodies import FINEST
+from morphofold.accuracy.bodies import FINEST, PACED
 from morphofold.accuracy.folds import MESH
 from morphofold.accuracy.fronts import Law, better_than, grouped, halving, law
 from morphofold.accuracy.points import EACH_OTHER, OURS, Point
 
 Row = dict[str, Any]
 ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")        # axes on which ours and peers have the same mesh
+REFINED = ("mesh", PACED)
 PRESETS = ("mesh", "accuracy", "voxel")                            # axes that know presets
 
 COLUMNS = {
@@ -47,11 +48,11 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
-    """Points along the axis of the mesh by (half, subject, quantity, against, method), three sizes or more."""
+    """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), three sizes or more."""
     found: dict[tuple[str, ...], list[Point]] = {}
     for p in points:
-        if p.axis == "mesh" and p.repeats:
-            found.setdefault((p.half, p.subject, p.quantity, p.against, p.method), []).append(p)
+        if p.axis in REFINED and p.repeats:
+            found.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
     return {key: group for key, group in found.items() if len({p.size for p in group}) > 2}
 
 
@@ -77,7 +78,8 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
         time, error = laws_of(group)
         half = halving(time, error) if error else None
         rows.append({
-            **dict(zip(("half", "subject", "quantity", "against", "method"), key, strict=True)), "points": len(group),
+            **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
+            "points": len(group),
             "seconds_power": time.power, "seconds_power_pm": time.uncertainty, "seconds_coefficient": time.coefficient,
             "error_power": error.power if error else None, "error_power_pm": error.uncertainty if error else None,
             "error_coefficient": error.coefficient if error else None,
@@ -113,9 +115,9 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
     meshes = along_meshes(points)
     rows = []
     for p in points:
-        key = (p.half, p.subject, p.quantity, p.against, p.method)
+        key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
         if p.preset and p.axis in PRESETS:
-            error = laws_of(meshes[key])[1] if key in meshes and p.axis == "mesh" else None
+            error = laws_of(meshes[key])[1] if key in meshes else None
             rows.append({
                 "half": p.half, "preset": p.preset, "subject": p.subject, "quantity": p.quantity, "against": p.against,
                 "setting": p.setting, "size": p.size, "seconds": p.seconds, "error": p.error,

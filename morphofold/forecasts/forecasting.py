@@ -126,7 +126,7 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     phases = _phases(scene, sizes, steps, found)
     seconds = sum(phases.values())
     spread = costs()["spread"]["time"]
-    T, layers = scene.thinnest, scene.accuracy.elements_through_cortex
+    T, layers = scene.thinnest, scene.elements_through_cortex
     total, known = steps.expected, steps.ramp + steps.relaxing
     fewest, most = round(known + steps.fewest), round(known + steps.most)
     less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
@@ -143,10 +143,15 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
 
 def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
     """Steps on other edges: a wave takes as many to cross a cell as its diagonal asks for."""
-    T = scene.geometry.cortex_thickness
-    through = costs()["crossing"]["through"] * scene.accuracy.elements_through_cortex**2
-    ratio = math.sqrt((through + (T / sizes.edge) ** 2) / (through + (T / found.sizes.edge) ** 2))
+    mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
+    ratio = mine / timed
     return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
+
+
+def _steps_across(scene: Scene, edge: float) -> float:
+    """Steps in which a wave crosses the cortex, but for a factor, with surface edges so long [mm]."""
+    through = costs()["crossing"]["through"] * scene.elements_through_cortex**2
+    return math.sqrt(through + (scene.geometry.cortex_thickness / edge) ** 2)
 
 
 def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:

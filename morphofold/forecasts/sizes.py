@@ -56,7 +56,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     from morphofold.sim.meshes.bilayer import PLANES, core_shares
     from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
 
-    geometry, through = scene.geometry, scene.accuracy.elements_through_cortex
+    geometry, through = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
         n, cuts = scene.cells, len(PLANES[geometry.portion])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]

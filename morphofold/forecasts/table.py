@@ -67,13 +67,15 @@ def studied() -> tuple[float, float]:
 
 def doubts(scene: Scene, edge_over_T: float) -> list[str]:
     """Why the table may not hold for a scene: one sentence each, none if it is like what was studied."""
+    from morphofold.sim.scene import elements_through
+
     errors, (finest, coarsest) = table()["errors"], studied()
     said = ["The table of errors is provisional."] if errors.get("provisional") else []
     if scene.geometry.shape not in ("sphere", "ellipsoid"):
         said.append(f"The errors are those of spheres ({errors['subject']}), not of a {scene.geometry.shape}.")
     if not finest <= edge_over_T <= coarsest:
         said.append(f"An edge of {edge_over_T:.2f} T is outside of the {finest:g} to {coarsest:g} T that were studied.")
-    layers = scene.accuracy.elements_through_cortex
-    if layers != errors["layers"] and scene.geometry.shape != "mesh":
-        said.append(f"The errors are those of {errors['layers']} elements through the cortex, here are {layers}.")
+    layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
+    if layers[0] != layers[1] and scene.geometry.shape != "mesh":
+        said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
     return said

@@ -138,11 +138,11 @@ def _seconds(value: float) -> str:
 
 
 def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    heads = ["half", "of what", "quantity", "against", "time goes with edge to the", "error with edge to the",
-             "half the error takes, times as long"]  # fmt: skip
+    heads = ["half", "of what", "quantity", "against", "refined", "time goes with edge to the",
+             "error with edge to the", "half the error takes, times as long"]  # fmt: skip
     rows = [
-        [row["half"], row["subject"], row["quantity"], row["against"], _power(row, "seconds"), _power(row, "error"),
-         _factor(row) if row["half_the_error"] is not None else "not clear"]
+        [row["half"], row["subject"], row["quantity"], row["against"], row["axis"], _power(row, "seconds"),
+         _power(row, "error"), _factor(row) if row["half_the_error"] is not None else "not clear"]
         for row in tables["laws"] if row["method"] == OURS and row["error_power"] is not None
     ]  # fmt: skip
     return [table(heads, rows)]
@@ -235,9 +235,9 @@ def _for_readme(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     from morphofold.report.accuracy_plots import HEADLINES
 
     rows = [row for row in tables["laws"] if row["method"] == OURS and row["half_the_error"] is not None]
-    factors = {row["quantity"]: row["half_the_error"] for row in reversed(rows)}        # of a quantity the first shape
-    names = {**HEADLINES, "mean curvature": "mean curvature of a mesh"}
-    words = [f"{name} {factors[quantity]:.2g}" for quantity, name in names.items() if quantity in factors]
+    factors = {(row["quantity"], row["axis"]): row["half_the_error"] for row in reversed(rows)}     # of the first shape
+    names = {**HEADLINES, ("mean curvature", "mesh"): "mean curvature of a mesh"}
+    words = [f"{name} {factors[key]:.2g}" for key, name in names.items() if key in factors]
     return [
         "![Error against time of solver and measuring room, and of peers](docs/accuracy-overview.png)",
         f"How many times longer for half the error? {'; '.join(words)}. More: [docs/accuracy.md](docs/accuracy.md).",

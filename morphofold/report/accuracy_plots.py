@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from morphofold.accuracy.bodies import PACED
 from morphofold.accuracy.fronts import Halving, better_than, grouped, halving
 from morphofold.accuracy.points import EACH_OTHER, OURS, Point
 from morphofold.accuracy.tables import along_meshes, laws_of
@@ -81,11 +82,11 @@ def _told(group: Sequence[Point]) -> str:
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
-    """How much longer half the error takes along the meshes of one quantity; None where that isn't known."""
-    for group in along_meshes(points).values():
-        seconds, error = laws_of(group)
-        return halving(seconds, error) if error else None
-    return None
+    """How much longer half the error takes along the meshes of one quantity, all refined with them that is (the last
+    axis of meshes that it has); None where that isn't known."""
+    groups = list(along_meshes(points).values())
+    seconds, error = laws_of(groups[-1]) if groups else (None, None)
+    return halving(seconds, error) if seconds and error else None
 
 
 def bounded(factor: float) -> str:
@@ -96,8 +97,9 @@ def bounded(factor: float) -> str:
 CURVATURE = "mean curvature"
 #: what the overview shows of the solver, and how it calls it
 HEADLINES = {
-    "radius": "radius of the smooth body", "gyrification index, g = 2": "gyrification index, folded",
-    "pial distance, g = 1.5": "pial surface, folded (over T)",
+    ("onset", PACED): "onset of folding, mesh and pace",
+    ("gyrification index, g = 2", "mesh"): "gyrification index, folded",
+    ("pial distance, g = 1.5", "mesh"): "pial surface, folded (over T)",
 }  # fmt: skip
 
 
@@ -106,9 +108,10 @@ def overview(points: Sequence[Point]) -> Figure:
     with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
         left, right = axes[0]
         meshes = along_meshes(points)
-        for k, (quantity, words) in enumerate(HEADLINES.items()):
-            for key, group in meshes.items():
-                if (key[0], key[2], key[4]) == ("solver", quantity, OURS) and "incompressible" not in key[3]:
+        for k, ((quantity, axis), words) in enumerate(HEADLINES.items()):
+            for (half, _, what, against, method, refined), group in meshes.items():
+                theory = "incompressible" in against
+                if (half, what, method, refined) == ("solver", quantity, OURS, axis) and not theory:
                     _curve(left, group, words, line_style(k))
         curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape = next((key[1] for key in curvature), "no shape")

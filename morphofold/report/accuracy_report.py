@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.accuracy.bodies import FINEST, SUBJECT, Setting
+from morphofold.accuracy.bodies import FINEST, SUBJECT
 from morphofold.accuracy.folds import MESH, WITH_A_LIMIT
 from morphofold.accuracy.points import FIELDS, Point
 from morphofold.accuracy.solver import THEORY
@@ -94,8 +94,9 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     for row in budget_rows(points):
         if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
             beside.setdefault(row["quantity"], []).append(row["error"])
-    for (half, subject, quantity, against, _), group in along_meshes(points).items():
-        if half == "solver" and subject == SUBJECT and quantity in FORECAST and against in (THEORY, MESH):
+    for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
+        known = quantity in FORECAST and against in (THEORY, MESH)
+        if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
             error = laws_of([p for p in group if p.value > FINEST.edge])[1]
             if error is not None:
                 quantities[FORECAST[quantity]] = {
@@ -103,5 +104,4 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                     "finest": error.low, "coarsest": error.high, "against": against,
                     "other": math.hypot(*beside.get(quantity, [])),
                 }  # fmt: skip
-    layers = Setting("", "", 0.0).layers
-    return {"subject": SUBJECT, "layers": layers, "quantities": quantities} if quantities else None
+    return {"subject": SUBJECT, "quantities": quantities} if quantities else None

@@ -78,7 +78,9 @@ MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
     ("BulkViscosity", "linear"): ("", "coefficient of the linear term"),
     ("BulkViscosity", "quadratic"): ("", "coefficient of the quadratic term"),
     ("Accuracy", "level"): ("", "sets the surface edge, as a share of the (thinnest) cortex"),
-    ("Accuracy", "elements_through_cortex"): ("", "layers of bricks in the cortex"),
+    ("Accuracy", "elements_through_cortex"): (
+        "", "layers of bricks in the cortex; by default 2 with edges longer than half of it, 3 else",
+    ),
     ("Accuracy", "edge"): ("mm", "largest surface edge, instead of that of the level"),
     ("Output", "stages"): ("", "growth stretches at which surfaces are written; the final one always is; 0.01 apart"),
     ("Output", "volume"): ("", "write the body of each stage as VTK too"),
