@@ -5,7 +5,7 @@ import pytest
 
 from morphofold.accuracy.assembly import SKFEM, assembly_points
 from morphofold.accuracy.bodies import FINEST, Setting, axes
-from morphofold.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown
+from morphofold.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown, pairs
 from morphofold.accuracy.points import OURS
 from morphofold.accuracy.solver import (
     INCOMPRESSIBLE,
@@ -119,10 +119,17 @@ def folds(gi, wavelength, energy, radius=10.0):
     return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0)}
 
 
+def errors(settings, found, finest):
+    return {
+        (s.words, against, p.quantity): p.error for s, better, against in pairs(settings, finest)
+        for p in fold_points(s, found[s.name], found[better.name], against)
+    }  # fmt: skip
+
+
 def test_folds_are_held_against_the_finest_mesh_and_against_the_last_of_their_axis():
     few, many, finest = (Setting("layers", f"{n} layers", n, layers=n) for n in (1, 3, 4))
     found = {few.name: folds(1.2, 11.0, 90.0), many.name: folds(1.5, 10.0, 100.0), finest.name: folds(2.0, 10.0, 80.0)}
-    points = {(p.setting, p.against, p.quantity): p.error for p in fold_points([few, many], found, finest)}
+    points = errors([few, many], found, finest)
     assert points["1 layers", MESH, "gyrification index, g = 2"] == pytest.approx(0.4)
     assert points["1 layers", "3 layers", "gyrification index, g = 2"] == pytest.approx(0.2)
     assert points["3 layers", MESH, "strain energy, g = 2"] == pytest.approx(0.25)
@@ -133,8 +140,8 @@ def test_folds_are_held_against_the_finest_mesh_and_against_the_last_of_their_ax
 def test_distance_is_counted_in_thicknesses():
     one, finest = Setting("mesh", "h", 1.0, edge=1.0), Setting("mesh", "finest", 0.5, edge=0.5)
     found = {one.name: folds(1, 1, 1, 10.6), finest.name: folds(1, 1, 1)}
-    points = {p.quantity: p.error for p in fold_points([one], found, finest)}
-    assert points["pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)         # T = 3
+    points = errors([one], found, finest)
+    assert points["h", MESH, "pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)         # T = 3
 
 
 def test_folds_are_grown_once_and_read_again(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,43 +90,33 @@ def _folds(arrays: Any, g: float) -> Folds:
     )  # fmt: skip
 
 
-def fold_points(
-    settings: Sequence[Setting], found: Mapping[str, Mapping[float, Folds]], finest: Setting = FINEST,
-    tell: Callable[[float], None] = lambda share: None,
-) -> list[Point]:  # fmt: skip
-    """Errors of all settings against the finest mesh, and of those of an axis with a limit against the last of it.
+def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[Setting, Setting, str]]:
+    """What is held against what: a setting, the more accurate one, and the words for the latter.
 
-    Parameters
-    ----------
-    settings : sequence of Setting
-        Those of an axis in order, the most accurate last.
-    found : mapping
-        Folds by growth, by the name of the setting; the finest among them.
-    finest : Setting
-    tell : callable
-        Called with the share done.
+    All settings are held against the finest mesh (``MESH``), and those of an axis with a limit against the last of it.
+    Those of an axis are in order, the most accurate last.
+    """
+    last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
+    found = []
+    for s in settings:
+        found.append((s, finest, MESH))
+        if s.axis in last and s.name != last[s.axis].name:
+            found.append((s, last[s.axis], last[s.axis].words))
+    return found
+
+
+def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
+    """Errors of the folds of a setting, held against those of a better one, both by growth.
 
     Returns
     -------
     list of Point
         Of each of ``NUMBERS`` the relative difference; ``pial distance``, :func:`distance` over the thickness of the
-        cortex. Quantities are followed by the growth, as in ``"wavelength, g = 1.5"``. ``against`` is ``MESH``, or
-        names the last setting of the axis.
+        cortex. Quantities are followed by the growth, as in ``"wavelength, g = 1.5"``.
     """
-    last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
-    points = []
-    for k, s in enumerate(settings):
-        tell(k / len(settings))
-        points += _against(s, found[s.name], found[finest.name], MESH)
-        if s.axis in last and s.name != last[s.axis].name:
-            points += _against(s, found[s.name], found[last[s.axis].name], last[s.axis].words)
-    return points
-
-
-def _against(s: Setting, mine: Mapping[float, Folds], finest: Mapping[float, Folds], against: str) -> list[Point]:
     points = []
     for g, folds in mine.items():
-        best = finest[g]
+        best = better[g]
         errors = {what: abs(folds.numbers[what] / best.numbers[what] - 1) for what in NUMBERS}
         errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness
         points += [

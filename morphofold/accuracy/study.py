@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -108,7 +108,7 @@ def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
 
 def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     from morphofold.accuracy.assembly import SIZES, assembly_points
-    from morphofold.accuracy.folds import fold_points, grown
+    from morphofold.accuracy.folds import fold_points, grown, pairs
     from morphofold.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
 
     yield from kept.points(Case("theory", theory_points))
@@ -133,11 +133,17 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
             folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
         done += cost[name]
     for s in (*settings, FINEST):
-        yield from (
-            replace(p, axis=s.axis, setting=s.words, value=s.value)
-            for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"
-        )  # fmt: skip
-    yield from fold_points(folding, folds, tell=lambda share: tell(1 - COMPARING * (1 - share), "comparing folds"))
+        yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
+    compared = pairs(folding)
+    for k, (s, better, against) in enumerate(compared):
+        tell(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
+        work = partial(fold_points, s, folds[s.name], folds[better.name], against)
+        yield from _of(s, kept.points(Case(f"folds-{s.name}-against-{better.name}", work)))
+
+
+def _of(s: Setting, points: Iterable[Point]) -> Iterator[Point]:
+    """Points of a run that belongs to several axes, as one of this axis."""
+    return (replace(p, axis=s.axis, setting=s.words, value=s.value) for p in points)
 
 
 def _cost(s: Setting) -> float:
