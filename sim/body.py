@@ -32,6 +32,7 @@ class Elements(Protocol):
     modulus: Array                  # (block, rows * WIDTH) mu, kappa, 1/V
     blocks: Blocks
 
+    def make_single(self) -> None: ...
     def grow(self, cortex: Array, core: float = 1.0) -> None: ...
     def compute_forces(self, x: Array) -> None: ...
     def measure(self, x: Array) -> Array: ...
@@ -53,6 +54,8 @@ class Body:
         Growth law of the cortex.
     X : (N, 3) float64, optional
         Reference positions when they are not the mesh's own (a perturbed body) [mm].
+    single : bool
+        Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision").
 
     Attributes
     ----------
@@ -71,7 +74,7 @@ class Body:
 
     def __init__(
         self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa_ratio: float, law: str,
-        X: Array | None = None,
+        X: Array | None = None, single: bool = False,
     ):  # fmt: skip
         check_law(law)
         if not kappa_ratio > 2:
@@ -89,6 +92,8 @@ class Body:
             from morphofold.sim.elements.tets import Tets as kind
         self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
         self.elements: Elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
+        if single:
+            self.elements.make_single()
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for axis, at, _ in bilayer.planes:
             self.on_plane[:, axis] |= mesh.p[axis] == at

@@ -90,6 +90,10 @@ class Tets:
         self._J, self._state = np.zeros((count, TETS * WIDTH)), np.zeros((count, 2 * WIDTH))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
+    def make_single(self) -> None:
+        """Refuses: tetrahedra have no kernel of 32 bits."""
+        raise ValueError("the forces of tetrahedra are computed in 64 bits only.")
+
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
