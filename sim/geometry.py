@@ -34,13 +34,19 @@ def build_bilayer(scene: Scene) -> Bilayer:
     raise ValueError(f"{scene.name}: a {geometry.shape} scene has no mesh.")
 
 
-def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:
-    """The body of a scene at rest, in the shape that the effects give it; on another mesh of it if one is given."""
+def build_body(
+    scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None, *, single: bool = False
+) -> Body:
+    """The body of a scene at rest, in the shape that the effects give it; on another mesh of it if one is given.
+
+    ``single``: as of :class:`Body`.
+    """
     bilayer = build_bilayer(scene) if bilayer is None else bilayer
     X = np.ascontiguousarray(bilayer.mesh.p.T)
     for effect in effects:
         X = effect.reshape(bilayer, X)
     material = scene.material
     return Body(
-        bilayer, mu_cortex=material.mu_ratio, mu_core=1.0, kappa_ratio=material.kappa_ratio, law=scene.growth.law, X=X
-    )
+        bilayer, mu_cortex=material.mu_ratio, mu_core=1.0, kappa_ratio=material.kappa_ratio, law=scene.growth.law, X=X,
+        single=single,
+    )  # fmt: skip

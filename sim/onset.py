@@ -53,8 +53,9 @@ class Onset:
 
 
 def onset(
-    scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0, bilayer: Bilayer | None = None
-) -> Onset:
+    scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0, bilayer: Bilayer | None = None,
+    single: bool = False,
+) -> Onset:  # fmt: skip
     """Grow a scene until it starts to fold.
 
     Parameters
@@ -70,6 +71,8 @@ def onset(
         Of the kick, a random smooth field with waves of the wrinkles' size.
     bilayer : Bilayer, optional
         Another mesh of the body than the scene's own.
+    single : bool
+        As of :class:`morphofold.sim.body.Body`.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def onset(
         )
     scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
     thickness = scene.geometry.cortex_thickness
-    twins = _Twins(scene, rate, bilayer)
+    twins = _Twins(scene, rate, bilayer, single)
     twins.grow(start)
     X = twins.body.X
     kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(twins.body.bilayer, X) - X
@@ -109,8 +112,8 @@ def onset(
 class _Twins:
     """A run that stands at some growth, and a twin that parts from it there; neither chooses its own pace."""
 
-    def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None):
-        self.scene, self._bilayer = scene, bilayer
+    def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None, single: bool):
+        self.scene, self._bilayer, self._single = scene, bilayer, single
         self.one, self.other = self._run(), self._run()
         self.body = self.one.body
         self.step = REFRESH * rate / scene.steps_per_unit(self.body.crossing)
@@ -118,7 +121,7 @@ class _Twins:
 
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
-        body = build_body(self.scene, effects, self._bilayer)
+        body = build_body(self.scene, effects, self._bilayer, single=self._single)
         wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
         # one step per unit of growth would be far too fast: all that grow_to is asked for is one increment to it
         return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)

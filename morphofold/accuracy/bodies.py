@@ -38,6 +38,8 @@ class Setting:
         Tetrahedra are those of the bricks, six each.
     contact : float
         Stiffness of contact over the built-in one.
+    bits : {64, 32}
+        In which the forces of bricks are computed.
     """
 
     axis: str
@@ -49,11 +51,18 @@ class Setting:
     rate: float = 1.0
     element: str = "brick"
     contact: float = 1.0
+    bits: int = 64
 
     @property
     def name(self) -> str:
         """For a file."""
-        return f"h{self.edge:g}-n{self.layers}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        name = f"h{self.edge:g}-n{self.layers}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        return name + f"-{self.bits}" * (self.bits != 64)
+
+    @property
+    def single(self) -> bool:
+        """Whether forces are computed in 32 bits."""
+        return self.bits == 32
 
     @property
     def preset(self) -> str:
@@ -83,7 +92,7 @@ class Setting:
         for effect in effects:
             if isinstance(effect, Contact):
                 effect.stiffness = self.contact * STIFFNESS
-        body = build_body(scene, effects, self.bilayer())
+        body = build_body(scene, effects, self.bilayer(), single=self.single)
         return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
 
 
@@ -105,6 +114,7 @@ def axes() -> dict[str, list[Setting]]:
         "element": [
             Setting("element", f"tetrahedra, h = {e:.2f} T", e, edge=e, element="tet") for e in (0.8, 0.6, 0.45)
         ],
+        "precision": [Setting("precision", f"forces in {b} bits", b, bits=b) for b in (32, 64)],
     }
 
 

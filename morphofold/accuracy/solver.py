@@ -94,7 +94,7 @@ def onset_points(setting: Setting) -> list[Point]:
     scene, bilayer = setting.scene(), setting.bilayer()
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     begun = working_seconds()
-    found = onset(scene, start=START, bilayer=bilayer).g
+    found = onset(scene, start=START, bilayer=bilayer, single=setting.single).g
     seconds, size = [working_seconds() - begun], bilayer.mesh.nelements
     kappas = {THEORY: setting.kappa_ratio, INCOMPRESSIBLE: np.inf}
     exact = {
