@@ -53,6 +53,8 @@ class Body:
         Growth law of the cortex.
     X : (N, 3) float64, optional
         Reference positions when they are not the mesh's own (a perturbed body) [mm].
+    single : bool
+        Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra have 64 only.
 
     Attributes
     ----------
@@ -71,13 +73,14 @@ class Body:
 
     def __init__(
         self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa_ratio: float, law: str,
-        X: Array | None = None,
+        X: Array | None = None, single: bool = False,
     ):  # fmt: skip
         check_law(law)
         if not kappa_ratio > 2:
             raise ValueError(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
         self.bilayer, self.law = bilayer, law
         mesh = bilayer.mesh
+        self.single = single and isinstance(mesh, MeshHex)
         self.X: Array = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
         cortex = np.zeros(mesh.nelements, dtype=bool)
         cortex[mesh.subdomains["cortex"]] = True
@@ -88,7 +91,10 @@ class Body:
         else:
             from morphofold.sim.elements.tets import Tets as kind
         self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
-        self.elements: Elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
+        elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
+        if self.single:
+            elements.make_single()
+        self.elements: Elements = elements
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for axis, at, _ in bilayer.planes:
             self.on_plane[:, axis] |= mesh.p[axis] == at

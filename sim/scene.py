@@ -264,11 +264,13 @@ def elements_through(edge_over_T: float) -> int:
 
 
 class Accuracy(_Table):
-    """Preset, or the number of element layers through the cortex and the largest surface edge [mm]."""
+    """Preset, or the number of element layers through the cortex and the largest surface edge [mm]; and the precision
+    of the forces of bricks."""
 
     level: Literal["draft", "standard", "fine"] = "standard"
     elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = None
     edge: Positive | None = None
+    precision: Literal["single", "double"] = "single"
 
 
 class Output(_Table):
@@ -390,3 +392,8 @@ class Scene(_Table):
         if isinstance(self.geometry, Strip):
             called["plane_strain"] = None
         return called
+
+
+def in_double(scene: Scene) -> Scene:
+    """The same scene with forces of double precision, as states at rest and their stability need them."""
+    return scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"precision": "double"})})

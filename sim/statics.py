@@ -21,7 +21,7 @@ from scipy.sparse.linalg import LinearOperator, cg, eigsh
 from morphofold.sim.body import Body
 from morphofold.sim.dissection import Dissection, Factor
 from morphofold.sim.geometry import build_body
-from morphofold.sim.scene import Scene
+from morphofold.sim.scene import Scene, in_double
 from morphofold.sim.smooth.radial import ConvergenceError as NoState
 from morphofold.sim.tangent import Tangent
 
@@ -202,7 +202,8 @@ def bifurcation_of_body(
 def bifurcation_of_scene(
     scene: Scene, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0, look: Look = lambda g, eigenvalue: None
 ) -> BodyBifurcation:
-    """:func:`bifurcation_of_body` for the body of a scene, as its geometry, material, growth law and accuracy say.
+    """:func:`bifurcation_of_body` for the body of a scene, as its geometry, material, growth law and accuracy say, but
+    always in double precision.
 
     Its effects are left out: a perturbed body has no bifurcation, and nothing touches before one. A body cut by
     symmetry planes has the modes alone that they allow, of even degree in an octant.
@@ -214,7 +215,7 @@ def bifurcation_of_scene(
     ConvergenceError
         As above.
     """
-    return bifurcation_of_body(build_body(scene), g_max, step, g_min, look)
+    return bifurcation_of_body(build_body(in_double(scene)), g_max, step, g_min, look)
 
 
 def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array) -> BodyBifurcation:
@@ -301,6 +302,11 @@ class _Path:
             raise ValueError(
                 "nothing holds the body: it floats away at no cost in energy, so its stability can't be told. Hold its "
                 "inner surface (geometry.held), or cut it by symmetry planes."
+            )
+        if body.single:
+            raise ValueError(
+                "the forces of the body are of single precision, too rough to tell a state at rest. Build it with "
+                'accuracy.precision = "double".'
             )
         self.body, self.x, self.growth = body, x, body.growth
         self._before: tuple[float, Array] | None = None                 # the equilibrium that it came from

@@ -87,7 +87,7 @@ def test_settings_of_one_name_are_the_same_run_and_others_are_not():
     settings = [s for along in axes().values() for s in along]
     same = {}
     for s in [*settings, FINEST]:
-        how = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact
+        how = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact, s.precision
         assert same.setdefault(s.name, how) == how
     assert len(set(same.values())) == len(same)
 
@@ -97,6 +97,12 @@ def test_a_stiffer_contact_is_that_of_the_run():
     plain = COARSE.dynamics(folds=True)
     stiff, soft = (next(e.stiffness for e in r.effects if e.name == "contact") for r in (run, plain))
     assert stiff == 2 * soft
+
+
+def test_a_setting_of_double_precision_is_that_of_the_run():
+    run = Setting("precision", "", 53, edge=2.4, precision="double").dynamics(folds=False)
+    assert run.body.elements.point.dtype == np.float64
+    assert COARSE.dynamics(folds=False).body.elements.point.dtype == np.float32
 
 
 def test_tetrahedra_are_six_to_a_brick():

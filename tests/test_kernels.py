@@ -9,9 +9,9 @@ from morphofold.sim.elements import kernels
 from morphofold.sim.meshes.bilayer import bilayer_sphere
 
 
-def make_body(law="isotropic", portion="octant", mu_cortex=2.0, kappa_ratio=50.0, n=6):
+def make_body(law="isotropic", portion="octant", mu_cortex=2.0, kappa_ratio=50.0, n=6, single=False):
     bilayer = bilayer_sphere(50, 3, 25, portion, n)
-    return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=kappa_ratio, law=law)
+    return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=kappa_ratio, law=law, single=single)
 
 
 def shaken(body, rng, amount=0.15):
@@ -96,6 +96,20 @@ def test_a_body_that_does_not_grow_has_exactly_no_force():
         body = make_body(portion=portion)
         assert np.array_equal(body.forces(body.X), np.zeros_like(body.X))
         assert np.array_equal(body.filter.forces(body.X), np.zeros((body.n_surface, 3)))
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+def test_forces_in_32_bits_are_good_to_a_hundred_thousandth_of_the_largest(law, rng):
+    double, single = make_body(law), make_body(law, single=True)
+    assert np.array_equal(single.forces(single.X), np.zeros_like(single.X))         # its own round-off is taken off
+    for body in (double, single):
+        body.core_share = 0.1
+        body.grow(1.3)
+    x = shaken(double, rng)
+    want, found = double.forces(x), single.forces(x)
+    assert 1e-8 < np.abs(found - want).max() / np.abs(want).max() < 1e-5            # nor is it 64 bits after all
+    far = np.array([500.0, -300.0, 800.0])                                          # differences are taken in 64 bits
+    assert np.abs(single.forces(x + far) - found).max() < 1e-5 * np.abs(want).max()
 
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")

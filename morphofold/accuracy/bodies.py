@@ -40,6 +40,8 @@ class Setting:
         Tetrahedra are those of the bricks, six each.
     contact : float
         Stiffness of contact over the built-in one.
+    precision : {"single", "double"}
+        Of the forces of bricks.
     """
 
     axis: str
@@ -51,6 +53,7 @@ class Setting:
     rate: float = 1.0
     element: str = "brick"
     contact: float = 1.0
+    precision: str = "single"
 
     @property
     def through(self) -> int:
@@ -60,7 +63,8 @@ class Setting:
     @property
     def name(self) -> str:
         """For a file."""
-        return f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        name = f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        return f"{name}-{self.precision}"
 
     @property
     def preset(self) -> str:
@@ -74,7 +78,7 @@ class Setting:
         return load_scene(SCENE, [
             f"geometry.portion={PORTION}", f"accuracy.edge={self.edge * thickness!r}",
             f"accuracy.elements_through_cortex={self.through}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
-            f"growth.rate={float(self.rate)!r}", *settings,
+            f"growth.rate={float(self.rate)!r}", f"accuracy.precision={self.precision}", *settings,
         ])  # fmt: skip
 
     def bilayer(self) -> Bilayer:
@@ -112,6 +116,10 @@ def axes() -> dict[str, list[Setting]]:
         "contact": [Setting("contact", f"contact x {c:g}", c, contact=c) for c in (0.25, 0.5, 1.0, 2.0)],
         "element": [
             Setting("element", f"tetrahedra, h = {e:.2f} T", e, edge=e, element="tet") for e in (0.8, 0.6, 0.45)
+        ],
+        "precision": [
+            Setting("precision", f"{name} precision", digits, precision=name)
+            for name, digits in (("single", 24), ("double", 53))
         ],
     }
 

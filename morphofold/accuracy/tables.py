@@ -20,7 +20,7 @@ COLUMNS = {
     "error": "relative: 0.01 is 1 %",
     "against": "what the error is measured against",
     "value": "where the setting lies on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, factor, "
-    "or of a surface the mean edge or the scale [mm]",
+    "binary digits, or of a surface the mean edge or the scale [mm]",
     "seconds, fastest, slowest": "wall time without compiling: median over the repeats, and range",
     "front": "1 if nothing in the picture is as fast and as accurate and better in one",
     "dominated_by": "the most accurate setting of those that are as fast and as accurate and better in one",

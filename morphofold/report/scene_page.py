@@ -82,6 +82,7 @@ MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
         "", "layers of bricks in the cortex; by default 2 with edges longer than half of it, 3 else",
     ),
     ("Accuracy", "edge"): ("mm", "largest surface edge, instead of that of the level"),
+    ("Accuracy", "precision"): ("", "of the forces of bricks: single is good to 1e-5 and a third faster"),
     ("Output", "stages"): ("", "growth stretches at which surfaces are written; the final one always is; 0.01 apart"),
     ("Output", "volume"): ("", "write the body of each stage as VTK too"),
     ("Output", "checkpoint_minutes"): ("min", "between checkpoints"),

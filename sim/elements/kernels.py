@@ -35,22 +35,30 @@ _R = 1.0 / np.sqrt(3.0)         # Gauss points of an edge lie at -R and R
 EIGHTH = 0.125                  # positions and forces are scaled by it, so that _between needs no factors
 
 
+@njit(forceinline=True)
+def _as(like, number):
+    """A constant in the precision of ``like``: one in 64 bits would widen all that it meets."""
+    return type(like)(number)
+
+
 @njit(forceinline=True, fastmath=_FAST)
 def _between(p, q, r, s):
     """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. Its own transpose."""
+    R = _as(p, _R)
     a, b, c, d = p + q, p - q, r + s, r - s
-    p0, p1, r0, r1 = a + _R * b, a - _R * b, c + _R * d, c - _R * d
+    p0, p1, r0, r1 = a + R * b, a - R * b, c + R * d, c - R * d
     a, b, c, d = p0 + r0, p0 - r0, p1 + r1, p1 - r1
-    return a + _R * b, c + _R * d, a - _R * b, c - _R * d
+    return a + R * b, c + R * d, a - R * b, c - R * d
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _inverse_cube_root(J):
     """J^-1/3 to round-off for 0.1 < J < 8, without a branch: a step of Halley's, then three of fourth order."""
-    y = (J + 2.0) / (2.0 * J + 1.0)
+    one, two = _as(J, 1.0), _as(J, 2.0)
+    y = (J + two) / (two * J + one)
     for _ in range(3):
-        e = 1.0 - J * y * y * y
-        y += y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
+        e = one - J * y * y * y
+        y += y * e * (_as(J, 1.0 / 3.0) + e * (_as(J, 2.0 / 9.0) + e * _as(J, 14.0 / 81.0)))
     return y
 
 
@@ -84,12 +92,14 @@ def _point(d, c, mu, p):
     """dW/dD of one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
-    y = _inverse_cube_root(max(J, J_MIN))
+    least = _as(J, J_MIN)
+    y = _inverse_cube_root(max(J, least))
     u, v, z = _times(d, c)
     I1 = (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
           + d[6] * z[0] + d[7] * z[1] + d[8] * z[2]) * c[6]  # fmt: skip
     f = mu * y * y
-    s = p + 2.0 * mu * (J - 1.0) - (f * I1 * y * y * y * (1.0 / 3.0) if J > J_MIN else 0.0)
+    third = _as(J, 1.0 / 3.0)
+    s = p + _as(J, 2.0) * mu * (J - _as(J, 1.0)) - (f * I1 * y * y * y * third if J > least else _as(J, 0.0))
     return (f * u[0] + s * k[0], f * u[1] + s * k[1], f * u[2] + s * k[2],
             f * v[0] + s * k[3], f * v[1] + s * k[4], f * v[2] + s * k[5],
             f * z[0] + s * k[6], f * z[1] + s * k[7], f * z[2] + s * k[8])  # fmt: skip
@@ -158,7 +168,7 @@ def _volume(xs, l):
     a, b = _minus(x7, _corner(xs, l, 2)), _minus(_corner(xs, l, 5), x0)
     c, d = _minus(x7, _corner(xs, l, 1)), _minus(_corner(xs, l, 3), x0)
     e, f = _minus(_corner(xs, l, 6), x0), _minus(x7, _corner(xs, l, 4))
-    return (512.0 / 12.0) * (_det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d)))
+    return _as(x0[0], 512.0 / 12.0) * (_det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d)))
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -176,7 +186,7 @@ def _corners(q, r):
 def _store(f, l, n):
     """The eight corner values of one coordinate into every third row from ``l``."""
     for c in range(8):
-        f[l + _U(3) * _U(c) * _W] = EIGHTH * n[c]
+        f[l + _U(3) * _U(c) * _W] = _as(n[c], EIGHTH) * n[c]
 
 
 @intrinsic
@@ -197,14 +207,16 @@ def _prefetch(typing_context, array, index):
 
 
 @njit(forceinline=True)
-def fetch(x, nodes, local, corners, scale, ahead, at, xs):
+def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
     """Corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
 
+    ``near``: less the position of the block's first node, so that little is lost where ``xs`` is of 32 bits.
     ``ahead``, the data of the next block, is called into the cache meanwhile; ``at`` is scratch.
     """
+    o0, o1, o2 = (x[nodes[0], 0], x[nodes[0], 1], x[nodes[0], 2]) if near else (0.0, 0.0, 0.0)
     for s in range(len(nodes)):
         n = nodes[s]
-        at[s, 0], at[s, 1], at[s, 2] = scale * x[n, 0], scale * x[n, 1], scale * x[n, 2]
+        at[s, 0], at[s, 1], at[s, 2] = scale * (x[n, 0] - o0), scale * (x[n, 1] - o1), scale * (x[n, 2] - o2)
     for c in range(corners):
         for l in range(WIDTH):
             s = local[c * WIDTH + l]
@@ -238,14 +250,15 @@ def element_forces(x, nodes, start, local, point, modulus, force):
     """Forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
 
     x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V.
+    What is between positions and sums is computed in the precision of ``point`` and ``modulus``, 64 or 32 bits.
     """
     for b in prange(len(local)):
-        xs, g, m, at = np.empty(24 * WIDTH), point[b], modulus[b], np.empty((8 * WIDTH, 3))
+        xs, g, m, at = np.empty(24 * WIDTH, point.dtype), point[b], modulus[b], np.empty((8 * WIDTH, 3))
         ahead = point[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs)
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs, point.itemsize == 4)
         for l in range(_W):
             d, c, mu = _gauss(xs, l), _points(g, l), m[l]
-            p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - 1.0)
+            p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - _as(mu, 1.0))
             q = (_point(d[0], c[0], mu, p), _point(d[1], c[1], mu, p), _point(d[2], c[2], mu, p),
                  _point(d[3], c[3], mu, p), _point(d[4], c[4], mu, p), _point(d[5], c[5], mu, p),
                  _point(d[6], c[6], mu, p), _point(d[7], c[7], mu, p))  # fmt: skip
