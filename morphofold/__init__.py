@@ -24,6 +24,7 @@ _PUBLIC = {
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
     "forecast": "morphofold.forecasts",
+    "estimate_error": "morphofold.forecasts",
 }
 __all__ = ["__version__", *_PUBLIC]
 

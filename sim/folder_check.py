@@ -19,7 +19,9 @@ from morphofold.io.files import decoding, existing_file
 from morphofold.sim.scene import MeshFile, Scene
 
 ANEW = "to grow anew from the start"
-_KEPT = ("scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz")
+_KEPT = (
+    "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
+)  # fmt: skip
 _TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
 
 

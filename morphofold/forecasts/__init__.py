@@ -1,4 +1,4 @@
-"""Before a run: its size, time, memory and errors, and the accuracy that fits; after it: what it cost.
+"""Before a run: its size, time, memory and errors, the accuracy that fits; after it: what it cost, and how wrong it is.
 
 Public names load on first use.
 """
@@ -11,9 +11,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from morphofold.forecasts.forecasting import Forecast, forecast
     from morphofold.forecasts.picking import Pick, pick
+    from morphofold.forecasts.twin import Estimate, estimate_error
 
-_PUBLIC = {"Forecast": "forecasting", "forecast": "forecasting", "Pick": "picking", "pick": "picking"}
-__all__ = ["Forecast", "Pick", "forecast", "pick"]
+_PUBLIC = {
+    "Forecast": "forecasting", "forecast": "forecasting", "Pick": "picking", "pick": "picking", "Estimate": "twin",
+    "estimate_error": "twin",
+}  # fmt: skip
+__all__ = ["Estimate", "Forecast", "Pick", "estimate_error", "forecast", "pick"]
 
 
 def __getattr__(name: str) -> Any:

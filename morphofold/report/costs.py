@@ -8,6 +8,7 @@ from typing import Any
 
 from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
 from morphofold.forecasts.table import Expected
+from morphofold.forecasts.twin import Estimate, estimate_beside
 from morphofold.forecasts.words import percent, span
 from morphofold.report.contents import Entry
 
@@ -20,6 +21,7 @@ def costs(entries: Sequence[Entry]) -> list[dict[str, Any]]:
         cost = cost_beside(stages[0]) if stages else None
         if cost is not None:
             found.append({"entry": e, "said": _said(cost), "times": _times(cost), **_errors(cost)})
+            _add_estimate(found[-1], estimate_beside(stages[0]))
     return found
 
 
@@ -53,3 +55,13 @@ def _errors(cost: Cost) -> dict[str, Any]:
         for name, e in cost.errors.items()
     ]
     return {"errors": rows, "doubts": cost.doubts}
+
+
+def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
+    """Errors from a coarser twin below those of the table, with what they leave open."""
+    if estimate is not None:
+        said["errors"] = [*said["errors"], *(
+            (name, percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (to the {e.power:.2g})")
+            for name, e in estimate.errors.items() if e.error is not None
+        )]  # fmt: skip
+        said["doubts"] = (*said["doubts"], *estimate.doubts)

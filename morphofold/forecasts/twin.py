@@ -1,0 +1,207 @@
+"""How wrong a finished run is, estimated from the run itself: against a twin of the same scene with longer edges."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from morphofold.forecasts.table import table
+from morphofold.forecasts.words import percent
+from morphofold.io import atomic_file
+from morphofold.records import input_records, strict_json
+from morphofold.surface import Surface
+
+if TYPE_CHECKING:
+    from morphofold.sim.run import Simulation
+    from morphofold.sim.scene import Scene
+
+LONGER = 1.5            # edges of the twin over those of the run: it takes about a third of the run's time
+LEAST = 1.2             # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
+ALIKE = 0.5             # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
+                        # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
+FOLDER, FILE = "coarser", "error.json"          # in the folder of the run
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """One quantity of the last stage: how much it differs between run and twin, the power of the edge with which its
+    error goes, and the error of the run, change / (ratio^power - 1); None if the twin folded into another pattern."""
+
+    change: float
+    power: float
+    error: float | None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Errors of a run by Richardson's extrapolation from a coarser twin.
+
+    Attributes
+    ----------
+    growth : float
+        Of the last stage, which is compared.
+    edge_over_T, ratio : float
+        Largest surface edge of the run over the thickness of the (thinnest) cortex; that of the twin over the run's.
+    errors : mapping
+        Quantity to ``Estimated``: the relative one of the ``gyrification index`` (of closed bodies), and the
+        ``pial distance``, the mean one between two pial surfaces over T.
+    how : str
+    doubts : tuple of str
+    """
+
+    growth: float
+    edge_over_T: float
+    ratio: float
+    errors: Mapping[str, Estimated]
+    how: str
+    doubts: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """All errors in a line, and why not to trust them."""
+        told = [f"{name} {percent(e.error)}" for name, e in self.errors.items() if e.error is not None]
+        errors = ", ".join(told) or "can't be told"
+        return " ".join([f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}.", *self.doubts])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+class Grown(NamedTuple):
+    """The last stage of a run: its pial surface, its largest edge before growth [mm], what is wrong with it."""
+
+    pial: Surface
+    edge: float
+    warnings: list[str]
+
+
+def coarser(scene: Scene) -> Scene:
+    """The twin of a scene: edges 1.5 times as long, all else the same.
+
+    Raises
+    ------
+    ValueError
+        If it has no edge to be made longer, or doesn't grow.
+    """
+    from morphofold.sim.scene_file import load_scene
+
+    if scene.geometry.shape in ("mesh", "radial"):
+        why = "its mesh is the file's" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
+        raise ValueError(
+            f"--estimate grows a twin with longer edges, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
+            f"{why}. Drop it."
+        )
+    if scene.growth.final == 1:
+        raise ValueError(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
+    return load_scene(scene, [f"accuracy.edge={LONGER * scene.edge!r}", "output.volume=false"])
+
+
+def estimate_error(
+    run: Simulation, *, threads: int | None = None, progress: Callable[[float, str], None] = lambda share, text: None
+) -> Estimate:
+    """Estimate the error of a finished run's last stage, and write it as ``error.json`` into its folder.
+
+    Parameters
+    ----------
+    run : Simulation
+        Finished. Its twin is grown in the folder ``coarser`` within, gone on with if it was stopped, or read.
+    threads : int, optional
+        As of :func:`morphofold.simulate`.
+    progress : callable
+        Called with the share done (0 to 1) and a line of text.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    ValueError
+        If the scene has no edge to be made longer, or is so small that its twin's are hardly longer; or if the run
+        doesn't say how long its edges are.
+    UnstableError
+        If the twin leaves its bounds; the run is none the worse.
+
+    Notes
+    -----
+    An error that goes with the power p of the edge is ``|Q - Q_twin| / (r^p - 1)`` for a twin with edges r times as
+    long. p is that of the study; docs/accuracy.md says how far such estimates are from true errors, and why wavelength
+    and strain energy have none.
+    """
+    from morphofold.sim.dynamics import UnstableError
+    from morphofold.sim.geometry import build_bilayer
+    from morphofold.sim.run import simulate
+
+    mine, other = _grown(run), coarser(run.scene)
+    longer = build_bilayer(other).edge
+    if longer < LEAST * mine.edge:
+        raise ValueError(
+            f"--estimate: the edges of {run.scene.name} are {mine.edge:.3g} mm, those of its twin no more than "
+            f"{longer:.3g}: so small a body has no coarser one. Take a shorter accuracy.edge."
+        )
+    try:
+        twin = simulate(other, run.path / FOLDER, resume=True, threads=threads, progress=progress)
+    except UnstableError as error:
+        raise UnstableError(f"{run.path / FOLDER}: {error} The run beside it is whole.", error.sound) from error
+    found = between(run.scene, mine, _grown(twin))
+    with atomic_file(run.path / FILE) as temporary:
+        temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), encoding="utf-8")
+    return found
+
+
+def estimate_beside(stage: Path) -> Estimate | None:
+    """The estimate of the run that wrote a ``stage.json``; None if there is none of this very run, or not whole."""
+    folder = stage.parent.parent.parent
+    try:
+        content = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        if content.pop("health_sha256") != _digest(folder):
+            return None
+        errors = {name: Estimated(**each) for name, each in content.pop("errors").items()}
+        return Estimate(**{**content, "errors": errors, "doubts": tuple(content["doubts"])})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
+    """The estimate from the last stages of both."""
+    from morphofold import analysis
+    from morphofold.accuracy.folds import distance
+
+    apart = distance(mine.pial, twin.pial) / scene.geometry.cortex_thickness
+    changes = {"pial distance": apart}
+    if scene.geometry.shape in ("sphere", "ellipsoid"):
+        here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, twin))
+        changes = {"gyrification index": abs(there / here - 1), **changes}
+    ratio, laws = twin.edge / mine.edge, table()["errors"]
+    errors = {}
+    for name, change in changes.items():
+        power = laws["quantities"][name]["power"]
+        errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
+    doubts = [f"The coarser twin isn't healthy: {warning}" for warning in twin.warnings]
+    if apart > ALIKE:
+        told = ", ".join(f"{name} {percent(change)}" for name, change in changes.items())
+        doubts.append(
+            f"The twin folded into another pattern (they differ by: {told} of T), so no error follows from it: the "
+            "mesh has its say in the pattern on such edges. Take a shorter one."
+        )
+    T = scene.thinnest
+    return Estimate(
+        scene.growth.final, mine.edge / T, ratio, errors,
+        f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
+        f"of {laws['subject']}", tuple(doubts),
+    )  # fmt: skip
+
+
+def _grown(run: Simulation) -> Grown:
+    health = run.health
+    if "surface_edge_mm" not in health:
+        raise ValueError(f"{run.path / 'health.json'}: has no surface_edge_mm, it is an early version's. Grow it anew.")
+    return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
+
+
+def _digest(folder: Path) -> Any:
+    return input_records([folder / "health.json"])[0]["sha256"]

@@ -1,0 +1,154 @@
+"""The error of a run by its coarser twin: exact where it is known, none between two patterns; nothing is lost."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from commands import refused
+from made_simulations import harmonic
+
+from morphofold import analysis
+from morphofold.accuracy.folds import distance
+from morphofold.cli import main
+from morphofold.forecasts import estimate_error
+from morphofold.forecasts.table import table
+from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside
+from morphofold.forecasts.words import percent
+from morphofold.report.costs import costs
+from morphofold.shapes import icosphere
+from morphofold.sim.run import simulate
+from morphofold.sim.scene_file import load_scene
+from morphofold.surface import Surface
+
+SMALL = ("geometry.portion=octant", "output.stages=[]", "output.volume=false", "accuracy.edge=6", "growth.final=1.05")
+
+
+def made(edge, degree=12, height=3.0, warnings=()):
+    """A sphere of 50 mm with waves of a degree, as the last stage of a run."""
+    verts, faces = icosphere(4, 50.0)
+    return Grown(Surface(verts * (1 + height / 50 * harmonic(verts, degree, 5))[:, None], faces), edge, list(warnings))
+
+
+def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
+    power, slope = table()["errors"]["quantities"]["pial distance"]["power"], 0.02
+    sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
+    found = between(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
+    assert found.ratio == 1.5
+    assert found.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
+    assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)     # over T = 3 mm
+
+
+def test_each_quantity_is_extrapolated_by_its_own_power():
+    mine, twin = made(2.0), made(3.0, height=2.8)
+    found = between(load_scene("fig6-thick"), mine, twin)
+    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, twin))
+    index, apart = found.errors["gyrification index"], found.errors["pial distance"]
+    assert index.power != apart.power
+    assert index.error == pytest.approx((here - there) / here / (1.5**index.power - 1))
+    assert apart.error == pytest.approx(distance(mine.pial, twin.pial) / 3 / (1.5**apart.power - 1))
+    assert found.doubts == ()
+
+
+def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
+    mine = made(2.0)
+    turned = Surface(mine.pial.verts * [1, -1, -1], mine.pial.faces)
+    found = between(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
+    assert found.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
+    assert found.errors["pial distance"].change > ALIKE
+    assert {e.error for e in found.errors.values()} == {None}
+    assert "another pattern" in found.words
+    assert f"pial distance {percent(found.errors['pial distance'].change)} of T" in found.words
+
+
+def test_an_open_body_has_no_index():
+    assert set(between(load_scene("patch"), made(2.0), made(3.0)).errors) == {"pial distance"}
+
+
+def test_a_twin_that_is_not_healthy_is_told():
+    assert "12 crossings" in between(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=["12 crossings"])).words
+
+
+def test_the_twin_is_the_same_scene_with_longer_edges():
+    scene = load_scene("ellipsoid", ["accuracy.edge=2"])
+    twin = coarser(scene)
+    assert twin.edge == pytest.approx(3)
+    assert load_scene(twin, ["accuracy.edge=2", "output.volume=true"]) == scene
+
+
+def test_what_has_no_coarser_twin_is_refused_before_anything_is_grown(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, ["simulate", "mesh", "--estimate"], "--estimate", "its mesh is the file's")
+    refused(capsys, ["simulate", "fig3", "--estimate"], "--estimate", "in one dimension")
+    refused(capsys, ["simulate", "demo", "--estimate", "--set", "growth.final=1", "--set", "output.stages=[]"], "grow")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_forecast_counts_the_twin_beside_the_run(capsys):
+    settings = [word for setting in SMALL for word in ("--set", setting)]
+    argv = ["simulate", "fig6-thick", *settings, "--dry-run", "--estimate", "--threads", "1"]
+    assert main([*argv, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["coarser"]["elements"] < content["elements"] / 1.5
+    assert main(argv) == 0
+    assert "its coarser twin, fig6-thick: forecast" in capsys.readouterr().out
+
+
+def test_a_body_of_few_cells_has_no_coarser_one(tmp_path):
+    scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=25"])
+    run = simulate(scene, tmp_path / "run", threads=1)
+    with pytest.raises(ValueError, match="no coarser one"):
+        estimate_error(run)
+    assert not (run.path / "coarser").exists()
+
+
+def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = simulate(load_scene("fig6-thick", SMALL), "run", threads=1)
+    whole = estimate_error(run, threads=1)
+    written = (run.path / "error.json").read_bytes()
+    stage = next((run.path / "stages").glob("*/stage.json"))
+    assert estimate_beside(stage) == whole
+    json.loads(written, parse_constant=pytest.fail)
+
+    def stopped(share, text):
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    again = simulate(load_scene("fig6-thick", SMALL), "again", threads=1)
+    with pytest.raises(KeyboardInterrupt):
+        estimate_error(again, threads=1, progress=stopped)
+    assert not (again.path / "error.json").exists()
+    settings = [word for setting in SMALL for word in ("--set", setting)]
+    argv = ["simulate", "fig6-thick", "-o", "again", *settings, "--threads", "1", "-q", "--estimate"]
+    assert main([*argv, "--resume"]) == 0
+    assert "from a coarser twin" in capsys.readouterr().out
+    assert {**json.loads((again.path / "error.json").read_text()), "health_sha256": ""} == {
+        **json.loads(written), "health_sha256": "",
+    }  # fmt: skip
+    assert main(["simulate", "run/scene.toml", "-o", "run", "--resume", "--estimate", "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimate"]["ratio"] == whole.ratio
+
+    entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
+    rows = [row for row in costs([entry])[0]["errors"] if "from a coarser twin of this run" in row[-1]]
+    assert [(name, error) for name, error, *_ in rows] == [(n, percent(e.error)) for n, e in whole.errors.items()]
+
+    health = run.path / "health.json"
+    health.write_text(health.read_text().replace('"seconds"', '"seconds "'))    # another run's estimate isn't shown
+    assert estimate_beside(stage) is None
+
+
+@pytest.mark.slow
+def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_path):
+    """Measured: 0.7 to 1.3 times the true one at g = 1.5 with edges of 0.36 to 0.8 T."""
+
+    def grown(edge):
+        settings = (*SMALL, "growth.final=1.5", f"accuracy.edge={3 * edge}")
+        return simulate(load_scene("fig6-thick", settings), tmp_path / f"{edge}", threads=1)
+
+    run, fine = grown(0.6), grown(0.3)
+    index = estimate_error(run, threads=1).errors["gyrification index"]
+    here, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
+    true = abs(here / there - 1)
+    against_the_finer = index.error * (1 - 0.5**index.power)                # whose own error isn't seen against it
+    assert true > 0.02
+    assert true / 2 < against_the_finer < 2 * true
