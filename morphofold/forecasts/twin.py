@@ -80,7 +80,7 @@ class Grown(NamedTuple):
 
 
 def coarser(scene: Scene) -> Scene:
-    """The twin of a scene: edges 1.5 times as long, all else the same.
+    """The twin of a scene: edges 1.5 times as long, as many elements through the cortex, all else the same.
 
     Raises
     ------
@@ -97,7 +97,10 @@ def coarser(scene: Scene) -> Scene:
         )
     if scene.growth.final == 1:
         raise ValueError(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
-    return load_scene(scene, [f"accuracy.edge={LONGER * scene.edge!r}", "output.volume=false"])
+    return load_scene(scene, [
+        f"accuracy.edge={LONGER * scene.edge!r}", f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
+        "output.volume=false",
+    ])  # fmt: skip
 
 
 def estimate_error(
