@@ -12,7 +12,10 @@ from made_measures import large_pair
 
 from morphofold import analysis, forecast, simulate
 from morphofold.analysis.speed import folded_ball
+from morphofold.clock import Stages
 from morphofold.comparison import compare
+from morphofold.forecasts import forecast_analysis
+from morphofold.forecasts.analysis_cost import PAGE, READING
 from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
@@ -150,3 +153,22 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     assert found.elements == health["elements"]
     assert found.steps == pytest.approx(health["steps"], rel=0.1)
     assert found.seconds == pytest.approx(health["seconds"], rel=0.3)
+
+
+@pytest.mark.parametrize(("name", "accuracy"), [("fsaverage5", "standard"), ("fsaverage5", "fine"), ("S1", "standard"),
+                                                ("S1", "draft")])  # fmt: skip
+def test_a_forecast_is_within_30_percent_of_the_analysis(benchmark, tmp_path, name, accuracy):
+    """Asked of 10,242 and 152,893 vertices, with a page, on a machine that does nothing else."""
+    clock = Stages()
+    clock.begin(READING)
+    cortex = read_cortex(sample_path(name), hemi="lh")
+    clock.end()
+    found = benchmark.pedantic(
+        forecast_analysis, ([cortex],), {"accuracy": accuracy, "reading": clock.seconds[READING]}, rounds=1
+    )
+    write_analysis([analysis.measure(cortex, accuracy=accuracy, progress=clock.at)], tmp_path / "out", clock=clock)
+    told = {"forecast_s": found.seconds_by_stage, "analysis_s": clock.seconds}
+    benchmark.extra_info.update(told)
+    print(told)
+    assert PAGE in clock.seconds
+    assert found.seconds == pytest.approx(sum(clock.seconds.values()), rel=0.3)

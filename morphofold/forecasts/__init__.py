@@ -1,4 +1,4 @@
-"""Before a run: its size, time, memory and errors, and the accuracy that fits; after it: what it cost.
+"""Before a run or an analysis: its time, memory and errors, and the accuracy that fits; after it: what it cost.
 
 Public names load on first use.
 """
@@ -9,11 +9,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from morphofold.forecasts.analysis import AnalysisForecast, forecast_analysis
     from morphofold.forecasts.forecasting import Forecast, forecast
     from morphofold.forecasts.picking import Pick, pick
 
-_PUBLIC = {"Forecast": "forecasting", "forecast": "forecasting", "Pick": "picking", "pick": "picking"}
-__all__ = ["Forecast", "Pick", "forecast", "pick"]
+_PUBLIC = {
+    "AnalysisForecast": "analysis", "Forecast": "forecasting", "Pick": "picking", "forecast": "forecasting",
+    "forecast_analysis": "analysis", "pick": "picking",
+}  # fmt: skip
+__all__ = ["AnalysisForecast", "Forecast", "Pick", "forecast", "forecast_analysis", "pick"]
 
 
 def __getattr__(name: str) -> Any:

@@ -44,7 +44,7 @@ MEASURED = (
     "mean curvature",
 )  # fmt: skip
 #: subject of the study -> whose hemisphere that is
-PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": f"S1 at {COARSE:,} vertices"}
+PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
 
 
 def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
