@@ -48,8 +48,10 @@ def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second)
     ball = folded_ball(1000)
     one, two = (forecast_analysis([ball] * n, reading=0.5 * n) for n in (1, 2))
     assert list(one.seconds_by_stage) == list(STAGES)
+    starting = costs()["analysis"]["starting"]
     for name in (*MEASURING, "reading"):
-        assert two.seconds_by_stage[name] == pytest.approx(2 * one.seconds_by_stage[name])
+        once = starting.get(name, 0.0) / costs()["analysis"]["gyral_graph_of_ball"]    # 1 s here: a slow machine
+        assert two.seconds_by_stage[name] - once == pytest.approx(2 * (one.seconds_by_stage[name] - once))
     assert one.memory_GiB < two.memory_GiB
     assert forecast_analysis([ball], report=False).memory_GiB < one.memory_GiB
 

@@ -106,6 +106,8 @@ def forecast_analysis(
     sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]
     each = [_measuring(n, on, chosen, timed) for n, on in sizes]
     stages = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
+    for name, beside in costs()["analysis"]["starting"].items():
+        stages[name] += _slowness(timed) * beside
     stages |= _writing([n for n, _ in sizes], report, timed)
     seconds, spread = sum(stages.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
     expected = measured_errors(cortices, accuracy)
