@@ -64,12 +64,12 @@ def test_times_follow_the_power_laws_of_the_table(second):
         assert here[name] == pytest.approx(law["times"])
         assert np.log10(there[name] / here[name]) == pytest.approx(law["power"])
     assert here.keys() == there.keys() == set(MEASURING)
-    assert here["local gyrification"] == pytest.approx(1, abs=0.3)         # the ball itself
+    assert 0.3 < here["local gyrification"] < 1                            # of the ball, which is larger than a brain
     on_copy = before._measuring(10 * n, n, draft, timed)
     assert on_copy["gyral thickness"] == here["gyral thickness"]
     assert on_copy["curvature"] == there["curvature"]
     assert on_copy["cortical thickness"] > here["cortical thickness"]      # thinning comes with it
-    assert before._measuring(n, n, ACCURACIES["fine"], timed)["local gyrification"] > 10
+    assert before._measuring(n, n, ACCURACIES["fine"], timed)["local gyrification"] > 10 * here["local gyrification"]
 
 
 def test_an_uneven_machine_widens_the_range_and_is_said(monkeypatch):
