@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from morphofold.analysis._mesh import vertex_normals
 from morphofold.analysis.measures import measure
-from morphofold.clock import peak_memory, working_seconds
+from morphofold.clock import Stages, peak_memory
 from morphofold.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.surface import Cortex, Surface
@@ -63,19 +62,11 @@ def measuring_speed(
     for k, n in enumerate(sorted(sizes)):
         progress(k / len(sizes), f"{n:,} vertices")
         cortex = folded_ball(n)
-        laps: list[tuple[str, float]] = []
-
-        def lap(stage: str, share: float, laps: list[tuple[str, float]] = laps) -> None:
-            laps.append((stage, working_seconds()))
-
-        measure(cortex, progress=lap)
+        clock = Stages()
+        measure(cortex, progress=clock.at)
         common = {"vertices": n, "threads": numba.get_num_threads()}
-        rows += [
-            {**common, "stage": stage, "seconds": end - start}
-            for (stage, start), (_, end) in itertools.pairwise(laps)
-        ]
-        whole = {"stage": "all", "seconds": laps[-1][1] - laps[0][1], "memory_GiB": peak_memory()}
-        rows.append({**common, **whole})
+        rows += [{**common, "stage": stage, "seconds": seconds} for stage, seconds in clock.seconds.items()]
+        rows.append({**common, "stage": "all", "seconds": sum(clock.seconds.values()), "memory_GiB": peak_memory()})
     return rows
 
 

@@ -54,6 +54,31 @@ def telling_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
         _compiler.listeners.remove(tell)
 
 
+class Stages:
+    """Seconds by the name of what was done [s], compiling left out. Each lasts until the next begins."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._name, self._since = "", 0.0
+
+    def begin(self, name: str) -> None:
+        """Begin ``name``, which ends what was done before; what comes again adds to its time."""
+        self.end()
+        self._name, self._since = name, working_seconds()
+
+    def end(self) -> None:
+        """End what is being done; nothing follows at once."""
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + working_seconds() - self._since
+        self._name = ""
+
+    def at(self, what: str, share: float) -> None:
+        """As progress of ``measure`` is told: begin ``what``, or with a share of 1 only end what was done before."""
+        self.end()
+        if share < 1:
+            self.begin(what)
+
+
 def peak_memory() -> float | None:
     """Most memory that this process has held at once since it began [GiB]; None where the system does not say.
 

@@ -195,6 +195,25 @@ def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
 
+def test_a_forecast_of_an_analysis_is_given_the_errors_of_the_persons_presets(points):
+    made = next(p for p in points if p.half == "measuring")
+    person = lambda preset, quantity, error, subject="S1", n=150_000: replace(
+        made, subject=subject, quantity=quantity, error=error, preset=preset, size=n, against="split surface"
+    )
+    points = [
+        *points, person("draft", "hinges", 0.03), person("standard", "hinges", 0.02), person("fine", "hinges", 0.01),
+        person("standard", "mean curvature", 0.05, "S1, pial"), person("standard", "mean curvature", 0.9, "S1, white"),
+        person("", "hinges", 0.8), person("standard", "hinges", 0.4, "S1 at 10,000 vertices", 10_001),
+    ]  # fmt: skip
+    whole, thinned = expected_errors(points)["measuring"]
+    assert (whole["subject"], whole["vertices"], thinned["vertices"]) == ("S1", 150_000, 10_001)
+    assert whole["quantities"] == {
+        "hinges": {"against": "split surface", "draft": 0.03, "standard": 0.02, "fine": 0.01},
+        "mean curvature": {"against": "split surface", "draft": 0.05, "standard": 0.05, "fine": 0.05},
+    }
+    assert thinned["quantities"]["hinges"]["fine"] == 0.4
+
+
 @pytest.fixture
 def study(points, tmp_path):
     out = tmp_path / "accuracy"

@@ -9,7 +9,7 @@ import pytest
 from numba import njit
 
 from morphofold.cli.progress import COMPILING, progress, time_left
-from morphofold.clock import peak_memory, telling_of_compiling, working_seconds
+from morphofold.clock import Stages, peak_memory, telling_of_compiling, working_seconds
 
 
 def new_kernel():
@@ -52,6 +52,20 @@ def test_a_kernel_that_can_not_be_compiled_does_not_stop_the_clock():
     before = working_seconds()
     time.sleep(0.02)
     assert working_seconds() - before >= 0.02
+
+
+def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeypatch):
+    now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 7.0, 20.0, 28.0])
+    monkeypatch.setattr("morphofold.clock.working_seconds", lambda: next(now))
+    clock = Stages()
+    clock.begin("reading")                              # 0 to 1
+    clock.at("areas", 0.0)                              # 1 to 3
+    clock.at("curvature", 0.5)                          # 3 to 7
+    clock.at("done", 1.0)
+    clock.end()
+    clock.begin("reading")                              # 20 to 28; what lies between is nobody's
+    clock.end()
+    assert clock.seconds == {"reading": 9.0, "areas": 2.0, "curvature": 4.0}
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -8,7 +8,6 @@ surface would make up most of a mean square.
 
 from __future__ import annotations
 
-import itertools
 import statistics
 from collections.abc import Iterator
 from functools import cache, partial
@@ -24,7 +23,7 @@ from morphofold.analysis import Measures, _mesh, curvature, measure
 from morphofold.analysis.chord import weighted_quantile
 from morphofold.analysis.closing import CLOSING
 from morphofold.analysis.copies import ACCURACIES, Accuracy, copied
-from morphofold.clock import working_seconds
+from morphofold.clock import Stages
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, PerVertex, Surface
 
@@ -96,16 +95,11 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
     """All measures, and what each stage took and the whole; as often as ``timed`` would, without a warm-up."""
     rows: list[dict[str, float]] = []
     while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
-        laps: list[tuple[str, float]] = []
-        found = measure(cortex, accuracy=accuracy, progress=partial(_lap, laps))
-        rows.append({what: end - start for (what, start), (_, end) in itertools.pairwise(laps)})
-        rows[-1]["all measures"] = laps[-1][1] - laps[0][1]
+        clock = Stages()
+        found = measure(cortex, accuracy=accuracy, progress=clock.at)
+        rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
     columns = {what: [row[what] for row in rows] for what in rows[0]}
     return found, {what: Timing(statistics.median(c), min(c), max(c), len(c)) for what, c in columns.items()}
-
-
-def _lap(laps: list[tuple[str, float]], what: str, share: float) -> None:
-    laps.append((what, working_seconds()))
 
 
 def _of_measures(

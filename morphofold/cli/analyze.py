@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from morphofold.analysis import Measures
+    from morphofold.clock import Stages
     from morphofold.surface import Cortex
 
 
@@ -38,6 +39,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "of a split one of a mesh of less than 40,000 (default: standard, of the mesh as it is)",
     )  # fmt: skip
     parser.add_argument(
+        "--dry-run", action="store_true",
+        help="say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
+        "write nothing",
+    )  # fmt: skip
+    parser.add_argument(
         "--stages", action="store_true",
         help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
         "an earlier run measured of the same files stays",
@@ -57,12 +63,17 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument("--json", action="store_true", help="print summary.json, in BIDS the file of provenance")
+    parser.add_argument(
+        "--json", action="store_true",
+        help="print summary.json, in BIDS the file of provenance; or the forecast of --dry-run",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
+    from morphofold.clock import Stages
+    from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex
     from morphofold.io.cortices import side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
@@ -84,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
     if bids and (args.mgh or args.wide):
         raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
+    clock = Stages()
+    clock.begin(READING)
     if args.input is None:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
@@ -93,6 +106,9 @@ def run(args: argparse.Namespace) -> int:
         named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
         hemis = named if args.hemi else hemispheres(Path(args.input))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
+    clock.end()
+    if args.dry_run:
+        return _dry_run(cortices, clock.seconds[READING], args)
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
     out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
@@ -104,16 +120,18 @@ def run(args: argparse.Namespace) -> int:
         measures = []
         for i, cortex in enumerate(cortices):
             share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
-            measures.append(_measure(cortex, args, share))
+            measures.append(_measure(cortex, args, share, clock))
         tell(0.8, "writing")
+        clock.begin(READING)
         asked = {"hemi": args.hemi, "name": args.name, **_scales(args)}
         report = not args.no_report
         stages = _stages_of(Path(args.input)) if report and args.input is not None else []
         if bids:
-            write_dataset(measures, args.out, called, parameters=asked, report=report, stages=stages)
+            write_dataset(measures, args.out, called, parameters=asked, report=report, stages=stages, clock=clock)
         else:
             write_analysis(
-                measures, out, parameters=asked, report=report, stages=stages, mgh=args.mgh, wide=args.wide
+                measures, out, parameters=asked, report=report, stages=stages, mgh=args.mgh, wide=args.wide,
+                clock=clock,
             )
         tell(1.0, "done")
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
@@ -130,7 +148,20 @@ def run(args: argparse.Namespace) -> int:
         )
         if "simulation" in m.notes:
             print(f"warning: {m.notes['simulation']}")
+    print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
+    return 0
+
+
+def _dry_run(cortices: list[Cortex], reading: float, args: argparse.Namespace) -> int:
+    from morphofold.forecasts import forecast_analysis
+    from morphofold.forecasts.words import table_of_analysis
+    from morphofold.records import strict_json
+
+    found = forecast_analysis(
+        cortices, accuracy=args.accuracy, report=not args.no_report, threads=args.threads, reading=reading
+    )
+    print(strict_json(found.as_dict()).rstrip() if args.json else table_of_analysis(found))
     return 0
 
 
@@ -152,11 +183,16 @@ def _stages(args: argparse.Namespace) -> int:
     """Analyses of all stages of a simulation, those that are there already left as they are."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
+    from morphofold.clock import Stages
+    from morphofold.forecasts.analysis_cost import READING
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
 
-    if args.input is None or args.hemi is not None or args.json or args.mgh or args.wide or args.layout != "plain":
-        raise ValueError("--stages takes a simulation folder as INPUT, and none of --hemi, --json and other layouts.")
+    others = (args.json, args.mgh, args.wide, args.dry_run)
+    if args.input is None or args.hemi is not None or any(others) or args.layout != "plain":
+        raise ValueError(
+            "--stages takes a simulation folder as INPUT, and none of --hemi, --json, --dry-run and other layouts."
+        )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
     if not places:
@@ -171,14 +207,16 @@ def _stages(args: argparse.Namespace) -> int:
     done = 0
     with progress(called, args.quiet) as tell:
         for i, place in enumerate(places):
+            clock = Stages()
+            clock.begin(READING)
             cortex = read_cortex(place, hemi="lh", name=args.name)
             share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
             asked = {"hemi": None, "name": args.name, **_scales(args)}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
-            found = _measure(cortex, args, share)
-            write_analysis([found], out / place.name, parameters=asked, report=False)
+            found = _measure(cortex, args, share, clock)
+            write_analysis([found], out / place.name, parameters=asked, report=False, clock=clock)
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
@@ -190,12 +228,18 @@ def _scales(args: argparse.Namespace) -> dict[str, float | str | None]:
     return asked if args.accuracy == "standard" else {**asked, "accuracy": args.accuracy}
 
 
-def _measure(cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None]) -> Measures:
+def _measure(
+    cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None], clock: Stages
+) -> Measures:
     from morphofold.analysis.measures import measure
+
+    def tell(what: str, share: float) -> None:
+        clock.at(what, share)
+        progress(what, share)
 
     return measure(
         cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, accuracy=args.accuracy,
-        progress=progress,
+        progress=tell,
     )  # fmt: skip
 
 

@@ -1,4 +1,5 @@
-"""Before a run: its size, time, memory and errors, the accuracy that fits; after it: what it cost, and how wrong it is.
+"""Before a run or an analysis: its time, memory and errors, and the accuracy that fits; after it: what it cost, and how
+wrong it is.
 
 Public names load on first use.
 """
@@ -9,15 +10,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from morphofold.forecasts.analysis import AnalysisForecast, forecast_analysis
     from morphofold.forecasts.forecasting import Forecast, forecast
     from morphofold.forecasts.picking import Pick, pick
     from morphofold.forecasts.twin import Estimate, estimate_error
 
 _PUBLIC = {
-    "Forecast": "forecasting", "forecast": "forecasting", "Pick": "picking", "pick": "picking", "Estimate": "twin",
-    "estimate_error": "twin",
+    "AnalysisForecast": "analysis", "Estimate": "twin", "Forecast": "forecasting", "Pick": "picking",
+    "estimate_error": "twin", "forecast": "forecasting", "forecast_analysis": "analysis", "pick": "picking",
 }  # fmt: skip
-__all__ = ["Estimate", "Forecast", "Pick", "estimate_error", "forecast", "pick"]
+__all__ = [
+    "AnalysisForecast", "Estimate", "Forecast", "Pick", "estimate_error", "forecast", "forecast_analysis", "pick",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

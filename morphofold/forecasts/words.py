@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from morphofold.forecasts.analysis import AnalysisForecast
     from morphofold.forecasts.forecasting import Forecast
     from morphofold.forecasts.table import Expected
     from morphofold.sim.scene import Scene
@@ -62,20 +63,40 @@ def table_of(found: Forecast) -> str:
             ("nodes", f"{found.nodes:,}"),
             ("steps", f"{found.steps:,}  ({found.fewest_steps:,} to {found.most_steps:,})"),
         ]
-    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
-    rows += [
-        ("memory", f"{found.memory_GiB:.2g} GiB"),
-        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
-    ]
-    most = sorted(found.seconds_by_phase.items(), key=lambda item: -item[1])[:4]
-    rows.append(("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)))
+    rows += _memory_and_time(found, found.seconds_by_phase)
     rows += [
         (f"error of {name}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
         for name, e in found.errors.items()
     ]
-    width = max(len(name) for name, _ in rows)
-    lines = [f"{found.scene}: forecast"] + [f"  {name:{width}}  {value}" for name, value in rows]
-    lines += [f"{name}: {how}" for name, how in found.how.items()]
+    return _laid_out(found.scene, rows, found)
+
+
+def table_of_analysis(found: AnalysisForecast) -> str:
+    """The same of an analysis."""
+    rows = [("accuracy", found.accuracy)]
+    for one in found.hemispheres:
+        copy = "" if one.measured_on == one.vertices else f"; thicknesses and net on {one.measured_on:,}"
+        rows.append((one.hemi, f"{one.vertices:,} vertices of white and pial each{copy}; {span(one.seconds)}"))
+    rows += _memory_and_time(found, found.seconds_by_stage)
+    rows += [(f"error of {name}", f"{percent(e.error)}  against {e.against}") for name, e in found.errors.items()]
+    return _laid_out(found.name, rows, found)
+
+
+def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, float]) -> list[tuple[str, str]]:
+    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
+    most = sorted(parts.items(), key=lambda item: -item[1])[:4]
+    return [
+        ("memory", f"{found.memory_GiB:.2g} GiB"),
+        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
+        ("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)),
+    ]
+
+
+def _laid_out(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
+    """Rows in two columns, how they were obtained, and doubts."""
+    width = max(len(label) for label, _ in rows)
+    lines = [f"{name}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
+    lines += [f"{what}: {how}" for what, how in found.how.items()]
     return "\n".join([*lines, *found.doubts])
 
 

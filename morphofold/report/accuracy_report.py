@@ -9,6 +9,7 @@ from typing import Any
 
 from morphofold.accuracy.bodies import FINEST, SUBJECT
 from morphofold.accuracy.folds import MESH, WITH_A_LIMIT
+from morphofold.accuracy.measuring_person import COARSE
 from morphofold.accuracy.points import FIELDS, Point
 from morphofold.accuracy.solver import THEORY
 from morphofold.accuracy.tables import (
@@ -22,6 +23,7 @@ from morphofold.accuracy.tables import (
     preset_rows,
     rivals,
 )
+from morphofold.analysis.copies import ACCURACIES
 from morphofold.records import strict_json
 from morphofold.report.accuracy_plots import front_figure, overview
 from morphofold.report.line_plots import save
@@ -35,6 +37,14 @@ FORECAST = {
     "gyrification index, g = 2": "gyrification index", "wavelength, g = 2": "wavelength",
     "pial distance, g = 2": "pial distance",
 }  # fmt: skip
+
+#: what a forecast of an analysis says the error of; curvature is that of the pial surface, as its maps are
+MEASURED = (
+    "mean cortical thickness", "median gyral thickness", "wavelength", "crest length", "hinges", "local gyrification",
+    "mean curvature",
+)  # fmt: skip
+#: subject of the study -> whose hemisphere that is
+PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
 
 
 def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -87,7 +97,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
     standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is
     the root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which
-    is the body's own.
+    is the body's own. ``measuring`` is of the measuring room: see :func:`measuring_errors`.
     """
     quantities = {}
     beside: dict[str, list[float]] = {}
@@ -104,4 +114,30 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                     "finest": error.low, "coarsest": error.high, "against": against,
                     "other": math.hypot(*beside.get(quantity, [])),
                 }  # fmt: skip
-    return {"subject": SUBJECT, "quantities": quantities} if quantities else None
+    if not quantities:
+        return None
+    measuring = measuring_errors(points)
+    return {"subject": SUBJECT, "quantities": quantities, "measuring": measuring}
+
+
+def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
+    """Errors of the accuracies of the measuring room on one person's hemisphere, as it is and thinned.
+
+    Each is of a ``subject`` of so many ``vertices``; each of its ``quantities`` has what it is held ``against``, and
+    the relative error by accuracy. What an accuracy does not change was studied at standard only, and stands for all.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for p in points:
+        if p.half == "measuring" and p.preset and p.subject in PERSONS and p.quantity in MEASURED:
+            name = PERSONS[p.subject]
+            person = found.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
+            person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
+    for person in found.values():
+        told = person["quantities"]
+        person["quantities"] = {
+            name: {"against": told[name]["against"]}
+            | {preset: told[name].get(preset, told[name]["standard"]) for preset in ACCURACIES}
+            for name in MEASURED
+            if "standard" in told.get(name, {})
+        }
+    return list(found.values())

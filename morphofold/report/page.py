@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
+from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.records import input_records
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
@@ -37,6 +38,7 @@ from morphofold.report.quantities import MAIN, Quantity, common_limits, find, qu
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
+    from morphofold.clock import Stages
     from morphofold.comparison import Comparison
 
 ANALYSIS = "Analysis"
@@ -46,15 +48,19 @@ Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
 def analysis_report(
-    measures: Sequence[Measures], path: str | Path, *, inputs: Inputs = (), stages: Sequence[Measures] = ()
-) -> Path:
+    measures: Sequence[Measures], path: str | Path, *, inputs: Inputs = (), stages: Sequence[Measures] = (),
+    clock: Stages | None = None,
+) -> Path:  # fmt: skip
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
 
     ``inputs`` are rows with ``path`` and ``sha256``; without them the files the surfaces name are hashed. ``stages``
-    are those of the one body that was measured, to be drawn as it grows.
+    are those of the one body that was measured, to be drawn as it grows. ``clock`` went along with the measuring: with
+    it the page says what all this took.
     """
     from morphofold.comparison import compare
 
+    if clock is not None:
+        clock.begin(PAGE)
     names = [m.cortex.name for m in measures]
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
     comparison = compare(dict(zip(unique, measures)))
@@ -66,7 +72,7 @@ def analysis_report(
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs)
+    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs, clock=clock)
 
 
 def comparison_report(
@@ -82,7 +88,7 @@ def comparison_report(
 
 def _write(
     comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Callable[[str, float], None] = lambda what, share: None, clock: Stages | None = None,
 ) -> Path:  # fmt: skip
     entries = _entries(comparison)
     shown = _shown(entries)
@@ -120,7 +126,7 @@ def _write(
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
         slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
-        costs=costs(entries) if kind == ANALYSIS else [],
+        costs=costs(entries, clock) if kind == ANALYSIS else [],
     )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path

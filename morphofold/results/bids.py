@@ -11,9 +11,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.records import strict_json
 from morphofold.report.quantities import column_words
@@ -28,7 +29,11 @@ from morphofold.results.summary import COLUMNS, checked_inputs, read_tables, sum
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
+if TYPE_CHECKING:
+    from morphofold.clock import Stages
+
 PROVENANCE = "_desc-morphofold_provenance.json"
+COST = "_desc-morphofold_cost.json"
 IGNORED = """\
 *.html
 figures
@@ -41,6 +46,7 @@ figures
 *_mask.*
 *_morph.*
 *_provenance.json
+*_cost.json
 """
 README = """\
 # Cortical morphometry by morphofold
@@ -59,6 +65,7 @@ def write_dataset(
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
     stages: Sequence[Cortex] = (),
+    clock: Stages | None = None,
 ) -> Path:
     """Write an analysis as a subject of a BIDS derivatives dataset, whole or not at all.
 
@@ -75,7 +82,8 @@ def write_dataset(
     report : bool
         Whether to draw figures/*.png and report.html.
     stages : sequence of Cortex
-        As for ``write_analysis``.
+    clock : Stages, optional
+        As for ``write_analysis``; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
 
     Returns
     -------
@@ -97,6 +105,8 @@ def write_dataset(
     """
     dataset = Path(dataset)
     place = subject_place(dataset, name)
+    if clock is not None:
+        clock.begin(WRITING)
     records = checked_inputs(measures, place)
     with atomic_folder(place) as folder:
         anat = folder / "anat"
@@ -115,7 +125,10 @@ def write_dataset(
             from morphofold.report import analysis_report
 
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
+            analysis_report(measures, folder / "report.html", inputs=records, stages=grown, clock=clock)
+        if clock is not None:
+            cost = cost_of_analysis(measures, clock)
+            (anat / f"{place.name}{COST}").write_text(strict_json(cost.as_dict()), encoding="utf-8")
     _describe(dataset)
     return place
 

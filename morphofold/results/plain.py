@@ -9,12 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
+from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import (
     atomic_folder,
@@ -32,6 +33,9 @@ from morphofold.results.summary import COLUMNS, checked_inputs, file_word, measu
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
+if TYPE_CHECKING:
+    from morphofold.clock import Stages
+
 
 def write_analysis(
     measures: Sequence[Measures],
@@ -43,6 +47,7 @@ def write_analysis(
     stages: Sequence[Cortex] = (),
     mgh: bool = False,
     wide: bool = False,
+    clock: Stages | None = None,
 ) -> Path:
     """Write an analysis, whole or not at all.
 
@@ -64,6 +69,9 @@ def write_analysis(
         Whether to write the maps as MGH, too, beside those for FreeSurfer and in GIFTI.
     wide : bool
         Whether to write regions_wide.tsv, too: the region table as one row.
+    clock : Stages, optional
+        That went along with the measuring. With it cost.json and the page say what the analysis has cost: the only
+        things here that are not the same bytes the next time.
 
     Returns
     -------
@@ -77,6 +85,8 @@ def write_analysis(
     FileExistsError
         If ``out`` holds something morphofold did not write.
     """
+    if clock is not None:
+        clock.begin(WRITING)
     records = checked_inputs(measures, out, inputs)
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
@@ -93,7 +103,10 @@ def write_analysis(
             from morphofold.report import analysis_report
 
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(measures, folder / "report.html", inputs=records, stages=grown)
+            analysis_report(measures, folder / "report.html", inputs=records, stages=grown, clock=clock)
+        if clock is not None:
+            cost = cost_of_analysis(measures, clock)
+            (folder / "cost.json").write_text(strict_json(cost.as_dict()), encoding="utf-8")
     return Path(out)
 
 

@@ -1,0 +1,206 @@
+"""What measuring a cortex will cost and how wrong it will be, before it begins: ``forecast_analysis``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecasts.analysis_cost import PAGE, READING, WRITING
+from morphofold.forecasts.measured import Measured, measured_errors
+from morphofold.forecasts.table import costs
+
+if TYPE_CHECKING:
+    from morphofold.analysis.copies import Accuracy
+    from morphofold.surface import Cortex
+
+REPEATS = 2             # of the measuring that is timed, after once for kernels to be fetched
+UNEVEN = 1.5            # slower over faster repeat, beyond which a machine is called busy
+ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
+VOXELS = "local gyrification"                                          # and the one whose voxels they change
+GiB = 2**30
+
+
+@dataclass(frozen=True)
+class Hemisphere:
+    """One that is to be measured: vertices of white and pial each, those of the copy on which thicknesses and the gyral
+    net are measured, and the seconds expected of its measures."""
+
+    hemi: str
+    vertices: int
+    measured_on: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class AnalysisForecast:
+    """What is expected of an analysis.
+
+    Attributes
+    ----------
+    name, accuracy : str
+    hemispheres : tuple of Hemisphere
+    seconds, fastest, slowest : float
+        Wall time without compiling, and the range in which it plausibly is [s].
+    seconds_by_stage : mapping
+        As in cost.json.
+    memory_GiB : float
+        At most, of the whole process.
+    threads : int
+    errors : mapping
+        Quantity to its ``Measured`` relative error.
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why it may not hold, one sentence each.
+    """
+
+    name: str
+    accuracy: str
+    hemispheres: tuple[Hemisphere, ...]
+    seconds: float
+    fastest: float
+    slowest: float
+    seconds_by_stage: Mapping[str, float]
+    memory_GiB: float
+    threads: int
+    errors: Mapping[str, Measured]
+    how: Mapping[str, str]
+    doubts: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def forecast_analysis(
+    cortices: Sequence[Cortex], *, accuracy: str = "standard", report: bool = True, threads: int | None = None,
+    reading: float = 0.0,
+) -> AnalysisForecast:  # fmt: skip
+    """Forecast of an analysis: its time on this machine, memory and errors. Takes a few seconds, writes nothing.
+
+    Parameters
+    ----------
+    cortices : sequence of Cortex
+        The hemispheres to be measured.
+    accuracy : {"draft", "standard", "fine"}
+    report : bool
+        Whether the page is to be made.
+    threads : int, optional
+        Threads that the analysis will have; by default all cores.
+    reading : float
+        Seconds that reading the surfaces took.
+
+    Raises
+    ------
+    ValueError
+        If there is no cortex, no such accuracy, or the threads cannot be had.
+    """
+    from morphofold.analysis.copies import accuracy_of
+
+    if not cortices:
+        raise ValueError("there is no cortex to forecast the measuring of. Pass one at least.")
+    chosen = accuracy_of(accuracy)
+    timed, uneven, threads = _timed(threads)
+    sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]
+    each = [_measuring(n, on, chosen, timed) for n, on in sizes]
+    stages = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
+    for name, beside in costs()["analysis"]["starting"].items():
+        stages[name] += _slowness(timed) * beside
+    stages |= _writing([n for n, _ in sizes], report, timed)
+    seconds, spread = sum(stages.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
+    expected = measured_errors(cortices, accuracy)
+    doubts = list(expected.doubts)
+    if uneven > UNEVEN:
+        doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
+    return AnalysisForecast(
+        cortices[0].name, accuracy,
+        tuple(Hemisphere(c.hemi, n, on, sum(one.values())) for c, (n, on), one in zip(cortices, sizes, each)),
+        seconds, seconds / (1 + spread), seconds * (1 + spread), stages,
+        _memory_GiB(sizes, chosen, report), threads, expected.errors,
+        {
+            "time": f"measures of a made-up cortex of {costs()['analysis']['ball']:,} vertices timed here, scaled by "
+            "power laws of vertices, a stage each",
+            "memory": "bytes per vertex, measured in other analyses",
+            "errors": expected.how,
+        },
+        tuple(doubts),
+    )  # fmt: skip
+
+
+def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
+    """Seconds by stage of measuring a small folded ball as a draft, how uneven repeats were, and the threads used."""
+    import numba
+
+    from morphofold.analysis.measures import measure
+    from morphofold.analysis.speed import folded_ball
+    from morphofold.clock import Stages
+    from morphofold.threads import check_threads, set_threads
+
+    check_threads(threads)
+    before = numba.get_num_threads()
+    set_threads(threads)
+    try:
+        ball, taken = folded_ball(costs()["analysis"]["ball"]), []
+        for _ in range(1 + REPEATS):
+            clock = Stages()
+            measure(ball, accuracy="draft", progress=clock.at)
+            taken.append(clock.seconds)
+        threads = numba.get_num_threads()
+    finally:
+        numba.set_num_threads(before)
+    taken = taken[1:]
+    totals = [sum(one.values()) for one in taken]
+    return {name: min(one[name] for one in taken) for name in taken[0]}, max(totals) / min(totals), threads
+
+
+def _copied(cortex: Cortex, chosen: Accuracy) -> int:
+    """Vertices of the copy that thicknesses and the net are measured on, as ``copies.copied`` makes it."""
+    import numpy as np
+
+    from morphofold.analysis import _mesh
+
+    n = len(np.unique(cortex.faces))
+    if chosen.most and n > chosen.most:
+        return chosen.most
+    return n + len(_mesh.edges(cortex.faces)) if n < chosen.least else n
+
+
+def _measuring(n: int, on: int, chosen: Accuracy, timed: Mapping[str, float]) -> dict[str, float]:
+    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``."""
+    laws = costs()["analysis"]
+    found = {}
+    for name, seconds in timed.items():
+        if name == VOXELS:
+            found[name] = seconds * (laws["per_voxel"] * chosen.voxels**3 + laws["per_vertex"] * n)
+        else:
+            law = laws["stages"][name]
+            size = on if name in ON_COPY else n
+            found[name] = seconds * law["times"] * (size / laws["ball"]) ** law["power"]
+    if on < n:
+        found["cortical thickness"] += _slowness(timed) * laws["thin_per_vertex"] * n
+    return found
+
+
+def _writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> dict[str, float]:
+    laws, slowness = costs()["analysis"], _slowness(timed)
+    found = {WRITING: slowness * (laws["write"] + laws["write_per_vertex"] * sum(sizes))}
+    if report:
+        drawn = laws["page"] + laws["page_second"] * (len(sizes) - 1) + laws["page_per_vertex"] * sum(sizes)
+        found[PAGE] = slowness * drawn
+    return found
+
+
+def _slowness(timed: Mapping[str, float]) -> float:
+    """Time of what one thread does, here over that on the machine of the table."""
+    return timed["gyral graph"] / costs()["analysis"]["gyral_graph_of_ball"]
+
+
+def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Accuracy, report: bool) -> float:
+    """Most memory of a whole process that does the analysis alone."""
+    memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
+    most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)
+    measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
+    page = memory["page"] + memory["page_per_hemisphere"] * len(sizes) + memory["page_per_vertex"] * total / GiB
+    return max(measuring, page) if report else measuring

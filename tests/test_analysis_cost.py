@@ -1,0 +1,120 @@
+"""What an analysis has cost: it adds up, is said where it is looked for, and changes nothing else."""
+
+import json
+import re
+from dataclasses import replace
+from html import unescape
+
+import numba
+import pytest
+
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.speed import folded_ball
+from morphofold.cli import main
+from morphofold.clock import Stages
+from morphofold.forecasts.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
+from morphofold.forecasts.measured import measured_errors
+from morphofold.forecasts.table import table
+from morphofold.io import read_cortex, write_surface
+from morphofold.results import is_analysis_of, read_analysis
+
+
+@pytest.fixture
+def pair(here):
+    """A folded ball as a pair of files, and the command that measures it."""
+    ball = folded_ball(2500)
+    for name in ("white", "pial"):
+        write_surface(here / f"lh.{name}", getattr(ball, name))
+    return ["analyze", "--white", "lh.white", "--pial", "lh.pial", "--name", "ball", "-q"]
+
+
+def cost_in(file):
+    return json.loads(file.read_text(encoding="utf-8"), parse_constant=pytest.fail)
+
+
+def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, capsys, plain_pictures):
+    assert main([*pair, "--threads", "1", "-o", "out"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
+    cost = cost_in(here / "out" / "cost.json")
+    assert list(cost["stages"]) == list(STAGES)                         # those of measure, in its order, and no other
+    assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
+    assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
+    assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 2500}, "standard", 1)
+    assert cost["memory_GiB"] > 0.1
+    assert "hinges" in line
+    page = (here / "out" / "report.html").read_text(encoding="utf-8")
+    said = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
+    for word in (*STAGES, "by 1 thread", "GiB", "lh of 2,500 vertices", *cost["errors"], cost["how"]):
+        assert word in said
+    (longest, _), *_ = sorted(cost["stages"].items(), key=lambda item: -item[1]["seconds"])
+    assert f", {longest} " in line
+
+
+def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys, plain_pictures):
+    for layout in ("plain", "bids"):
+        outs = []
+        for threads in (1, numba.config.NUMBA_NUM_THREADS):
+            out = here / f"{layout} {len(outs)}"
+            assert main([*pair, "--layout", layout, "--threads", str(threads), "-o", str(out)]) == 0
+            outs.append(out)
+        one, other = ({p.relative_to(out): p for p in out.rglob("*") if p.is_file()} for out in outs)
+        assert one.keys() == other.keys()
+        costs = [name for name in one if name.name.endswith("cost.json")]
+        assert len(costs) == 1
+        for name in one.keys() - {*costs}:
+            both = [path.read_bytes() for path in (one[name], other[name])]
+            if name.name == "report.html":
+                both = [re.sub(rb"<h2>What it cost</h2>.*?</section>", b"", text, flags=re.DOTALL) for text in both]
+            assert both[0] == both[1], name
+
+
+def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsys):
+    assert main([*pair, "--no-report", "-o", "out"]) == 0
+    cost = cost_in(here / "out" / "cost.json")
+    assert PAGE not in cost["stages"]
+    cortex = read_cortex(white="lh.white", pial="lh.pial", name="ball")
+    asked = json.loads((here / "out" / "summary.json").read_text())["parameters"]
+    assert is_analysis_of(here / "out", cortex, asked)
+    (here / "out" / "cost.json").unlink()
+    assert is_analysis_of(here / "out", cortex, asked)
+    assert read_analysis(here / "out")[0].scalars["n_vertices"] == 2500
+
+
+def test_times_of_both_hemispheres_are_added(monkeypatch):
+    now = iter(float(t * t) for t in range(100))
+    monkeypatch.setattr("morphofold.clock.working_seconds", lambda: next(now))
+    clock = Stages()
+    for name in (READING, "areas", "curvature", "areas", "curvature", WRITING):
+        clock.begin(name)                               # 1, 5, 9, 13, 17 and 21 s: the clock is asked twice at each
+    ball = folded_ball(1000)
+    measures = [Measures(replace(ball, hemi=h), {}, {}, parameters={"accuracy": "fine"}) for h in ("lh", "rh")]
+    cost = cost_of_analysis(measures, clock)
+    assert cost.seconds == sum(seconds for seconds, _ in cost.stages.values())
+    assert cost.stages["areas"][0] > cost.stages[READING][0] > 0
+    assert list(cost.stages) == [READING, "areas", "curvature", WRITING]
+    assert cost.vertices == {"lh": 1000, "rh": 1000}
+    assert analysis_cost_line(cost, 1).split(";")[0].endswith(" %")
+
+
+@pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
+def test_expected_errors_are_those_of_the_person_with_about_as_many_vertices(accuracy):
+    whole, thinned = table()["errors"]["measuring"]
+    ball = folded_ball(1000)
+    for n, person in ((163_842, whole), (50_000, whole), (30_000, thinned), (10_242, thinned)):
+        found = measured_errors([replace_count(ball, n)], accuracy)
+        assert {name: e.error for name, e in found.errors.items()} == {
+            name: law[accuracy] for name, law in person["quantities"].items()
+        }
+        assert f"{person['vertices']:,} vertices" in found.how
+        assert accuracy in found.how
+        assert bool(found.doubts) == (n in (50_000, 30_000))            # more than half as many again
+
+
+def test_errors_of_a_person_are_doubted_of_a_simulated_cortex():
+    ball = replace_count(replace(folded_ball(1000), origin="simulation"), 152_893)
+    assert "not of a simulated cortex" in measured_errors([ball], "standard").doubts[0]
+
+
+def replace_count(cortex, n):
+    """A stand-in that says it has ``n`` vertices."""
+    return type("Counted", (), {"n_vertices": n, "origin": cortex.origin})
