@@ -69,7 +69,7 @@ def test_a_twin_that_is_not_healthy_is_told():
 
 
 def test_the_twin_is_the_same_scene_with_longer_edges():
-    scene = load_scene("ellipsoid", ["accuracy.edge=2"])
+    scene = load_scene("ellipsoid", ["accuracy.edge=2", "accuracy.elements_through_cortex=3"])
     twin = coarser(scene)
     assert twin.edge == pytest.approx(3)
     assert load_scene(twin, ["accuracy.edge=2", "output.volume=true"]) == scene
