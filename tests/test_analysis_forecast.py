@@ -50,7 +50,7 @@ def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second)
     assert list(one.seconds_by_stage) == list(STAGES)
     starting = costs()["analysis"]["starting"]
     for name in (*MEASURING, "reading"):
-        once = starting.get(name, 0.0) / costs()["analysis"]["gyral_graph_of_ball"]    # 1 s here: a slow machine
+        once = starting.get(name, 0.0) / costs()["analysis"]["regions_of_ball"]    # 1 s here: a slow machine
         assert two.seconds_by_stage[name] - once == pytest.approx(2 * (one.seconds_by_stage[name] - once))
     assert one.memory_GiB < two.memory_GiB
     assert forecast_analysis([ball], report=False).memory_GiB < one.memory_GiB

@@ -193,8 +193,8 @@ def _writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> 
 
 
 def _slowness(timed: Mapping[str, float]) -> float:
-    """Time of what one thread does, here over that on the machine of the table."""
-    return timed["gyral graph"] / costs()["analysis"]["gyral_graph_of_ball"]
+    """Time of the tables of the ball, which one thread makes whatever their number, over that of the stored table."""
+    return timed["regions"] / costs()["analysis"]["regions_of_ball"]
 
 
 def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Accuracy, report: bool) -> float:
