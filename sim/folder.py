@@ -73,7 +73,8 @@ def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
-        if folder.exists() and any(p.name != LOCK and not is_temporary(p) for p in folder.iterdir()):
+        begun = (LOCK, "inputs.json")                                   # what a run writes before its scene
+        if folder.exists() and any(p.name not in begun and not is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         return False
     if not resume:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import decoding, existing_file
-from morphofold.sim.scene import MeshFile, Scene
+from morphofold.sim.scene import MeshFile, Radial, Scene
 
 ANEW = "to grow anew from the start"
 _KEPT = (
@@ -49,19 +49,24 @@ def sweep(folder: Path) -> None:
                 path.unlink()
 
 
-# files that a scene names ------------------------------------------------------------------------------------
+# what a scene only names -------------------------------------------------------------------------------------
 
 
 def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
-    """``{"geometry.file": {"file", "sha256", "bytes"}}`` of a scene with a mesh file; empty for any other.
+    """What a scene only names, as it is now: its mesh, and so that of its run.
+
+    ``{"geometry.file": {"file", "sha256", "bytes"}}`` with a mesh file, ``{"accuracy": {"edge",
+    "elements_through_cortex"}}`` of bricks, which its level stands for [mm]; nothing in one dimension.
 
     Raises
     ------
     FileNotFoundError, ValueError
         If there is no such file, or it can't be a mesh.
     """
-    if not isinstance(scene.geometry, MeshFile):
+    if isinstance(scene.geometry, Radial):
         return {}
+    if not isinstance(scene.geometry, MeshFile):
+        return {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
     name = scene.geometry.file
     path = Path(name)
     if not path.exists():                                               # then the name of a sample, if anything
@@ -74,21 +79,31 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
-    """Refuse a scene whose mesh file is not the one that the run in ``folder`` began with, byte for byte."""
+    """Refuse a scene whose mesh is not the one that the run in ``folder`` began with: a file byte for byte."""
     now = inputs_of(scene)
     if not now:
         return
+    (what, mine), = now.items()
     path = folder / "inputs.json"
-    with decoding(path, "a record of the files of a scene", f"Delete {folder} {ANEW}, or choose another folder."):
-        began = _json(path)["geometry.file"]["sha256"]
-        if not isinstance(began, str):
-            raise ValueError(f"sha256 is {began!r}")
-    if began != now["geometry.file"]["sha256"]:
+    with decoding(path, "a record of the mesh of a scene", f"Delete {folder} {ANEW}, or choose another folder."):
+        began = _json(path)[what]
+        if not isinstance(began, dict) or _kinds(began) != _kinds(mine):
+            raise ValueError(f"{what} is {began!r}")
+    if what == "accuracy" and began != mine:
         raise ValueError(
-            f"{now['geometry.file']['file']}: has changed since the run in {folder} began (sha256 "
-            f"{began[:12]}... then, {now['geometry.file']['sha256'][:12]}... now). Put the old file back, or "
-            "choose another folder."
+            f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
+            f"elements through the cortex; accuracy.level = {scene.accuracy.level!r} stands for {mine['edge']:g} mm "
+            f"and {mine['elements_through_cortex']} now. Choose another folder."
         )
+    if what == "geometry.file" and began["sha256"] != mine["sha256"]:
+        raise ValueError(
+            f"{mine['file']}: has changed since the run in {folder} began (sha256 {began['sha256'][:12]}... then, "
+            f"{mine['sha256'][:12]}... now). Put the old file back, or choose another folder."
+        )
+
+
+def _kinds(record: Mapping[str, Any]) -> dict[str, type]:
+    return {key: type(value) for key, value in record.items()}
 
 
 # stages ------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import Bilayer
-from morphofold.sim.scene import Scene
+from morphofold.sim.scene import Scene, in_double
 
 Array = NDArray[np.float64]
 
@@ -60,8 +60,8 @@ def onset(
     Parameters
     ----------
     scene : Scene
-        Its perturbation, contact, enclosure, inertia and ramp are left out; growth goes on until the onset is passed,
-        at most to ``growth.final``.
+        In double precision; its perturbation, contact, enclosure, inertia and ramp are left out. Growth goes on until
+        the onset is passed, at most to ``growth.final``.
     start : float
         Growth at which the twin of the first pair is kicked, well before the onset.
     rate : float
@@ -82,6 +82,7 @@ def onset(
         raise ValueError(
             f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
         )
+    scene = in_double(scene)                                            # differences die away to round-off
     scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
     thickness = scene.geometry.cortex_thickness
     twins = _Twins(scene, rate, bilayer)

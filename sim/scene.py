@@ -11,7 +11,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
-#: accuracy level: surface edge over cortex thickness; each has half the error of the one before (docs/accuracy.md)
+#: accuracy level: surface edge over cortex thickness, by error and time as docs/accuracy.md measures them
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
 COARSE = 0.5            # edge over thickness beyond which a third element through the cortex is not worth its time
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1

@@ -89,7 +89,7 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 
-def speed_body(element: str, cells: int, portion: str = "half") -> Body:
+def speed_body(element: str, cells: int, portion: str = "half", *, single: bool = True) -> Body:
     """The bilayer sphere that is timed, of one modulus, C = 50, T = 3 and A = 25 mm, not grown.
 
     Parameters
@@ -100,6 +100,8 @@ def speed_body(element: str, cells: int, portion: str = "half") -> Body:
         Surface cells along a quarter circle; 32 on half a sphere makes 27,648 bricks.
     portion : str
         See :func:`morphofold.sim.meshes.bilayer.bilayer_sphere`.
+    single : bool
+        As of :class:`Body`; scenes take it by default.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def speed_body(element: str, cells: int, portion: str = "half") -> Body:
     bilayer = bilayer_sphere(50, 3, 25, portion, cells)
     if element == "tet":
         bilayer = cut_bricks(bilayer)
-    return Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    return Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", single=single)
 
 
 def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.0) -> list[dict[str, Any]]:

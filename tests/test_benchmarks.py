@@ -43,7 +43,8 @@ def threads(request):
 
 
 def make_body(n):
-    return Body(bilayer_sphere(50, 3, 25, "half", n), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    mesh = bilayer_sphere(50, 3, 25, "half", n)
+    return Body(mesh, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", single=True)
 
 
 @pytest.mark.parametrize("n", [16, 32, 48])

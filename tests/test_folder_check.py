@@ -334,6 +334,21 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
     assert "body.vtu: no such tetrahedral mesh." in told
 
 
+def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    settings = [s for s in TINY if not s.startswith("accuracy.")] + ["accuracy.edge=20"]
+    out = tmp_path / "run"
+    simulate("demo", out, settings=settings)
+    began = json.loads((out / "inputs.json").read_text())
+    assert began == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
+    (out / "inputs.json").write_text(json.dumps({"accuracy": {"edge": 24.0, "elements_through_cortex": 3}}))
+    told = resumed(capsys, "--resume", settings=settings)
+    assert "run: its run began with edges of 24 mm and 3 elements through the cortex" in told
+    assert "stands for 20 mm and 2 now. Choose another folder." in told
+    other_json(out / "inputs.json")
+    assert "run/inputs.json: is truncated, damaged" in resumed(capsys, "--resume", settings=settings)
+
+
 # what a killed run leaves ------------------------------------------------------------------------------------
 
 
@@ -381,7 +396,7 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
     monkeypatch.setattr(os, "replace", look)
     simulate("demo", out, settings=TINY)
     assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
-        "scene.toml", "log.jsonl", "checkpoint.npz", "health.json"
+        "scene.toml", "inputs.json", "log.jsonl", "checkpoint.npz", "health.json"
     }  # fmt: skip
     assert len([name for name in seen if name.startswith(".g1.")]) == 2
 

@@ -133,7 +133,8 @@ def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
 
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
     found = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), costs(), threads=1)
-    scene = load_scene("fig6-thick", ["accuracy.edge=2.4", "output.stages=[]"])         # half, and finer
+    scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])         # half, finer, more layers
+    assert (found.scene.elements_through_cortex, scene.elements_through_cortex) == (2, 3)
     scaled, body = forecast_from(scene, found), build_body(scene)
     assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
     assert scaled.steps == pytest.approx(
@@ -142,10 +143,11 @@ def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_it
     assert "octant body" in scaled.how["elements"]
 
 
-@pytest.mark.parametrize("name", ["octant", "quarter"])
-def test_modelled_memory_is_what_building_and_stepping_take(name):
+@pytest.mark.parametrize(("name", "precision"), [("octant", "single"), ("octant", "double"), ("quarter", "single")])
+def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
     source, *settings = BODIES[name]
-    scene = load_scene(source, [*settings[:1], "accuracy.edge=0.9"])
+    scene = load_scene(source, [*settings[:1], "accuracy.edge=0.9", f"accuracy.precision={precision}"])
+    kind = {"bricks": True, "single": precision == "single"}
     for _ in range(2):                                                  # the first time modules and kernels count, too
         effects = build_effects(scene)
         tracemalloc.start()
@@ -155,8 +157,8 @@ def test_modelled_memory_is_what_building_and_stepping_take(name):
         run.grow_to(1 + 1e-6)
         held = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
-    assert building == pytest.approx(building_bytes(body.elements.n, bricks=True), rel=0.1)
-    assert held == pytest.approx(running_bytes(body.elements.n, bricks=True), rel=0.15)
+    assert building == pytest.approx(building_bytes(body.elements.n, **kind), rel=0.1)
+    assert held == pytest.approx(running_bytes(body.elements.n, **kind), rel=0.15)
 
 
 def test_a_radial_scene_is_forecast_without_a_body():

@@ -9,6 +9,7 @@ from morphofold.cli import main
 from morphofold.forecasts import calibration, forecast
 from morphofold.forecasts.picking import budget_seconds, error_share, pick
 from morphofold.forecasts.table import headline, studied
+from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene_file import load_scene
 
 OCTANT = ("geometry.portion=octant", "output.stages=[]")
@@ -61,6 +62,12 @@ def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
         assert p.forecast.slowest <= seconds
     finer = load_scene(scene, [f"accuracy.edge={edges[1] * 0.9}"])
     assert forecast(finer, threads=1).slowest > 15
+
+
+def test_edges_with_too_many_bricks_are_left_out_whatever_the_level(clockwork):
+    scene = load_scene("fig6-thin", ["geometry.portion=full", "accuracy.level=draft"])
+    assert scene.elements_through_cortex == 2                           # edges up to T/2 take three
+    assert pick(scene, budget=1e9, threads=1).scene.bricks <= MOST_BRICKS
 
 
 def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork):

@@ -59,6 +59,13 @@ def test_the_final_growth_is_always_a_stage(tmp_path):
     assert load_scene(write(tmp_path, GOOD)).stages == (1.5, 1.8)
 
 
+def test_edges_longer_than_half_the_cortex_take_two_elements_through_it_unless_told():
+    elements = [load_scene("fig5", [f"accuracy.edge={edge}"]).elements_through_cortex for edge in (1.001, 1.0, 0.4)]
+    assert elements == [2, 3, 3]                                        # T = 2 mm
+    assert load_scene("fig5", ["accuracy.edge=4", "accuracy.elements_through_cortex=5"]).elements_through_cortex == 5
+    assert load_scene("fig5", ["accuracy.level=draft"]).elements_through_cortex == 2
+
+
 def test_finer_levels_have_more_cells():
     cells = [load_scene("fig5", [f"accuracy.level={level}"]) for level in LEVELS]
     assert [s.cells for s in cells] == sorted(s.cells for s in cells)

@@ -248,6 +248,17 @@ def test_a_body_that_nothing_holds_is_refused():
             ask()
 
 
+def test_a_body_of_single_precision_is_refused_and_a_scene_is_taken_in_double():
+    body = Body(bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0,
+                law="isotropic", single=True)  # fmt: skip
+    with pytest.raises(ValueError, match=r'single precision, too rough .* accuracy.precision = "double"'):
+        statics.equilibrium(body, 1.1)
+    scene = load_scene("patch", ["geometry.size=[4, 4]", "accuracy.edge=2", "accuracy.precision=single"])
+    double = load_scene(scene, ["accuracy.precision=double"])
+    one, other = (statics.bifurcation_of_scene(s, g_max=1.1).history for s in (scene, double))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_each_state_that_was_looked_at_is_told_in_turn():
     seen = []
     found = statics.bifurcation_of_body(patch(size=(1.0, 1.0)), g_max=1.1, look=lambda *state: seen.append(state))

@@ -59,8 +59,9 @@ class Twin:
 
 
 def assembly_points(cells: int) -> list[Point]:
-    """Forces of a grown, shaken octant by the kernels and by scikit-fem; the error is what parts them."""
-    body = speed_body("brick", cells, "octant")
+    """Forces of a grown, shaken octant by the kernels and by scikit-fem, in double precision; the error is what parts
+    them."""
+    body = speed_body("brick", cells, "octant", single=False)
     body.grow(GROWTH)
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
     twin = Twin(body)
@@ -68,7 +69,8 @@ def assembly_points(cells: int) -> list[Point]:
     error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
     return [
         Point(
-            "solver", "shaken octant", "nodal forces", error, EACH_OTHER, "mesh", f"{body.elements.n:,} bricks",
+            "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER, "mesh",
+            f"{body.elements.n:,} bricks",
             body.bilayer.edge, body.elements.n, *timed(work)[1], method=method,
         )
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))

@@ -17,6 +17,7 @@ SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far fin
 PORTION = "octant"
 SUBJECT = f"{SCENE}, {PORTION}"
 STANDARD = LEVELS["standard"]
+FIXED = "mesh, 3 elements"   # an axis of the mesh along which elements through the cortex stay three
 PACED = "mesh and pace"     # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
 
 
@@ -101,15 +102,16 @@ def axes() -> dict[str, list[Setting]]:
     """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
     return {
         "mesh": [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES],
+        FIXED: [Setting(FIXED, f"h = {e:.2f} T, 3 elements through the cortex", e, edge=e, layers=3) for e in EDGES],
         PACED: [
             Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES
         ],
         "layers": [
             Setting("layers", f"{n} element{'s' * (n > 1)} through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)
         ],
-        "layers, other meshes": [
-            Setting("layers, other meshes", f"h = {e:.2f} T, {n} elements through the cortex", e, edge=e, layers=n)
-            for e, n in ((0.8, 3), (0.6, 3), (0.27, 2))
+        "layers, fine": [
+            Setting("layers, fine", f"h = 0.27 T, {n} elements through the cortex", n, edge=0.27, layers=n)
+            for n in (2, 3)
         ],
         "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
         "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 
 STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
 MESH = "finest mesh"
-WITH_A_LIMIT = ("layers", "kappa", "pace", "contact")   # axes along which the last setting is the most accurate
+#: axes along which the last setting is the most accurate
+WITH_A_LIMIT = ("layers", "kappa", "pace", "contact", "precision")
 NUMBERS = ("gyrification index", "wavelength", "strain energy")
 
 

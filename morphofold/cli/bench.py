@@ -32,9 +32,10 @@ again, and interrupted ones go on. Writes folds.tsv, convergence.tsv, spread.tsv
 """
 ACCURACY = """
 Solver: radius, stress and onset against theory, folds against the finest mesh, over mesh size, elements through the
-cortex, kappa/mu, pace, stiffness of contact and kind of element. Measuring room: shapes with known answers, a real
-hemisphere against its own refinement, and the peers that are installed (extra bench). Takes about an hour on two cores
-with nothing else to do; cases that were done on the same machine are used again, so an interrupted study goes on.
+cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision. Measuring room:
+shapes with known answers, a real hemisphere against its own refinement, and the peers that are installed (extra bench).
+Takes about an hour on two cores with nothing else to do; cases that were done on the same machine are used again, so an
+interrupted study goes on.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 

@@ -136,7 +136,7 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
         len(scene.stages), seconds,
         seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
         seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
-        phases, memory_GiB(sizes, bricks=found.layers is not None, volume=scene.output.volume), found.threads,
+        phases, _memory(scene, sizes, found), found.threads,
         expected_errors(sizes.edge / T), _how(scene, found, itself), tuple(_doubts(scene, sizes, found)),
     )  # fmt: skip
 
@@ -146,6 +146,11 @@ def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
     mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
     ratio = mine / timed
     return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
+
+
+def _memory(scene: Scene, sizes: Sizes, found: Calibration) -> float:
+    single = scene.accuracy.precision == "single"
+    return memory_GiB(sizes, bricks=found.layers is not None, single=single, volume=scene.output.volume)
 
 
 def _steps_across(scene: Scene, edge: float) -> float:

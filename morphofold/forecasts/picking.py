@@ -130,9 +130,8 @@ def _edges(scene: Scene, asked: str) -> list[float]:
 
 
 def _bricks(scene: Scene, edge: float) -> float:
-    """About as many bricks as the scene has with an edge [mm]: they go with the surface, or along a strip."""
-    power = 1 if scene.geometry.shape == "strip" else 2
-    return scene.bricks * (scene.edge / edge) ** power
+    """About as many bricks as the scene has with an edge [mm], too many for it or not."""
+    return scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"edge": edge})}).bricks
 
 
 def _with(scene: Scene, edge: float) -> Scene:

@@ -118,7 +118,7 @@ class Bricks:
                     mine[k - 1].reshape(-1, WIDTH)[:, mixed:] = core_s.reshape(-1, WIDTH)[:, mixed:]
 
     def make_single(self) -> None:
-        """Compute forces in 32 bits from now on: good to 1e-5 of the largest. Positions and sums stay in 64."""
+        """Compute forces in 32 bits from now on: ``point`` and ``modulus`` become that; positions, sums stay in 64."""
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
 
     def compute_forces(self, x: Array) -> None:

@@ -210,19 +210,22 @@ def _prefetch(typing_context, array, index):
 def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
     """Corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
 
-    ``near``: less the position of the block's first node, so that little is lost where ``xs`` is of 32 bits.
+    ``near``: less the position of the element's first corner, so that little is lost where ``xs`` is of 32 bits.
     ``ahead``, the data of the next block, is called into the cache meanwhile; ``at`` is scratch.
     """
-    o0, o1, o2 = (x[nodes[0], 0], x[nodes[0], 1], x[nodes[0], 2]) if near else (0.0, 0.0, 0.0)
     for s in range(len(nodes)):
         n = nodes[s]
-        at[s, 0], at[s, 1], at[s, 2] = scale * (x[n, 0] - o0), scale * (x[n, 1] - o1), scale * (x[n, 2] - o2)
+        at[s, 0], at[s, 1], at[s, 2] = scale * x[n, 0], scale * x[n, 1], scale * x[n, 2]
     for c in range(corners):
         for l in range(WIDTH):
             s = local[c * WIDTH + l]
             i = 3 * c * WIDTH + l
-            xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0], at[s, 1], at[s, 2]
-            _prefetch(ahead, 8 * (c * WIDTH + l))                       # a cache line holds 8 numbers
+            if near:
+                o = local[l]
+                xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0] - at[o, 0], at[s, 1] - at[o, 1], at[s, 2] - at[o, 2]
+            else:
+                xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0], at[s, 1], at[s, 2]
+            _prefetch(ahead, 8 * (c * WIDTH + l))                       # a cache line holds 8 numbers of 64 bits
 
 
 @njit(forceinline=True)
