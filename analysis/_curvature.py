@@ -128,9 +128,21 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     check_mesh(verts, faces)
     verts = np.ascontiguousarray(verts, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
-    edge = mean_edge_length(verts, faces)
     if scale is None:
-        scale = EDGES * edge
+        scale = EDGES * mean_edge_length(verts, faces)
+    check_scale(verts, faces, scale)
+    ring = adjacency(len(verts), faces)
+    normals = vertex_normals(verts, faces, "max")
+    lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction
+    if lost.any():
+        normals[lost] = unit(ring[lost] @ normals)
+    k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
+    return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
+
+
+def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
+    """Raise ``ValueError`` for a radius of neighbourhoods that does not fit the mesh, as ``curvature`` says."""
+    edge = mean_edge_length(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
     size = math.sqrt(face_areas(verts, faces).sum() / (4 * math.pi))
@@ -145,13 +157,6 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
             f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
             "Are scale and mesh in one unit of length?"
         )
-    ring = adjacency(len(verts), faces)
-    normals = vertex_normals(verts, faces, "max")
-    lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction
-    if lost.any():
-        normals[lost] = unit(ring[lost] @ normals)
-    k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
-    return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,13 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     return mask
 
 
+def check_surfaces(cortex: Cortex) -> None:
+    """Refuse two surfaces that can not be measured as one cortex: swapped or inside out if closed, or of two."""
+    if _mesh.is_closed(cortex.faces):
+        check_sides(cortex)
+    check_pair(cortex)
+
+
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out, or swapped."""
     faces = cortex.faces

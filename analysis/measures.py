@@ -127,9 +127,7 @@ def measure(
 
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    if closed:
-        checks.check_sides(cortex)
-    checks.check_pair(cortex)
+    checks.check_surfaces(cortex)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white
@@ -154,7 +152,7 @@ def measure(
     said |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     tell("curvature", 0.3)
-    scale, remark = _curvature_scale(cortex, curvature_scale, float(min(area_white.sum(), area_pial.sum())))
+    scale, remark = scale_of_curvature(cortex, curvature_scale)
     bent = curvature(pial.verts, faces, scale)
     maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
@@ -219,14 +217,25 @@ def _parameters(
     }
 
 
-def _curvature_scale(cortex: Cortex, wanted: float | None, area: float) -> tuple[float, str]:
-    """The scale of curvature [mm], and what to remark on it or the unit of length; empty if nothing."""
-    from morphofold.analysis import _mesh
+def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[float, str]:
+    """The scale of curvature [mm], and what to remark on it or the unit of length; empty if nothing.
 
-    edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
+    Raises
+    ------
+    ValueError
+        If it does not fit the mesh.
+    """
+    from morphofold.analysis import _mesh
+    from morphofold.analysis._curvature import check_scale
+
+    surfaces = (cortex.white, cortex.pial)
+    edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
+    area = min(float(_mesh.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
     size = float(np.sqrt(area / (4 * np.pi)))
     usual = CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0     # else only the mesh can say what is fine
     scale = max(usual, COARSE * edge) if wanted is None else float(wanted)
+    for surface in surfaces:
+        check_scale(surface.verts, cortex.faces, scale)
     say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
     if cortex.units != "mm":
         return scale, f"Lengths are in {cortex.units!r}, not mm, whatever the names of the measures say; {say}"

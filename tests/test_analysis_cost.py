@@ -41,7 +41,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
     assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 2500}, "standard", 1)
     assert cost["memory_GiB"] > 0.1
-    assert "hinges" in line
+    assert line.endswith("expected errors up to 44 % (hinges), by one person's hemisphere and its mesh")
     page = (here / "out" / "report.html").read_text(encoding="utf-8")
     said = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
     for word in (*STAGES, "by 1 thread", "GiB", "lh of 2,500 vertices", *cost["errors"], cost["how"]):
@@ -108,6 +108,26 @@ def test_expected_errors_are_those_of_the_person_with_about_as_many_vertices(acc
         assert f"{person['vertices']:,} vertices" in found.how
         assert accuracy in found.how
         assert bool(found.doubts) == (n in (50_000, 30_000))            # more than half as many again
+
+
+@pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
+def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it_is(accuracy):
+    ball, n = folded_ball(1000), table()["errors"]["measuring"][0]["vertices"]
+    for sizes, unlike in (((n, n), ""), ((n, 2 * n), f"{2 * n:,}"), ((2 * n, 3 * n), f"{2 * n:,} or {3 * n:,}")):
+        for order in (sizes, sizes[::-1]):
+            doubts = measured_errors([replace_count(ball, each) for each in order], accuracy).doubts
+            said = f"of a mesh of {n:,} vertices; how much they differ on one of {unlike} is not known."
+            assert len(doubts) == bool(unlike)
+            assert all(doubt.endswith(said) for doubt in doubts)
+
+
+def test_nothing_has_no_errors_and_no_cost():
+    with pytest.raises(ValueError, match="no cortex"):
+        measured_errors([], "standard")
+    with pytest.raises(ValueError, match="accuracy must be one of"):
+        measured_errors([folded_ball(1000)], "best")
+    with pytest.raises(ValueError, match="no measures"):
+        cost_of_analysis([], Stages())
 
 
 def test_errors_of_a_person_are_doubted_of_a_simulated_cortex():

@@ -1,19 +1,23 @@
 """Forecasts of analyses: what is counted is exact, times follow their laws; nothing here is a time that was taken."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from commands import refused
 
 from morphofold.analysis.copies import ACCURACIES, copied
+from morphofold.analysis.measures import scale_of_curvature
 from morphofold.analysis.speed import folded_ball
 from morphofold.cli import main
 from morphofold.forecasts import analysis as before
 from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
 from morphofold.forecasts.table import costs
-from morphofold.io import write_surface
+from morphofold.io import sample_path, write_surface
+from morphofold.surface import Surface
 
 MEASURING = [name for name in STAGES if name not in ("reading", WRITING, PAGE)]
 
@@ -82,6 +86,64 @@ def test_an_uneven_machine_widens_the_range_and_is_said(monkeypatch):
     assert busy.slowest > quiet.slowest > quiet.seconds == busy.seconds
     assert "other work to do" in busy.doubts[-1]
     assert not any("other work" in doubt for doubt in quiet.doubts)
+
+
+@pytest.mark.parametrize("accuracy", ACCURACIES)
+def test_a_vertex_that_no_face_uses_is_counted_as_the_copy_has_it(accuracy):
+    ball, more = folded_ball(1000), [[0.0, 0.0, 99.0]]
+    loose = {
+        name: Surface(np.vstack([getattr(ball, name).verts, more]), ball.faces, name=name) for name in ("white", "pial")
+    }
+    cortex, chosen = replace(ball, **loose, maps={}, cortex=None, regions=None), ACCURACIES[accuracy]
+    n = copied(cortex, chosen).cortex.n_vertices
+    assert before._copied(cortex, chosen) == n
+    assert (n == 1001) == (accuracy != "fine")
+
+
+def test_curvature_is_forecast_by_its_scale_against_the_usual_one(second):
+    ball = folded_ball(1000)
+    usual = scale_of_curvature(ball)[0]
+    found = [forecast_analysis([ball], curvature_scale=times * usual) for times in (1, 2)]
+    once, twice = (one.seconds_by_stage["curvature"] for one in found)
+    assert once == forecast_analysis([ball]).seconds_by_stage["curvature"]
+    assert twice / once == pytest.approx(2**before.WIDER)
+    assert found[1].seconds - found[0].seconds == pytest.approx(twice - once)
+
+
+def test_stages_that_the_page_draws_are_said_not_to_be_counted(second, here, capsys):
+    for stage in ("g1.80", "g1.90"):
+        shutil.copytree(sample_path("simulated"), here / "sim" / "stages" / stage)
+    argv = ["analyze", "sim", "--dry-run"]
+    assert main(argv) == 0
+    assert "draws 2 stages of the simulation, too" in capsys.readouterr().out
+    assert main([*argv, "--no-report"]) == 0
+    assert "stages of the simulation" not in capsys.readouterr().out
+
+
+def test_a_dry_run_refuses_what_the_run_would(here, capsys, monkeypatch):
+    monkeypatch.setattr(before, "_timed", lambda threads: pytest.fail("timed before it refused"))
+    ball = folded_ball(1000)
+    (here / "in").mkdir()
+    (here / "mine").mkdir()
+    (here / "mine" / "thesis.txt").write_text("mine")
+    for name in ("white", "pial"):
+        write_surface(here / "in" / f"lh.{name}", getattr(ball, name))
+    argv = ["analyze", "--white", "in/lh.white", "--pial", "in/lh.pial"]
+    bids = ["--layout", "bids"]
+    for changed, word in (
+        ([*argv, "-o", "in"], "name another -o"),
+        ([*argv, "-o", "mine"], "did not write this folder"),
+        ([*argv, *bids], "Pass -o DATASET"),
+        ([*argv, *bids, "-o", "mine"], "is not a BIDS dataset"),
+        ([*argv, *bids, "-o", "out", "--name", "_"], "letters and digits"),
+        ([*argv, *bids, "-o", "out", "--wide"], "of the plain layout"),
+        ([*argv, "--curvature-scale", "0.001", "-o", "out"], "less than the mean edge"),
+        (["analyze", "--white", "in/lh.pial", "--pial", "in/lh.white", "-o", "out"], "swapped"),
+        (["analyze", "--white", "in/lh.white", "--pial", "in/lh.white", "-o", "out"], "are the same surface"),
+    ):
+        refused(capsys, [*changed, "-q"], word)
+        refused(capsys, [*changed, "--dry-run"], word)
+    assert sorted(path.name for path in here.iterdir()) == ["in", "mine"]
 
 
 def test_what_can_not_be_measured_can_not_be_forecast(here, capsys):

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
-    from morphofold.io import read_cortex
+    from morphofold.io import read_cortex, refuse_foreign
     from morphofold.io.cortices import side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
@@ -107,8 +107,6 @@ def run(args: argparse.Namespace) -> int:
         hemis = named if args.hemi else hemispheres(Path(args.input))
         cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
     clock.end()
-    if args.dry_run:
-        return _dry_run(cortices, clock.seconds[READING], args)
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
     out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
@@ -116,6 +114,9 @@ def run(args: argparse.Namespace) -> int:
     read |= {folder.parent for folder in read if folder.name == "surf"}
     refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
     refuse_place_of_inputs(out, (file for cortex in cortices for file in cortex.files))
+    refuse_foreign(out)
+    if args.dry_run:
+        return _dry_run(cortices, clock.seconds[READING], args)
     with progress(cortices[0].name, args.quiet) as tell:
         measures = []
         for i, cortex in enumerate(cortices):
@@ -125,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
         clock.begin(READING)
         asked = {"hemi": args.hemi, "name": args.name, **_scales(args)}
         report = not args.no_report
-        stages = _stages_of(Path(args.input)) if report and args.input is not None else []
+        stages = [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)] if report else []
         if bids:
             write_dataset(measures, args.out, called, parameters=asked, report=report, stages=stages, clock=clock)
         else:
@@ -159,8 +160,9 @@ def _dry_run(cortices: list[Cortex], reading: float, args: argparse.Namespace) -
     from morphofold.records import strict_json
 
     found = forecast_analysis(
-        cortices, accuracy=args.accuracy, report=not args.no_report, threads=args.threads, reading=reading
-    )
+        cortices, accuracy=args.accuracy, report=not args.no_report, threads=args.threads, reading=reading,
+        curvature_scale=args.curvature_scale, stages=len(_places_of_stages(args.input)),
+    )  # fmt: skip
     print(strict_json(found.as_dict()).rstrip() if args.json else table_of_analysis(found))
     return 0
 
@@ -243,12 +245,10 @@ def _measure(
     )  # fmt: skip
 
 
-def _stages_of(folder: Path) -> list[Cortex]:
-    """The surfaces of every stage of a simulation; none of anything else."""
-    from morphofold.io import read_cortex
-
-    places = sorted((folder / "stages").glob("g*"))
-    return [read_cortex(place, hemi="lh") for place in places if (place / "stage.json").is_file()]
+def _places_of_stages(folder: str | None) -> list[Path]:
+    """Folders of every stage of a simulation; none of anything else."""
+    places = [] if folder is None else sorted((Path(folder) / "stages").glob("g*"))
+    return [place for place in places if (place / "stage.json").is_file()]
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:

@@ -44,7 +44,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         help="then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both",
     )  # fmt: skip
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument("--json", action="store_true", help="print health.json, or the forecast of --dry-run")
+    parser.add_argument(
+        "--json", action="store_true",
+        help="print health.json, with what --estimate found; or the forecast of --dry-run",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:

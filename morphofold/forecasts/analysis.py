@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 REPEATS = 2             # of the measuring that is timed, after once for kernels to be fetched
 UNEVEN = 1.5            # slower over faster repeat, beyond which a machine is called busy
 ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
+WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 VOXELS = "local gyrification"                                          # and the one whose voxels they change
 GiB = 2**30
 
@@ -76,7 +77,7 @@ class AnalysisForecast:
 
 def forecast_analysis(
     cortices: Sequence[Cortex], *, accuracy: str = "standard", report: bool = True, threads: int | None = None,
-    reading: float = 0.0,
+    reading: float = 0.0, curvature_scale: float | None = None, stages: int = 0,
 ) -> AnalysisForecast:  # fmt: skip
     """Forecast of an analysis: its time on this machine, memory and errors. Takes a few seconds, writes nothing.
 
@@ -91,33 +92,45 @@ def forecast_analysis(
         Threads that the analysis will have; by default all cores.
     reading : float
         Seconds that reading the surfaces took.
+    curvature_scale : float, optional
+        As for :func:`morphofold.analysis.measure` [mm].
+    stages : int
+        How many of a simulation the page will draw; their time is not counted, which is said.
 
     Raises
     ------
     ValueError
-        If there is no cortex, no such accuracy, or the threads cannot be had.
+        If there is no cortex, no such accuracy, the threads cannot be had, or a cortex is one that can not be measured:
+        for all that the measuring itself would refuse but a surface without volume.
     """
+    from morphofold.analysis.checks import check_surfaces, cortex_mask
     from morphofold.analysis.copies import accuracy_of
 
     if not cortices:
         raise ValueError("there is no cortex to forecast the measuring of. Pass one at least.")
     chosen = accuracy_of(accuracy)
+    for cortex in cortices:
+        cortex_mask(cortex)
+        check_surfaces(cortex)
+    wider = [_wider(cortex, curvature_scale) for cortex in cortices]
     timed, uneven, threads = _timed(threads)
     sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]
-    each = [_measuring(n, on, chosen, timed) for n, on in sizes]
-    stages = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
+    each = [_measuring(n, on, chosen, timed, times) for (n, on), times in zip(sizes, wider)]
+    taken = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
     for name, beside in costs()["analysis"]["starting"].items():
-        stages[name] += _slowness(timed) * beside
-    stages |= _writing([n for n, _ in sizes], report, timed)
-    seconds, spread = sum(stages.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
+        taken[name] += _slowness(timed) * beside
+    taken |= _writing([n for n, _ in sizes], report, timed)
+    seconds, spread = sum(taken.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
     expected = measured_errors(cortices, accuracy)
     doubts = list(expected.doubts)
+    if report and stages:
+        doubts.append(f"The page reads and draws {stages} stages of the simulation, too; that comes on top.")
     if uneven > UNEVEN:
         doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
     return AnalysisForecast(
         cortices[0].name, accuracy,
         tuple(Hemisphere(c.hemi, n, on, sum(one.values())) for c, (n, on), one in zip(cortices, sizes, each)),
-        seconds, seconds / (1 + spread), seconds * (1 + spread), stages,
+        seconds, seconds / (1 + spread), seconds * (1 + spread), taken,
         _memory_GiB(sizes, chosen, report), threads, expected.errors,
         {
             "time": f"measures of a made-up cortex of {costs()['analysis']['ball']:,} vertices timed here, scaled by "
@@ -161,14 +174,25 @@ def _copied(cortex: Cortex, chosen: Accuracy) -> int:
 
     from morphofold.analysis import _mesh
 
-    n = len(np.unique(cortex.faces))
-    if chosen.most and n > chosen.most:
+    used, n = len(np.unique(cortex.faces)), cortex.n_vertices
+    if chosen.most and used > chosen.most:
         return chosen.most
-    return n + len(_mesh.edges(cortex.faces)) if n < chosen.least else n
+    return n + len(_mesh.edges(cortex.faces)) if used < chosen.least else n
 
 
-def _measuring(n: int, on: int, chosen: Accuracy, timed: Mapping[str, float]) -> dict[str, float]:
-    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``."""
+def _wider(cortex: Cortex, wanted: float | None) -> float:
+    """How many times as long curvature takes at the scale wanted as at the usual one; refuses what does not fit."""
+    from morphofold.analysis.measures import scale_of_curvature
+
+    scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
+    return (scale / usual) ** WIDER
+
+
+def _measuring(
+    n: int, on: int, chosen: Accuracy, timed: Mapping[str, float], wider: float = 1.0
+) -> dict[str, float]:
+    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``; ``wider`` is what
+    the scale of curvature makes of the time it takes."""
     laws = costs()["analysis"]
     found = {}
     for name, seconds in timed.items():
@@ -178,6 +202,7 @@ def _measuring(n: int, on: int, chosen: Accuracy, timed: Mapping[str, float]) ->
             law = laws["stages"][name]
             size = on if name in ON_COPY else n
             found[name] = seconds * law["times"] * (size / laws["ball"]) ** law["power"]
+    found["curvature"] *= wider
     if on < n:
         found["cortical thickness"] += _slowness(timed) * laws["thin_per_vertex"] * n
     return found

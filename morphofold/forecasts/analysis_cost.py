@@ -70,11 +70,19 @@ class AnalysisCost:
 
 
 def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCost:
-    """Cost of an analysis from the clock that went along; ends what that is timing."""
+    """Cost of an analysis from the clock that went along; ends what that is timing.
+
+    Raises
+    ------
+    ValueError
+        If there are no measures.
+    """
     from numba import get_num_threads
 
     from morphofold.clock import peak_memory
 
+    if not measures:
+        raise ValueError("there are no measures to tell the cost of. Pass those of one hemisphere at least.")
     clock.end()
     seconds = sum(clock.seconds.values())
     accuracy = str(measures[0].parameters["accuracy"])
@@ -87,11 +95,11 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
 
 
 def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
-    """A line on what took the time, and on the expected errors."""
+    """A line on what took the time, and on the worst of the expected errors: the least one may be so by chance."""
     largest = sorted(cost.stages.items(), key=lambda item: -item[1][0])[:most]
     taken = ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)
-    least, worst = (f(cost.errors, key=lambda name: cost.errors[name].error) for f in (min, max))
+    worst = max(cost.errors, key=lambda name: cost.errors[name].error)
     return (
-        f"time: {span(cost.seconds)}, {taken}; expected errors {percent(cost.errors[least].error)} ({least}) to "
-        f"{percent(cost.errors[worst].error)} ({worst}), by one person's hemisphere and its mesh"
+        f"time: {span(cost.seconds)}, {taken}; expected errors up to {percent(cost.errors[worst].error)} ({worst}), by "
+        "one person's hemisphere and its mesh"
     )

@@ -54,10 +54,23 @@ class MeasuredErrors:
 
 
 def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors:
-    """Expected errors of an accuracy: those of the hemisphere in the table that has about as many vertices."""
+    """Expected errors of an accuracy: those of the hemisphere in the table that has about as many vertices.
+
+    Of several cortices the one of fewest vertices chooses; every other one that is not like it is doubted.
+
+    Raises
+    ------
+    ValueError
+        If there is no cortex, or no such accuracy.
+    """
+    from morphofold.analysis.copies import accuracy_of
+
+    accuracy_of(accuracy)
     cortices = list(cortices)
-    n = min(cortex.n_vertices for cortex in cortices)
-    nearest = min(table()["errors"]["measuring"], key=lambda person: abs(math.log(person["vertices"] / n)))
+    sizes = sorted({cortex.n_vertices for cortex in cortices})
+    if not sizes:
+        raise ValueError("there is no cortex to expect errors of. Pass one at least.")
+    nearest = min(table()["errors"]["measuring"], key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
     vertices = nearest["vertices"]
     errors = {
         name: Measured(law[accuracy], AGAINST.get(law["against"], law["against"]))
@@ -66,14 +79,14 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     said = []
     if any(cortex.origin == "simulation" for cortex in cortices):
         said.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
-    if not 1 / ALIKE <= n / vertices <= ALIKE:
-        worse = "larger" if n < vertices else "smaller"
+    if unlike := [n for n in sizes if not 1 / ALIKE <= n / vertices <= ALIKE]:
         said.append(
-            f"The errors are those of a mesh of {vertices:,} vertices; of one of {n:,} they are {worse}, by how much "
-            "is not known."
+            f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
+            f"{' or '.join(f'{n:,}' for n in unlike)} is not known."
         )
     how = (
         f"what the mesh changes, not noise of the image: measured at {accuracy} on one person's hemisphere "
-        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md"
+        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each: one that is "
+        "small may be so by chance"
     )
     return MeasuredErrors(nearest["subject"], vertices, errors, how, tuple(said))

@@ -1,7 +1,7 @@
 """Files in and out: surfaces, per-vertex maps, regions and whole cortices."""
 
 from morphofold.io.cortices import read_cortex
-from morphofold.io.files import atomic_file, atomic_folder
+from morphofold.io.files import atomic_file, atomic_folder, refuse_foreign
 from morphofold.io.freesurfer import (
     flip_curvature_sign,
     read_annotation,
@@ -21,6 +21,7 @@ __all__ = [
     "read_label",
     "read_morph",
     "read_surface",
+    "refuse_foreign",
     "sample_path",
     "scanner_transform",
     "write_annotation",

@@ -127,7 +127,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     out = Path(os.path.abspath(out))
     if out.is_symlink():
         out = out.resolve()
-    _refuse_foreign(out)
+    refuse_foreign(out)
     made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
     temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
@@ -138,7 +138,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
             "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
             "Delete this file to keep the folder.\n", encoding="utf-8",
         )  # fmt: skip
-        _refuse_foreign(out)
+        refuse_foreign(out)
         _move_onto(temporary, out)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -162,7 +162,8 @@ def _move_onto(new: Path, out: Path) -> None:
     shutil.rmtree(old)
 
 
-def _refuse_foreign(out: Path) -> None:
+def refuse_foreign(out: Path) -> None:
+    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write."""
     if not out.exists():
         return
     if not out.is_dir():
