@@ -151,8 +151,8 @@ def estimate_error(
     Notes
     -----
     An error that goes with the power p of the edge is ``|Q - Q_twin| / (r^p - 1)`` for a twin with edges r times as
-    long. p is that of the study; docs/accuracy.md says how far such estimates are from
-    true errors, and why wavelength and strain energy have none.
+    long. p is that of the study, of three elements through the cortex throughout; docs/accuracy.md says how far such
+    estimates are from true errors, and why wavelength and strain energy have none.
     """
     from morphofold.sim.dynamics import UnstableError
     from morphofold.sim.folder_check import sweep
@@ -199,7 +199,7 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
     ratio, laws = twin.edge / mine.edge, table()["errors"]
     errors = {}
     for name, change in changes.items():
-        power = laws["quantities"][name]["power"]
+        power = laws["quantities"][name]["power_of_three_elements"]     # the twin has as many as the run
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
     doubts = [f"The {name} isn't healthy: {warning}" for name, grown in (("run", mine), ("coarser twin", twin))
               for warning in grown.warnings]  # fmt: skip
@@ -213,7 +213,7 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
     return Estimate(
         scene.growth.final, mine.edge / T, ratio, errors,
         f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {laws['subject']}", tuple(doubts),
+        f"of {laws['subject']}, three elements through the cortex", tuple(doubts),
     )  # fmt: skip
 
 
