@@ -28,7 +28,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", metavar="DIR", default="reproduce",
         help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
     )  # fmt: skip
-    parser.add_argument("--draft", action="store_true", help="simulate coarsely, about four times faster")
+    parser.add_argument("--draft", action="store_true", help="simulate coarsely, in about a third of the time")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument("--json", action="store_true", help="print summary.json")
 

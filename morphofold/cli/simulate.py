@@ -4,7 +4,6 @@ health.json too, and ends with exit code 0: what it wrote is there to be looked 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -58,33 +57,45 @@ def run(args: argparse.Namespace) -> int:
 
     _refuse_with_resume(args)
     scene = load_scene(args.scene, args.settings)
+    chosen = _picked(scene, args)
+    scene = chosen.scene if chosen else scene
     if args.estimate:
         from morphofold.forecasts.twin import coarser
 
         coarser(scene)                                                  # or refuses, before anything is grown
-    chosen = _picked(scene, args)
     if args.dry_run:
         return _dry_run(scene, chosen, args)
-    scene = chosen.scene if chosen else scene
     from morphofold.simulation import simulate
 
     args.on_interrupt = " Run it again with --resume to go on."
     with progress(scene.name, args.quiet) as tell:
         simulation = simulate(scene, args.out, resume=args.resume, threads=args.threads, progress=tell)
-    health = simulation.health
-    found = _estimate(simulation, args) if args.estimate else None
     if args.json:
-        print(json.dumps(health if found is None else {**health, "estimate": found.as_dict()}, indent=1))
+        _print_json(simulation, args)
         return 0
+    health = simulation.health
     last = health["stages"][-1]
     stages = f"{len(health['stages'])} stages to g = {last['growth']:.2f}"
     print(f"{simulation.path}: {stages}, {_what_was_done(scene, health)}")
     for warning in health["warnings"]:
         print(f"warning: {warning}")
-    print(_what_it_cost(scene, health))
-    if found is not None:
-        print(found.words)
+    print(_what_it_cost(scene, health), flush=True)
+    if args.estimate:
+        print(_estimate(simulation, args).words)
     return 0
+
+
+def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
+    """A finished run is told whatever comes of its estimate, which is null if it fails."""
+    from morphofold.records import strict_json
+
+    content = dict(simulation.health)
+    try:
+        if args.estimate:
+            content["estimate"] = None
+            content["estimate"] = _estimate(simulation, args).as_dict()
+    finally:
+        print(strict_json(content).rstrip())
 
 
 def _refuse_with_resume(args: argparse.Namespace) -> None:
@@ -129,10 +140,9 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
         found = chosen.forecast
     twin = None
     if args.estimate:
-        from morphofold.forecasts import forecast
-        from morphofold.forecasts.twin import coarser
+        from morphofold.forecasts.twin import twin_forecast
 
-        twin = forecast(coarser(chosen.scene if chosen else scene), args.threads)
+        twin = twin_forecast(scene, args.threads)
     if args.json:
         content = found.as_dict() if twin is None else {**found.as_dict(), "coarser": twin.as_dict()}
         print(strict_json(content).rstrip())

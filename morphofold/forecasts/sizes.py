@@ -45,6 +45,32 @@ def layers_of(bilayer: Bilayer) -> Layers:
     return Layers(length(X[:n] - white), length(white - X[-n:]))
 
 
+def edge_by_rule(scene: Scene) -> float:
+    """Largest surface edge [mm] of a body of bricks, no longer than the one that its scene asks for.
+
+    Raises
+    ------
+    ValueError
+        For a shape that isn't made of bricks.
+    """
+    from morphofold.sim.scene import Ellipsoid, Sphere
+
+    if isinstance(scene.geometry, Sphere | Ellipsoid):
+        return 0.5 * math.pi * max(scene.geometry.semi_axes) / scene.cells
+    return max(length / cells for length, cells in _rows(scene))
+
+
+def _rows(scene: Scene) -> list[tuple[float, int]]:
+    """Lengths of a patch or strip [mm], and the cells along each."""
+    from morphofold.sim.scene import Patch, Strip
+
+    geometry = scene.geometry
+    if not isinstance(geometry, Patch | Strip):
+        raise ValueError(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
+    lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
+    return [(length, max(1, math.ceil(length / scene.edge - 1e-9))) for length in lengths]
+
+
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     """Sizes of a body of bricks: quads of its surface, times its layers.
 
@@ -54,21 +80,18 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
         For a shape that isn't made of bricks.
     """
     from morphofold.sim.meshes.bilayer import PLANES, core_shares
-    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
+    from morphofold.sim.scene import Ellipsoid, Sphere
 
-    geometry, through = scene.geometry, scene.elements_through_cortex
+    geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
     if isinstance(geometry, Sphere | Ellipsoid):
         n, cuts = scene.cells, len(PLANES[geometry.portion])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
         surface = quads + (rim // 2 + 1 if cuts else 2)                 # Euler: a disc of quads, or a closed surface
-        whole, edge = 6 * n * n + 2, 0.5 * math.pi * max(geometry.semi_axes) / n
-    elif isinstance(geometry, Patch | Strip):
-        lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
-        cells = [max(1, math.ceil(length / scene.edge - 1e-9)) for length in lengths]
-        quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
-        whole, edge = surface, max(length / c for length, c in zip(lengths, cells))
+        whole = 6 * n * n + 2
     else:
-        raise ValueError(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
+        cells = [c for _, c in _rows(scene)]
+        quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
+        whole = surface
     deep = through + len(core_shares(layers.thickness / through, layers.depth, edge)) - 1
     return Sizes(quads * deep, surface * (deep + 1), whole, edge)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,6 +15,7 @@ from morphofold.records import input_records, strict_json
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
+    from morphofold.forecasts.forecasting import Forecast
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -85,8 +86,9 @@ def coarser(scene: Scene) -> Scene:
     Raises
     ------
     ValueError
-        If it has no edge to be made longer, or doesn't grow.
+        If it has no edge to be made longer, doesn't grow, or is so small that the edges come out hardly longer.
     """
+    from morphofold.forecasts.sizes import edge_by_rule
     from morphofold.sim.scene_file import load_scene
 
     if scene.geometry.shape in ("mesh", "radial"):
@@ -97,10 +99,26 @@ def coarser(scene: Scene) -> Scene:
         )
     if scene.growth.final == 1:
         raise ValueError(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
-    return load_scene(scene, [
+    twin = load_scene(scene, [
         f"accuracy.edge={LONGER * scene.edge!r}", f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
         "output.volume=false",
     ])  # fmt: skip
+    edge, longer = edge_by_rule(scene), edge_by_rule(twin)
+    if longer < LEAST * edge:
+        raise ValueError(
+            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its twin no more than {longer:.3g}: so "
+            "small a body has no coarser one. Take a shorter accuracy.edge."
+        )
+    return twin
+
+
+def twin_forecast(scene: Scene, threads: int | None = None) -> Forecast:
+    """What the twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
+    from morphofold.forecasts.forecasting import forecast
+
+    found = forecast(coarser(scene), threads)
+    how = {what: words for what, words in found.how.items() if what != "errors"}
+    return replace(found, errors={}, how=how, doubts=())
 
 
 def estimate_error(
@@ -124,35 +142,34 @@ def estimate_error(
     Raises
     ------
     ValueError
-        If the scene has no edge to be made longer, or is so small that its twin's are hardly longer; or if the run
-        doesn't say how long its edges are.
+        As :func:`coarser`; or if the run doesn't say how long its edges are.
+    FileExistsError
+        If another process writes into the run's folder.
     UnstableError
         If the twin leaves its bounds; the run is none the worse.
 
     Notes
     -----
     An error that goes with the power p of the edge is ``|Q - Q_twin| / (r^p - 1)`` for a twin with edges r times as
-    long. p is that of the study; docs/accuracy.md says how far such estimates are from true errors, and why wavelength
-    and strain energy have none.
+    long. p is that of the study, of three elements through the cortex throughout; docs/accuracy.md says how far such
+    estimates are from true errors, and why wavelength and strain energy have none.
     """
     from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.geometry import build_bilayer
+    from morphofold.sim.folder_check import sweep
+    from morphofold.sim.folder_lock import alone
     from morphofold.sim.run import simulate
 
-    mine, other = _grown(run), coarser(run.scene)
-    longer = build_bilayer(other).edge
-    if longer < LEAST * mine.edge:
-        raise ValueError(
-            f"--estimate: the edges of {run.scene.name} are {mine.edge:.3g} mm, those of its twin no more than "
-            f"{longer:.3g}: so small a body has no coarser one. Take a shorter accuracy.edge."
-        )
+    other = coarser(run.scene)
+    mine = _grown(run)
     try:
         twin = simulate(other, run.path / FOLDER, resume=True, threads=threads, progress=progress)
     except UnstableError as error:
         raise UnstableError(f"{run.path / FOLDER}: {error} The run beside it is whole.", error.sound) from error
     found = between(run.scene, mine, _grown(twin))
-    with atomic_file(run.path / FILE) as temporary:
-        temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), encoding="utf-8")
+    with alone(run.path):
+        sweep(run.path)                                                 # a run that is finished doesn't any more
+        with atomic_file(run.path / FILE) as temporary:
+            temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), "utf-8")
     return found
 
 
@@ -182,9 +199,10 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
     ratio, laws = twin.edge / mine.edge, table()["errors"]
     errors = {}
     for name, change in changes.items():
-        power = laws["quantities"][name]["power"]
+        power = laws["quantities"][name]["power_of_three_elements"]     # the twin has as many as the run
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
-    doubts = [f"The coarser twin isn't healthy: {warning}" for warning in twin.warnings]
+    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in (("run", mine), ("coarser twin", twin))
+              for warning in grown.warnings]  # fmt: skip
     if apart > ALIKE:
         told = ", ".join(f"{name} {percent(change)}" for name, change in changes.items())
         doubts.append(
@@ -195,7 +213,7 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
     return Estimate(
         scene.growth.final, mine.edge / T, ratio, errors,
         f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {laws['subject']}", tuple(doubts),
+        f"of {laws['subject']}, three elements through the cortex", tuple(doubts),
     )  # fmt: skip
 
 

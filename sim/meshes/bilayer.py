@@ -198,7 +198,7 @@ def bilayer_ellipsoid(
     n : even int
         Surface cells along a quarter of a great circle (an edge of the cube).
     cortex_layers : int
-        Brick layers through the cortex; fewer than 3 fold with other wavelengths.
+        Brick layers through the cortex; scenes take two where edges are longer than T/2, else three, unless they say.
 
     Raises
     ------
