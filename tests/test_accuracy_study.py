@@ -264,7 +264,7 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     assert told["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
     assert "provisional" not in told["errors"]
     assert "of last year" not in readme.read_text()
-    assert "gyrification index, folded 6.3" in readme.read_text()
+    assert "gyrification index at g = 2: 6.3" in readme.read_text()
     before = text
     write_page(study, page)
     assert page.read_text() == before                                   # the same study gives the same page

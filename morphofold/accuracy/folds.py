@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
 MESH = "finest mesh"
-#: axes along which the last setting is the most accurate
+#: axes along which the last setting is the most accurate; that of the others is the finest mesh
 WITH_A_LIMIT = ("layers", "kappa", "pace", "contact", "precision")
 NUMBERS = ("gyrification index", "wavelength", "strain energy")
 
@@ -94,14 +94,16 @@ def _folds(arrays: Any, g: float) -> Folds:
 def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[Setting, Setting, str]]:
     """What is held against what: a setting, the more accurate one, and the words for the latter.
 
-    All settings are held against the finest mesh (``MESH``), and those of an axis with a limit against the last of it.
-    Those of an axis are in order, the most accurate last.
+    Settings of an axis with a limit are held against the last of it, as they are in order, the most accurate last; all
+    others against the finest mesh (``MESH``). Against that one, a coarse mesh of another pace, say, has two errors,
+    which may cancel.
     """
     last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
     found = []
     for s in settings:
-        found.append((s, finest, MESH))
-        if s.axis in last and s.name != last[s.axis].name:
+        if s.axis not in last:
+            found.append((s, finest, MESH))
+        elif s.name != last[s.axis].name:
             found.append((s, last[s.axis], last[s.axis].words))
     return found
 

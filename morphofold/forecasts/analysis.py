@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from morphofold.analysis.copies import Accuracy
     from morphofold.surface import Cortex
 
-REPEATS = 2             # of the measuring that is timed, after once for kernels to be fetched
+REPEATS = 3             # of the measuring that is timed, after once for kernels to be fetched
 UNEVEN = 1.5            # slower over faster repeat, beyond which a machine is called busy
 ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
-WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 VOXELS = "local gyrification"                                          # and the one whose voxels they change
+WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 GiB = 2**30
 
 

@@ -15,8 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.accuracy.folds import MESH
-from morphofold.accuracy.solver import THEORY
+from morphofold.accuracy.points import EACH_OTHER, OURS
 from morphofold.accuracy.study import HALVES
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
@@ -30,7 +29,6 @@ WORDS = (
 )  # fmt: skip
 CURE = "Name the folder that `morphofold bench accuracy -o FOLDER` wrote."
 PRESETS = ("draft", "standard", "fine")
-OURS = "morphofold"
 
 
 def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
@@ -211,7 +209,7 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     """How often each setting of ours is on a front."""
     counted: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
-        if row["method"] == OURS and row["half"] == "solver" and row["against"] in (THEORY, MESH):
+        if row["method"] == OURS and row["half"] == "solver" and row["against"] != EACH_OTHER:
             counted.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
     rows = [
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
@@ -237,7 +235,7 @@ def _for_readme(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     rows = [row for row in tables["laws"] if row["method"] == OURS and row["half_the_error"] is not None]
     factors = {(row["quantity"], row["axis"]): row["half_the_error"] for row in reversed(rows)}     # of the first shape
     names = {**HEADLINES, ("mean curvature", "mesh"): "mean curvature of a mesh"}
-    words = [f"{name} {factors[key]:.2g}" for key, name in names.items() if key in factors]
+    words = [f"{name}: {factors[key]:.2g}" for key, name in names.items() if key in factors]
     return [
         "![Error against time of solver and measuring room, and of peers](docs/accuracy-overview.png)",
         f"How many times longer for half the error? {'; '.join(words)}. More: [docs/accuracy.md](docs/accuracy.md).",

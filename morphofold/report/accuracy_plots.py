@@ -70,8 +70,13 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
     for p in group:
         style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
         ax.plot([p.seconds], [p.error], **style)
-    for p in {p.preset: p for p in group if p.preset and p.method == OURS}.values():
-        ax.annotate(p.preset, (p.seconds, p.error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    presets: dict[float, dict[str, Point]] = {}                 # by error: standard and fine can be the same
+    for p in group:
+        if p.preset and p.method == OURS:
+            presets.setdefault(p.error, {}).setdefault(p.preset, p)
+    for error, named in presets.items():
+        at = min(p.seconds for p in named.values())
+        ax.annotate(", ".join(named), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
     _logarithmic(ax)
 
 
@@ -98,8 +103,8 @@ CURVATURE = "mean curvature"
 #: what the overview shows of the solver, and how it calls it
 HEADLINES = {
     ("onset", PACED): "onset of folding, mesh and pace",
-    ("gyrification index, g = 2", "mesh"): "gyrification index, folded",
-    ("pial distance, g = 1.5", "mesh"): "pial surface, folded (over T)",
+    ("gyrification index, g = 2", "mesh"): "gyrification index at g = 2",
+    ("pial distance, g = 1.5", "mesh"): "pial surface at g = 1.5 (over T)",
 }  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from morphofold.accuracy.tables import (
 )
 from morphofold.analysis.copies import ACCURACIES
 from morphofold.records import strict_json
-from morphofold.report.accuracy_plots import front_figure, overview
+from morphofold.report.accuracy_plots import HEADLINES, front_figure, overview
 from morphofold.report.line_plots import save
 from morphofold.tables import write_table
 
@@ -67,7 +67,7 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
     shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
     person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
     for name, mine, by in (
-        ("solver", [p for p in drawn if p.half == "solver" and p.against in (THEORY, MESH)], "axis"),
+        ("solver", [p for p in drawn if p.half == "solver" and _in_picture(p)], "axis"),
         ("shapes", shapes, "method"), ("person", person, "axis"),
     ):  # fmt: skip
         figure = front_figure(mine, by)
@@ -88,6 +88,11 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
     }
     (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
     return summary
+
+
+def _in_picture(p: Point) -> bool:
+    """Of the axes with a limit of their own only what the overview shows, too."""
+    return p.against in (THEORY, MESH) or (p.quantity, "mesh") in HEADLINES
 
 
 def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
