@@ -42,7 +42,7 @@ class Accuracy:
     voxels: float
 
 
-#: points on the fronts of error against time that ``morphofold bench accuracy`` draws
+#: docs/accuracy.md has their errors and times, and where they are on the fronts of both
 ACCURACIES = {"draft": Accuracy(50_000, 0, 6.0), "standard": Accuracy(0, 0, 12.0), "fine": Accuracy(0, 40_000, 20.0)}
 
 

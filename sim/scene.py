@@ -13,7 +13,7 @@ Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 
 #: accuracy level: surface edge over cortex thickness, by error and time as docs/accuracy.md measures them
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
-COARSE = 0.5            # edge over thickness beyond which a third element through the cortex is not worth its time
+COARSE = 0.5            # edge over thickness beyond which the time of a third element through the cortex goes elsewhere
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory

@@ -33,6 +33,12 @@ def test_what_is_a_little_faster_or_truer_dominates_nothing():
     assert better_than([one, point(0.9, 0.09)])[0] is not None
 
 
+def test_what_takes_half_the_time_for_a_hair_less_accuracy_dominates():
+    dear = point(2, 0.1)
+    assert better_than([dear, point(1, 0.101)])[0] is not None
+    assert better_than([dear, point(1, 0.11)])[0] is None
+
+
 def test_equal_points_are_both_on_the_front():
     assert better_than([point(1, 0.1), point(1, 0.1)]) == [None, None]
 

@@ -114,6 +114,13 @@ def sphere(radius, level=4):
     return Surface(*icosphere(level, radius), name="pial")
 
 
+def test_the_edge_that_is_built_is_that_of_the_mesh():
+    setting = Setting("mesh", "h = 1.00 T", 1.0, edge=1.0)
+    assert setting.built == pytest.approx(setting.bilayer().edge / 3.0, rel=1e-12)           # T = 3
+    assert setting.built == pytest.approx(0.935, abs=5e-4)                                   # 28 cells on 78.5 mm
+    assert [s.value for s in axes()["mesh"]] == [s.built for s in axes()["mesh"]]
+
+
 def test_two_spheres_are_as_far_apart_as_their_radii():
     assert distance(sphere(10.0), sphere(10.5)) == pytest.approx(0.5, rel=0.01)
     assert distance(sphere(10.0), sphere(10.0)) < 1e-6                  # VTK counts in single precision

@@ -94,8 +94,10 @@ def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
     with pytest.raises(ValueError, match=r"--budget 1\.0 s: fig6-thick may take \d.* with the coarsest edge"):
         pick(scene, budget=1, threads=1)
-    with pytest.raises(ValueError, match=r"--error 0\.001 %: the finest edge to choose from \(0\.2\d T\)"):
-        pick(scene, error=1e-5, threads=1)
+    with pytest.raises(ValueError, match=r"--error 1 %: the finest edge to choose from \(0\.2\d T\)") as refusal:
+        pick(scene, error=0.01, threads=1)
+    least = re.search(r"error of about ([\d.]+) %", str(refusal.value))[1]
+    assert pick(scene, error=float(least) / 100, threads=1).forecast.edge_over_T < 0.3
     with pytest.raises(ValueError, match="neither a budget nor an error"):
         pick(scene)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
@@ -30,9 +33,9 @@ class Setting:
     axis, words : str
         What is varied, and to what.
     value : float
-        Where it lies on the axis.
+        Where it lies on the axis; along those of the mesh :attr:`built`.
     edge : float
-        Largest edge of the ungrown surface over the thickness of the cortex.
+        Largest edge of the ungrown surface over the thickness of the cortex that is asked for.
     layers : int, optional
         Elements through the cortex; None: as many as go with the edge.
     kappa_ratio, rate : float
@@ -68,6 +71,13 @@ class Setting:
         return f"{name}-{self.precision}"
 
     @property
+    def built(self) -> float:
+        """Largest edge over thickness that the mesh has: cells along a quarter circle are whole and even."""
+        scene = self.scene()
+        sphere: Any = scene.geometry
+        return float(0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness)
+
+    @property
     def preset(self) -> str:
         """The level of accuracy that this is, if it is one."""
         named = {edge: level for level, edge in LEVELS.items()}
@@ -100,7 +110,7 @@ class Setting:
 
 def axes() -> dict[str, list[Setting]]:
     """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
-    return {
+    found = {
         "mesh": [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES],
         FIXED: [Setting(FIXED, f"h = {e:.2f} T, 3 elements through the cortex", e, edge=e, layers=3) for e in EDGES],
         PACED: [
@@ -124,8 +134,12 @@ def axes() -> dict[str, list[Setting]]:
             for name, digits in (("single", 24), ("double", 53))
         ],
     }
+    for axis in ON_EDGES:
+        found[axis] = [replace(s, value=s.built) for s in found[axis]]
+    return found
 
 
+ON_EDGES = ("mesh", FIXED, PACED, "element")
 EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.36, 0.27)
 #: what folds of all settings are held against
 FINEST = Setting("mesh", "finest: h = 0.18 T", 0.18, edge=0.18)

@@ -31,8 +31,8 @@ def grouped(points: Iterable[Point]) -> dict[Key, list[Point]]:
 
 
 def better_than(points: Sequence[Point]) -> list[Point | None]:
-    """For each point the one that dominates it: no slower, no less accurate, and better in one of them by more than
-    times wander (``FASTER``) or errors scatter (``TRUER``); None if none.
+    """For each point the one that dominates it, None if none: faster by more than times wander (``FASTER``) and no less
+    accurate than errors scatter (``TRUER``), or more accurate by more than that and no slower.
 
     Those that have None are the Pareto front. Of several the most accurate is named, of these the fastest.
     """
@@ -40,8 +40,8 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
     for p in points:
         better = [
             q for q in points
-            if q.seconds <= p.seconds and q.error <= p.error
-            and (q.seconds < FASTER * p.seconds or q.error < TRUER * p.error)
+            if (q.seconds < FASTER * p.seconds and TRUER * q.error <= p.error)
+            or (q.seconds <= p.seconds and q.error < TRUER * p.error)
         ]  # fmt: skip
         found.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
     return found

@@ -110,8 +110,8 @@ NEVER = Timing(math.nan, math.nan, math.nan, 0)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
-    """What the work returns, and how long it takes: five times if it is quick, once if it is long. The first of several
-    is a warm-up that does not count."""
+    """What the work returns, and how long it takes: five times if it is quick, once if it is long, else three
+    times. The first of several is a warm-up that does not count."""
     gc.collect()
     start = working_seconds()
     result = work()

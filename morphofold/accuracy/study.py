@@ -9,7 +9,7 @@ import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from morphofold.records import strict_json
 
 HALVES = ("measuring", "solver")
 SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
+PEERS = ("libigl", "pyvista", "trimesh", "lapy")    # packages, if they are installed
 READERS = ("study.py", "tables.py", "fronts.py")    # of this package: no case runs them
 COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
 Progress = Callable[[float, str], None]
@@ -34,19 +35,28 @@ def circumstances() -> dict[str, Any]:
         "morphofold": __version__, "code": _digest_of_code(), "processor": _processor(), "cores": os.cpu_count(),
         "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba", "scikit-fem")},
+        **{package: _version_if_installed(package) for package in PEERS},
     }  # fmt: skip
 
 
+def _version_if_installed(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
 def _digest_of_code() -> str:
-    """Of all modules that the cases run; those that only read points, after them, are left out."""
+    """Of the rooms that cases are run by, and of the ground floor; modules that only read points are left out."""
     import morphofold.accuracy
     import morphofold.analysis
+    import morphofold.io
     import morphofold.sim
 
     digest = hashlib.sha256()
-    for package in (morphofold.accuracy, morphofold.analysis, morphofold.sim):
+    for package in (morphofold, morphofold.accuracy, morphofold.analysis, morphofold.io, morphofold.sim):
         folder = Path(str(package.__file__)).parent
-        for file in sorted(folder.rglob("*.py")):
+        for file in sorted(folder.glob("*.py") if package is morphofold else folder.rglob("*.py")):
             if file.name not in READERS:
                 digest.update(f"{package.__name__}/{file.relative_to(folder).as_posix()}\n".encode())
                 digest.update(file.read_bytes())
@@ -118,6 +128,7 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     settings = [s for along in axes().values() for s in along]
     folding = [s for s in settings if s.axis != PACED]
     to_fold = {s.name for s in (*folding, FINEST)}
+    without_contact = {s.name for s in settings if s.axis != "contact"}     # contact begins with folds
     different = {s.name: s for s in (*settings, FINEST)}
     cost = {name: _cost(s) for name, s in different.items()}
     done, whole = 0.0, sum(cost.values())
@@ -125,14 +136,14 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
         share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)     # noqa: B023
-        share(0.0, f"{s.words}, smooth")
-        smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
-        if s != FINEST:
+        if name in without_contact:
+            share(0.0, f"{s.words}, smooth")
+            smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
             smooth[name] += kept.points(Case(f"onset-{name}", partial(onset_points, s)))
         if name in to_fold:
             folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
         done += cost[name]
-    for s in (*settings, FINEST):
+    for s in (s for s in settings if s.axis != "contact"):
         yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
     compared = pairs(folding)
     for k, (s, better, against) in enumerate(compared):

@@ -22,8 +22,9 @@ COLUMNS = {
     "value": "where the setting lies on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, factor, "
     "binary digits, or of a surface the mean edge or the scale [mm]",
     "seconds, fastest, slowest": "wall time without compiling: median over the repeats, and range",
-    "front": "1 if nothing in the picture is as fast and as accurate and better in one",
-    "dominated_by": "the most accurate setting of those that are as fast and as accurate and better in one",
+    "front": "1 if nothing that is held against the same takes less than 75 % of the time with an error at most 5 % "
+    "larger, or no more time with less than 95 % of the error",
+    "dominated_by": "the most accurate of those that do",
     "*_power": "of the edge (of a surface: of the root of its number of vertices, inverted), +- half the 95 % interval",
     "*_coefficient": "of the power law: error = coefficient * edge^power",
     "half_the_error": "how many times longer half the error takes, with its 95 % interval",
@@ -37,13 +38,18 @@ def rivals(points: Iterable[Point]) -> list[Point]:
     return [p for p in points if p.repeats and (p.half == "measuring" or p.method == OURS)]
 
 
+def ranked(points: Iterable[Point]) -> list[tuple[Point, Point | None]]:
+    """Every point that has an error, and which one dominates it of those that it can be compared with."""
+    groups = grouped(rivals(points)).values()
+    return [pair for group in groups for pair in zip(group, better_than(group), strict=True)]
+
+
 def point_rows(points: Sequence[Point]) -> list[Row]:
-    """Every point that has an error, and whether it is on the front of those that it can be compared with."""
+    """Every point that has an error, and whether it is on a front."""
     rows = []
-    for group in grouped(rivals(points)).values():
-        for p, better in zip(group, better_than(group), strict=True):
-            other = "" if better is None else f"{better.method}: {better.setting}"
-            rows.append({**p.as_row(), "front": better is None, "dominated_by": other or None})
+    for p, better in ranked(points):
+        other = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
+        rows.append({**p.as_row(), "front": better is None, "dominated_by": other})
     return rows
 
 
@@ -64,7 +70,7 @@ def edge_of(p: Point) -> float:
 def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
     """Laws of time and of error with the edge; none of the error where it is round-off."""
     x = [edge_of(p) for p in group]
-    beyond = FINEST.edge if group[0].against == MESH else 0.0
+    beyond = FINEST.built if group[0].against == MESH else 0.0
     seconds = law(x, [p.seconds for p in group])
     if any(p.error < 1e-12 for p in group) or any(at <= beyond for at in x):
         return seconds, None
@@ -111,17 +117,17 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def preset_rows(points: Sequence[Point]) -> list[Row]:
-    """Measured errors and time of the presets, and the error that the law along the mesh expects of them."""
+    """Measured errors and time of the presets, if on a front, and the error that the law along the mesh expects."""
     meshes = along_meshes(points)
     rows = []
-    for p in points:
+    for p, better in ranked(points):
         key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
         if p.preset and p.axis in PRESETS:
             error = laws_of(meshes[key])[1] if key in meshes else None
             rows.append({
                 "half": p.half, "preset": p.preset, "subject": p.subject, "quantity": p.quantity, "against": p.against,
                 "setting": p.setting, "size": p.size, "seconds": p.seconds, "error": p.error,
-                "error_by_law": error.at(edge_of(p)) if error else None,
+                "error_by_law": error.at(edge_of(p)) if error else None, "front": better is None,
             })  # fmt: skip
     return rows
 

@@ -31,9 +31,10 @@ both had without growing the finest mesh more than once. Runs lie in OUT/simulat
 again, and interrupted ones go on. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
 """
 ACCURACY = """
-Solver: radius, stress and onset against theory, folds against the finest mesh, over mesh size, elements through the
-cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision. Measuring room:
-shapes with known answers, a real hemisphere against its own refinement, and the peers that are installed (extra bench).
+Solver: radius, stress and onset against theory, folds against the finest mesh or setting, over mesh size, elements
+through the cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision.
+Measuring room: shapes with known answers, a real hemisphere against its own refinement, and the peers that are
+installed (extra bench).
 Takes about an hour on two cores with nothing else to do; cases that were done on the same machine are used again, so an
 interrupted study goes on.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.

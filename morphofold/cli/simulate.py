@@ -36,7 +36,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--error", metavar="SHARE",
         help="take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
-        "percentage such as 2%%, or a fraction such as 0.02",
+        "percentage such as 5%%, or a fraction such as 0.05",
     )  # fmt: skip
     parser.add_argument(
         "--estimate", action="store_true",

@@ -10,7 +10,7 @@ from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
 from morphofold.forecasts.table import costs, headline, studied
-from morphofold.forecasts.words import percent, span
+from morphofold.forecasts.words import percent, percent_above, span
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -63,7 +63,7 @@ def error_share(text: str) -> float:
     share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
     if not 0 < share < 1:
         raise ValueError(
-            f"--error {text}: is no relative error. Give a percentage such as 2%, or a fraction such as 0.02, "
+            f"--error {text}: is no relative error. Give a percentage such as 5%, or a fraction such as 0.05, "
             "more than 0 and less than 1."
         )
     return share
@@ -160,7 +160,8 @@ def _for_error(
         name, best = headline(edges[-1] / scene.thinnest)
         raise ValueError(
             f"--error {percent(error)}: the finest edge to choose from ({edges[-1] / scene.thinnest:.2f} T) leaves "
-            f"{scene.name} an error of about {percent(best.error)} ({name}). Ask for no less, or set accuracy.edge."
+            f"{scene.name} an error of about {percent_above(best.error)} ({name}). Ask for no less, or set "
+            "accuracy.edge."
         )
     chosen = _with(scene, good[0])
     cost = forecast_from(chosen, calibrate(chosen, costs(), threads))

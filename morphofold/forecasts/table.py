@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 #: the error of a run is the larger one of these: its numbers of folding that converge last
 HEADLINE = ("gyrification index", "wavelength")
+ROUNDED = 0.05          # share of an edge within which two of them are alike: cells are whole and even
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,13 @@ def doubts(scene: Scene, edge_over_T: float) -> list[str]:
     from morphofold.sim.scene import elements_through
 
     errors, (finest, coarsest) = table()["errors"], studied()
-    said = ["The table of errors is provisional."] if errors.get("provisional") else []
+    said = []
     if scene.geometry.shape not in ("sphere", "ellipsoid"):
         said.append(f"The errors are those of spheres ({errors['subject']}), not of a {scene.geometry.shape}.")
-    if not finest <= edge_over_T <= coarsest:
-        said.append(f"An edge of {edge_over_T:.2f} T is outside of the {finest:g} to {coarsest:g} T that were studied.")
+    if not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest:
+        said.append(
+            f"An edge of {edge_over_T:.2f} T is outside of the {finest:.2f} to {coarsest:.2f} T that were studied."
+        )
     layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers[0] != layers[1] and scene.geometry.shape != "mesh":
         said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,12 @@ def percent(share: float) -> str:
     """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
     value = 100 * share
     return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+
+
+def percent_above(share: float) -> str:
+    """A share with two digits, rounded up: what is asked for so is no less than it."""
+    step = 10.0 ** (math.floor(math.log10(share)) - 1)
+    return percent(math.ceil(share / step - 1e-9) * step)
 
 
 def setting_words(scene: Scene, edge: float) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.accuracy.points import EACH_OTHER, OURS
-from morphofold.accuracy.study import HALVES
+from morphofold.accuracy.study import HALVES, PEERS
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
 from morphofold.report.accuracy_plots import bounded
@@ -60,7 +60,7 @@ def text_answers(out: Path) -> list[str]:
     """What half the error costs, quantity by quantity, as lines of text."""
     _, tables = read_study(out)
     return [
-        f"{row['subject']}, {row['quantity']}: half the error takes {_factor(row)} times as long"
+        f"{row['subject']}, {row['quantity']}, {row['axis']}: half the error takes {_factor(row)} times as long"
         for row in tables["laws"] if row["half_the_error"] is not None and row["method"] == OURS
     ] or ["no law of the error was found"]  # fmt: skip
 
@@ -164,7 +164,8 @@ def _of_preset(row: Mapping[str, Any] | None) -> str:
     if row is None:
         return "–"
     law = f" (by law {_percent(row['error_by_law'])})" if row["error_by_law"] is not None else ""
-    return f"{_percent(row['error'])}{law} in {_seconds(row['seconds'])}"
+    error = f"**{_percent(row['error'])}**" if row["front"] else _percent(row["error"])
+    return f"{error}{law} in {_seconds(row['seconds'])}"
 
 
 def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
@@ -220,7 +221,8 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
 
 def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
     made = summary["made"]
-    versions = ", ".join(f"{name} {made[name]}" for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem"))
+    names = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEERS) if made.get(name)]
+    versions = ", ".join(f"{name} {made[name]}" for name in names)
     return [f"{made['processor']}, {made['threads']} threads of {made['cores']}; Python {made['python']}, {versions}."]
 
 

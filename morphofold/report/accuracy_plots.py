@@ -67,23 +67,27 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
     best = [p for p, better in zip(group, better_than(group)) if better is None]
     best.sort(key=lambda p: p.seconds)
     ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
-    for p in group:
+    for p in sorted(group, key=lambda p: p.axis == "mesh"):             # last, above what is the same run
         style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
         ax.plot([p.seconds], [p.error], **style)
     presets: dict[float, dict[str, Point]] = {}                 # by error: standard and fine can be the same
-    for p in group:
-        if p.preset and p.method == OURS:
+    named = [p for p in group if p.preset and p.method == OURS]
+    largest = max((p.size for p in named if p.half == "measuring"), default=0)
+    for p in named:
+        if p.half == "solver" or p.size == largest:
             presets.setdefault(p.error, {}).setdefault(p.preset, p)
-    for error, named in presets.items():
-        at = min(p.seconds for p in named.values())
-        ax.annotate(", ".join(named), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    for error, alike in presets.items():
+        at = min(p.seconds for p in alike.values())
+        ax.annotate(", ".join(alike), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
     _logarithmic(ax)
 
 
 def _told(group: Sequence[Point]) -> str:
     """What half the error costs us along meshes, in words."""
-    half = half_of([p for p in group if p.method == OURS])
-    return f"; half the error: {bounded(half.factor)} × the time" if half else ""
+    ours = [p for p in group if p.method == OURS]
+    half = half_of(ours)
+    along = PACED if any(p.axis == PACED for p in ours) else "mesh"
+    return f"; half the error along {along}: {bounded(half.factor)} × the time" if half else ""
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
@@ -150,9 +154,11 @@ def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any
     label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
     dots = {"marker": "o", "markersize": 4, "label": label}
     ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
+    below = words.startswith("onset")                          # its curve crosses another one
     for p in group:
         if p.preset:
-            ax.annotate(p.preset, (p.seconds, p.error), xytext=(4, 4), textcoords="offset points", fontsize=7.5)
+            at = (4, -11) if below else (4, 4)
+            ax.annotate(p.preset, (p.seconds, p.error), xytext=at, textcoords="offset points", fontsize=7.5)
 
 
 def _style(k: int) -> dict[str, Any]:
@@ -173,5 +179,5 @@ def _logarithmic(ax: Axes) -> None:
     for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), told, (ax.get_xlim(), ax.get_ylim())):
         axis.set_major_formatter(words)
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axis.set_minor_formatter(words if math.log10(high / low) < 1.6 else FuncFormatter(lambda *_: ""))
+        axis.set_minor_formatter(words if math.log10(high / low) < 2.3 else FuncFormatter(lambda *_: ""))
     ax.tick_params(which="both", labelsize=8.5)

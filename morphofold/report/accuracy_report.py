@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.accuracy.bodies import FINEST, FIXED, SUBJECT
+from morphofold.accuracy.bodies import FIXED, SUBJECT
 from morphofold.accuracy.folds import MESH, WITH_A_LIMIT
 from morphofold.accuracy.measuring_person import COARSE
 from morphofold.accuracy.points import FIELDS, Point
@@ -113,7 +113,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
         known = quantity in FORECAST and against in (THEORY, MESH)
         if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
-            error = laws_of([p for p in group if p.value > FINEST.edge])[1]
+            error = laws_of(group)[1]
             if error is not None:
                 quantities[FORECAST[quantity]] = {
                     "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
@@ -129,7 +129,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
 
 def _power_of_three(points: Sequence[Point], quantity: str) -> float | None:
     """Power of the edge in the error of folds where three elements through the cortex are kept; None if not studied."""
-    along = [p for p in points if (p.axis, p.quantity, p.against) == (FIXED, quantity, MESH) and p.value > FINEST.edge]
+    along = [p for p in points if (p.axis, p.quantity, p.against) == (FIXED, quantity, MESH)]
     error = laws_of(along)[1] if len({p.value for p in along}) > 2 else None
     return error.power if error else None
 
