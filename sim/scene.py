@@ -264,8 +264,8 @@ def elements_through(edge_over_T: float) -> int:
 
 
 class Accuracy(_Table):
-    """Preset, or the number of element layers through the cortex and the largest surface edge [mm]; and the precision
-    of the forces of bricks."""
+    """Preset, or the number of element layers through the cortex and the largest surface edge [mm], which overrules it
+    unless the preset is set later; and the precision of the forces of bricks."""
 
     level: Literal["draft", "standard", "fine"] = "standard"
     elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = None

@@ -25,7 +25,8 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     """A scene from a built-in name, a TOML file, or a ``Scene``, with ``table.key=value`` settings put over it.
 
     A file may begin with ``like``: a built-in scene, or a file by its path from the folder of this one, over which it
-    is put. Where a file or a setting changes ``growth.final`` and leaves ``output.stages``, stages beyond are dropped.
+    is put. Where a file or a setting changes ``growth.final`` and leaves ``output.stages``, stages beyond are dropped;
+    where it names an ``accuracy.level`` and leaves ``accuracy.edge``, the edge is dropped that would overrule it.
 
     Raises
     ------
@@ -120,11 +121,15 @@ def _tables(own: Source, base: Source | None, settings: Sequence[tuple[str, str]
         tables = _over(_parsed(base), above)
         if "final" in _table(above, "growth") and "stages" not in _table(above, "output"):
             _drop_late_stages(tables)
+        if "level" in _table(above, "accuracy") and "edge" not in _table(above, "accuracy"):
+            _table(tables, "accuracy").pop("edge", None)
     for key, setting in settings:
         _put(tables, key, setting)
     changed = {key for key, _ in settings}
     if changed & {"growth", "growth.final"} and not changed & {"output", "output.stages"}:
         _drop_late_stages(tables)
+    if "accuracy.level" in changed and not changed & {"accuracy", "accuracy.edge"}:
+        _table(tables, "accuracy").pop("edge", None)
     return tables
 
 

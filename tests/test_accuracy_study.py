@@ -210,11 +210,13 @@ def test_a_forecast_of_an_analysis_is_given_the_errors_of_the_persons_presets(po
     points = [
         *points, person("draft", "hinges", 0.03), person("standard", "hinges", 0.02), person("fine", "hinges", 0.01),
         person("standard", "mean curvature", 0.05, "S1, pial"), person("standard", "mean curvature", 0.9, "S1, white"),
+        person("standard", "crest length", 0.01), person("fine", "crest length", 0.02),        # by chance
         person("", "hinges", 0.8), person("standard", "hinges", 0.4, "S1 at 10,000 vertices", 10_001),
     ]  # fmt: skip
     whole, thinned = expected_errors(points)["measuring"]
     assert (whole["subject"], whole["vertices"], thinned["vertices"]) == ("S1", 150_000, 10_001)
     assert whole["quantities"] == {
+        "crest length": {"against": "split surface", "draft": 0.02, "standard": 0.02, "fine": 0.02},
         "hinges": {"against": "split surface", "draft": 0.03, "standard": 0.02, "fine": 0.01},
         "mean curvature": {"against": "split surface", "draft": 0.05, "standard": 0.05, "fine": 0.05},
     }

@@ -35,6 +35,14 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
 
 
+def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):
+    strip = ["simulate", "strip", "-q", "-o", "strip", "--set", "growth.final=1.002", "--set", "accuracy.edge=4"]
+    assert main(strip) == 0
+    capsys.readouterr()
+    assert main(["analyze", "strip", "--no-report", "-q"]) == 0
+    assert "GI n/a, cortical thickness 2.50 mm" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("option", ["--curvature-scale", "--gyral-width"])
 @pytest.mark.parametrize("length", ["-3", "0", "nan", "inf"])
 def test_a_length_that_is_none_is_refused_before_anything_is_read(here, capsys, option, length):

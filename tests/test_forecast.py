@@ -25,6 +25,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.geometry import build_bilayer, build_body
 from morphofold.sim.run import simulate
+from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.speed import cut_bricks
 from morphofold.sim.surfaces import whole_surfaces
@@ -167,6 +168,15 @@ def test_a_radial_scene_is_forecast_without_a_body():
     assert found.errors == {}
     assert found.headline is None
     assert "one dimension" in table_of(found)
+
+
+def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_growth_is():
+    for level in LEVELS:
+        scene = load_scene("fig6-thick", [f"accuracy.level={level}", "geometry.portion=octant"])
+        sphere = scene.geometry
+        assert stored.doubts(scene, 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness) == []
+    early = load_scene("fig6-thick", ["growth.final=1.1"])
+    assert any("at g = 2, not at 1.1" in said for said in stored.doubts(early, 0.45))
 
 
 def test_the_table_says_of_every_quantity_what_the_readers_ask():

@@ -116,6 +116,13 @@ def test_options_that_exclude_each_other_are_refused(here, capsys):
     assert list(here.iterdir()) == []
 
 
+def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.forecasts.picking.pick", lambda *asked, **more: pytest.fail("timed"))
+    (here / "busy").mkdir()
+    (here / "busy" / "notes.txt").write_text("mine")
+    refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")
+
+
 def test_the_run_records_the_edge_that_was_picked(here, capsys):
     argv = ["simulate", "fig6-thick", "--error", f"{headline(1.0)[1].error:.6f}", "-q", "-o", "run", "--threads", "1"]
     for setting in (*OCTANT, "growth.final=1.004"):
@@ -144,4 +151,4 @@ def test_what_is_picked_lies_where_errors_were_studied(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
     for budget in (5, 1e6):
         edge = pick(scene, budget=budget, threads=1).forecast.edge_over_T
-        assert finest * 0.999 <= edge <= coarsest * 1.001
+        assert 0.95 * finest <= edge <= coarsest * 1.001

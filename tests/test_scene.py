@@ -100,6 +100,15 @@ def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, message):
         load_scene(write(tmp_path, text))
 
 
+def test_a_level_that_is_set_overrules_the_edge_that_was_there(tmp_path):
+    demo, fine = load_scene("demo"), ["accuracy.level=fine"]
+    assert demo.accuracy.edge is not None
+    assert load_scene("demo", fine).edge == pytest.approx(LEVELS["fine"] * demo.geometry.cortex_thickness)
+    assert load_scene(write(tmp_path, 'like = "demo"\n[accuracy]\nlevel = "fine"\n')) == load_scene("demo", fine)
+    assert load_scene("demo", [*fine, "accuracy.edge=1.0"]).edge == 1.0
+    assert load_scene("demo", ["accuracy.precision=double"]).edge == demo.edge
+
+
 @pytest.mark.parametrize("setting", ["accuracy.level=draft", "accuracy.edge=1.0"])
 def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
     with pytest.raises(ValueError, match=r"accuracy makes no sense .* = 'mesh': the mesh is the file's; drop it"):

@@ -141,12 +141,16 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for m in measures:
         s = m.scalars
-        gyral = s["median_gyral_thickness_mm"]
-        print(
-            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {s['gyrification_index']:.2f}, "
-            f"cortical thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
-            f"{'n/a' if gyral is None else f'{gyral:.1f} mm'}"
-        )
+        told = {
+            name: "n/a" if s[key] is None else how.format(s[key])
+            for name, key, how in (
+                ("GI", "gyrification_index", "{:.2f}"),
+                ("cortical thickness", "mean_cortical_thickness_mm", "{:.2f} mm"),
+                ("gyral thickness", "median_gyral_thickness_mm", "{:.1f} mm"),
+            )
+        }
+        numbers = ", ".join(f"{name} {number}" for name, number in told.items())
+        print(f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, {numbers}")
         if "simulation" in m.notes:
             print(f"warning: {m.notes['simulation']}")
     print(analysis_cost_line(cost_of_analysis(measures, clock)))

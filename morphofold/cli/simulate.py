@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -53,10 +54,13 @@ def run(args: argparse.Namespace) -> int:
     if args.out == "":
         raise ValueError("-o: no folder is named; give one to write, such as -o mine.")
     from morphofold.cli.progress import progress
+    from morphofold.sim.folder import is_finished
     from morphofold.sim.scene_file import load_scene
 
     _refuse_with_resume(args)
     scene = load_scene(args.scene, args.settings)
+    if not args.dry_run:
+        is_finished(Path(args.out or scene.name), scene, args.resume)   # or refuses, before anything is timed
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:

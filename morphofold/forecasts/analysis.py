@@ -124,7 +124,7 @@ def forecast_analysis(
     expected = measured_errors(cortices, accuracy)
     doubts = list(expected.doubts)
     if report and stages:
-        doubts.append(f"The page reads and draws {stages} stages of the simulation, too; that comes on top.")
+        doubts.append(f"The page reads and draws stages of the simulation, too ({stages}); that comes on top.")
     if uneven > UNEVEN:
         doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
     return AnalysisForecast(

@@ -86,7 +86,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
         )
     how = (
         f"what the mesh changes, not noise of the image: measured at {accuracy} on one person's hemisphere "
-        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each: one that is "
-        "small may be so by chance"
+        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each, and "
+        "no accuracy is told to be better than a dearer one"
     )
     return MeasuredErrors(nearest["subject"], vertices, errors, how, tuple(said))

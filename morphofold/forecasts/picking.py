@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
-from morphofold.forecasts.table import costs, headline, studied
+from morphofold.forecasts.table import ROUNDED, costs, headline, studied
 from morphofold.forecasts.words import percent, percent_above, span
 
 if TYPE_CHECKING:
@@ -120,6 +120,7 @@ def _edges(scene: Scene, asked: str) -> list[float]:
     from morphofold.sim.scene import MOST_BRICKS
 
     finest, coarsest = (share * scene.thinnest for share in studied())
+    finest *= 1 - ROUNDED
     edges = [e for e in edges_between(scene, finest, coarsest) if _bricks(scene, e) <= MOST_BRICKS]
     if not edges:
         raise ValueError(

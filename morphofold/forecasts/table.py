@@ -78,6 +78,12 @@ def doubts(scene: Scene, edge_over_T: float) -> list[str]:
         said.append(
             f"An edge of {edge_over_T:.2f} T is outside of the {finest:.2f} to {coarsest:.2f} T that were studied."
         )
+    last = scene.stages[-1]
+    if abs(last - errors["growth"]) > 0.05:
+        said.append(
+            f"The errors of folds are those at g = {errors['growth']:g}, not at {last:g}, where this scene ends; as "
+            "long as it is smooth there are none."
+        )
     layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers[0] != layers[1] and scene.geometry.shape != "mesh":
         said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")

@@ -39,6 +39,11 @@ def percent_above(share: float) -> str:
     return percent(math.ceil(share / step - 1e-9) * step)
 
 
+def called(quantity: str) -> str:
+    """A quantity as tables of errors call it: errors are relative, but for a distance, which is over the thickness."""
+    return "pial distance, over T" if quantity == "pial distance" else quantity
+
+
 def setting_words(scene: Scene, edge: float) -> str:
     """The accuracy of a scene: its level, or where its edge [mm] lies among the levels."""
     from morphofold.sim.scene import LEVELS
@@ -72,7 +77,7 @@ def table_of(found: Forecast) -> str:
         ]
     rows += _memory_and_time(found, found.seconds_by_phase)
     rows += [
-        (f"error of {name}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
+        (f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
         for name, e in found.errors.items()
     ]
     return _laid_out(found.scene, rows, found)

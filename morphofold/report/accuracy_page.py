@@ -235,12 +235,13 @@ def _for_readme(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     from morphofold.report.accuracy_plots import HEADLINES
 
     rows = [row for row in tables["laws"] if row["method"] == OURS and row["half_the_error"] is not None]
-    factors = {(row["quantity"], row["axis"]): row["half_the_error"] for row in reversed(rows)}     # of the first shape
+    factors = {(row["quantity"], row["axis"]): _factor(row) for row in reversed(rows)}              # of the first shape
     names = {**HEADLINES, ("mean curvature", "mesh"): "mean curvature of a mesh"}
-    words = [f"{name}: {factors[key]:.2g}" for key, name in names.items() if key in factors]
+    words = [f"{name}: {factors[key]}" for key, name in names.items() if key in factors]
     return [
         "![Error against time of solver and measuring room, and of peers](docs/accuracy-overview.png)",
-        f"How many times longer for half the error? {'; '.join(words)}. More: [docs/accuracy.md](docs/accuracy.md).",
+        f"How many times longer for half the error (95 % interval)? {'; '.join(words)}. More: "
+        "[docs/accuracy.md](docs/accuracy.md).",
     ]
 
 

@@ -86,8 +86,8 @@ def _told(group: Sequence[Point]) -> str:
     """What half the error costs us along meshes, in words."""
     ours = [p for p in group if p.method == OURS]
     half = half_of(ours)
-    along = PACED if any(p.axis == PACED for p in ours) else "mesh"
-    return f"; half the error along {along}: {bounded(half.factor)} × the time" if half else ""
+    along = f"({PACED})" if any(p.axis == PACED for p in ours) else "the time"
+    return f"; half the error: {bounded(half.factor)} × {along}" if half else ""
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:

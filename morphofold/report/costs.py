@@ -11,7 +11,7 @@ from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
 from morphofold.forecasts.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
 from morphofold.forecasts.table import Expected
 from morphofold.forecasts.twin import Estimate, estimate_beside
-from morphofold.forecasts.words import percent, span
+from morphofold.forecasts.words import called, percent, span
 from morphofold.report.contents import Entry
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def _of_run(name: str, cost: Cost) -> dict[str, Any]:
     times = _times(cost.phases, PHASES) + _times(cost.effects, dict.fromkeys(cost.effects, "effect"))
     times += [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
     errors = [
-        (name, percent(e.error), f"{percent(e.low)} to {percent(e.high)}", f"{cost.how}{_beside(e)}")
+        (called(name), percent(e.error), f"{percent(e.low)} to {percent(e.high)}", f"{cost.how}{_beside(e)}")
         for name, e in cost.errors.items()
     ]
     return {
@@ -86,7 +86,7 @@ def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
     """Errors from a coarser twin below those of the table, with what they leave open."""
     if estimate is not None:
         said["errors"] = [*said["errors"], *(
-            (name, percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (to the {e.power:.2g})")
+            (called(name), percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})")
             for name, e in estimate.errors.items() if e.error is not None
         )]  # fmt: skip
         said["doubts"] = (*said["doubts"], *estimate.doubts)
