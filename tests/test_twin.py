@@ -15,7 +15,7 @@ from morphofold.forecasts import twin as twin_module
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import table
 from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside
-from morphofold.forecasts.words import percent
+from morphofold.forecasts.words import called, percent
 from morphofold.report.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import UnstableError
@@ -188,7 +188,8 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
     rows = [row for row in costs([entry])[0]["errors"] if "from a coarser twin of this run" in row[-1]]
-    assert [(name, error) for name, error, *_ in rows] == [(n, percent(e.error)) for n, e in whole.errors.items()]
+    told = [(called(name), percent(e.error)) for name, e in whole.errors.items()]
+    assert [(name, error) for name, error, *_ in rows] == told
 
     health = run.path / "health.json"
     health.write_text(health.read_text().replace('"seconds"', '"seconds "'))    # another run's estimate isn't shown
