@@ -46,3 +46,14 @@ def holds(request, unguarded):
     about = {name: mark.kwargs[name] for name in ("group", "case", "peers", "guard")}
     add = request.node.user_properties.append
     return Holds(lambda row: add(("hard case", {**about, "unguarded": unguarded, **row})))
+
+
+@pytest.fixture
+def one_thread():
+    """Scenes so tiny are done by one thread before two have met."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
