@@ -8,6 +8,7 @@ to strain energy says how near.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -102,17 +103,22 @@ class Dynamics:
         self._measure()
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
-        """Raise the growth stretch to ``g``; ``after`` is called every ``REFRESH`` steps.
+        """Raise the growth stretch to ``g``, or let it fall to it; ``after`` is called every ``REFRESH`` steps.
 
         Raises
         ------
+        ValueError
+            If the cortex would have no size left (g not a positive number).
         UnstableError
             If a position stops being finite, an element has no volume left, or one of its points bursts.
         """
-        while self.state.growth < g:
+        if not 0 < g < math.inf:
+            raise ValueError(f"the growth stretch must be a positive number, got {g:g}.")
+        while self.state.growth != g:
             increment = self.rate * REFRESH * self._pace()
             left = g - self.state.growth
-            self._run(REFRESH, g if left <= 1.5 * increment else self.state.growth + increment)
+            last = abs(left) <= 1.5 * increment
+            self._run(REFRESH, g if last else self.state.growth + math.copysign(increment, left))
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
@@ -178,38 +184,52 @@ class Dynamics:
             for effect in self._with["add_forces"]:
                 effect.add_forces(body, state.x, state.v, self._extra)
                 clock.lap(effect.name)
-            kernels.advance(
+            lost = kernels.advance(
                 state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
                 1.0 - self.damping,
             )  # fmt: skip
             clock.lap("advance")
+            if lost:
+                self._lost(state.step + k + 1)
             for effect in self._with["after_step"]:
                 effect.after_step(state.x, state.v)
                 clock.lap(effect.name)
         state.step += steps
         self._measure()
 
+    def _lost(self, step: int) -> None:
+        """Stop at a step that took nodes to where no number is; they lie around the one that was the first."""
+        lost = np.any(~np.isfinite(self.state.x), axis=1)
+        corners, n = self.body.bilayer.mesh.t, len(lost)
+        around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
+        raise UnstableError(
+            f"{np.count_nonzero(lost)} of {n} nodes are not finite at g = {self.state.growth:.3f}, step {step}; "
+            f"the first is node {np.argmax(around + lost)}. Slow the growth down (growth.rate) or refine the mesh.",
+            self._sound,
+        )  # fmt: skip
+
+    def _check_volumes(self, element: dict[str, Array]) -> None:
+        """Stop where elements have no volume left or burst."""
+        elements = self.body.elements
+        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > elements.LARGEST_J))
+        if broken.size:
+            raise UnstableError(
+                f"{broken.size} of {elements.n} elements have no volume left or burst at g = {self.state.growth:.3f}, "
+                f"step {self.state.step}; the first is element {broken[0]} with v/V = "
+                f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
+                "growth down (growth.rate) or refine the mesh.", self._sound,
+            )  # fmt: skip
+
     def _measure(self) -> None:
         body, state = self.body, self.state
         clock = _Clock(self.seconds)
         clock.start()
         if not np.isfinite(state.x).all():
-            lost = np.flatnonzero(~np.isfinite(state.x).all(axis=1))
-            raise UnstableError(
-                f"{len(lost)} of {len(state.x)} nodes are not finite at g = {state.growth:.3f}, step {state.step}; "
-                f"the first is node {lost[0]}. Slow the growth down (growth.rate) or refine the mesh.", self._sound
-            )  # fmt: skip
+            self._lost(state.step)
         body.update_state(state.x)
         element = body.elements.state()
         strain = float(element["energy"].sum()) + body.filter.energy(state.x)
-        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > body.elements.LARGEST_J))
-        if broken.size:
-            raise UnstableError(
-                f"{broken.size} of {body.elements.n} elements have no volume left or burst at g = {state.growth:.3f}, "
-                f"step {state.step}; the first is element {broken[0]} with v/V = "
-                f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
-                "growth down (growth.rate) or refine the mesh.", self._sound,
-            )  # fmt: skip
+        self._check_volumes(element)
         min_J = float(element["J_min"].min())
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)

@@ -134,7 +134,7 @@ class _Run:
 
         stages = []
         for g in self.scene.stages:
-            self.dynamics.grow_to(g, self._after)
+            self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # one taken up may be beyond
             if g == self.scene.growth.final:
                 self.dynamics.relax(self.relaxing, self._after)
             stages.append(self._write_stage(g))

@@ -1,6 +1,8 @@
-"""Fixtures that every test file may use."""
+"""Fixtures that every test file may use, and the record of the hard cases."""
 
+import json
 import os
+from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the cores: before numpy is imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -44,3 +46,27 @@ def rough(rng):
     verts = verts + 0.5 * rng.standard_normal(verts.shape)
     verts[0] *= 1e-4
     return Surface(verts.astype(np.float32), faces, "rough")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--hard-cases", metavar="FILE", help="write what the hard cases recorded as JSON")
+
+
+def pytest_configure(config):
+    if config.getoption("--hard-cases") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(HardCases(Path(config.getoption("--hard-cases"))))
+
+
+class HardCases:
+    """Gathers what hard cases recorded, from all processes, and writes it at the end."""
+
+    def __init__(self, file):
+        self.file, self.rows = file, {}
+
+    def pytest_runtest_logreport(self, report):
+        told = [value for name, value in report.user_properties if name.startswith("hard case")]
+        if report.when == "call" and told:
+            self.rows[report.nodeid] = {"outcome": report.outcome, "told": told}
+
+    def pytest_sessionfinish(self):
+        self.file.write_text(json.dumps(dict(sorted(self.rows.items())), indent=1, ensure_ascii=False) + "\n")

@@ -39,7 +39,7 @@ def test_facing_nodes_are_those_of_brute_force():
     tri = triangles(body.bilayer.faces)
     normals = -node_normals(x, tri, n)                                   # inwards: the two sheets face each other
     found = np.empty(n, dtype=np.int64)
-    find_facing(x, body.X[:n], normals, n, 4.0, 20.0, found)
+    find_facing(x, body.X[:n], node_normals(body.X[:n], tri, n), normals, n, 4.0, 20.0, found)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
     reference = np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1)
     d[(normals @ normals.T > -0.2) | (reference < 20) | (d >= 4.0)] = np.inf
@@ -261,10 +261,14 @@ def test_contact_is_looked_for_within_its_radius_and_ends_at_its_depth():
 
 
 def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_until_half_a_gap_deep():
-    """Of a triangle the first corner counts, up to the diagonal of a cell aside of the node."""
+    """Of a triangle the first corner counts, up to the diagonal of a cell aside of the node.
+
+    Below zero the walls stand back to back in the reference; above, across a gap, and then they never are neighbours.
+    """
     for reference, distance, pushed in (
-        (0.5, 0.5 * GAP, False), (1.01 * APART, 0.5 * GAP, True),
-        (2.0 * APART, -0.49 * GAP, True), (2.0 * APART, -0.51 * GAP, False), (2.51 * APART, -0.51 * GAP, True),
+        (-0.5, 0.5 * GAP, False), (-1.01 * APART, 0.5 * GAP, True),
+        (-2.0 * APART, -0.49 * GAP, True), (-2.0 * APART, -0.51 * GAP, False), (-2.51 * APART, -0.51 * GAP, True),
+        (0.5, 0.5 * GAP, True), (2.0 * APART, -0.51 * GAP, True),
     ):  # fmt: skip
         body, x = walls(distance, reference=reference)
         middle = len(x) // 4                                            # away from the edges of the walls

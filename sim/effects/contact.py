@@ -24,7 +24,7 @@ STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of o
 DASHPOT = 0.25          # damping force per mass and approach speed
 SEARCH = 1.5            # search radius in h
 DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
-APART = 1.2             # pairs nearer than this in the reference are neighbours, not contact [largest edge]
+APART = 1.2             # pairs nearer than this in the reference are neighbours, unless across a gap [largest edge]
 OPPOSED = -0.2          # largest cosine between the normals of a pair
 TIE = 1e-6              # triangles of a flat quad overlap: the first counts, whatever rounding says of its distance
 
@@ -115,9 +115,22 @@ def _cells(x, n_nodes, size):
     return cell, starts, members, shape
 
 
+@njit(inline="always")
+def _surrounds(X, N, i, j, apart):
+    """Whether node j is of the surroundings of node i: nearer than ``apart`` in the reference, and not across a gap.
+
+    Across a gap from i is what lies before it there with an opposed normal: N (S, 3) are the normals of X.
+    """
+    e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
+    if e0 * e0 + e1 * e1 + e2 * e2 >= apart * apart:
+        return False
+    cosine = N[i, 0] * N[j, 0] + N[i, 1] * N[j, 1] + N[i, 2] * N[j, 2]
+    return cosine > OPPOSED or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
+
+
 @njit(parallel=True, cache=True)
-def find_facing(x, X, normals, n_nodes, radius, apart, facing):
-    """Nearest node within ``radius`` whose normal opposes and whose reference is farther than ``apart``; -1: none."""
+def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
+    """Nearest node within ``radius`` whose normal opposes and that is not of the node's surroundings; -1: none."""
     cell, starts, members, shape = _cells(x, n_nodes, radius)
     for i in prange(n_nodes):
         best, nearest = radius * radius, -1
@@ -139,31 +152,25 @@ def find_facing(x, X, normals, n_nodes, radius, apart, facing):
                             cosine += normals[i, r] * normals[j, r]
                         if cosine > OPPOSED:
                             continue
-                        e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
-                        if e0 * e0 + e1 * e1 + e2 * e2 < apart * apart:
+                        if _surrounds(X, N, i, j, apart):
                             continue
                         best, nearest = d, j
         facing[i] = nearest
 
 
-@njit(inline="always")
-def _squared(a, b):
-    """Squared distance."""
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
-
-
 @njit(parallel=True, cache=True)
-def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
+def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
     """Of the triangles around the facing node, the one nearest to each node; -1: none.
 
-    Triangles with a corner nearer than ``apart`` in the reference are the node's own surroundings.
+    Triangles with a corner of the node's surroundings are none.
     """
     for i in prange(len(facing)):
-        best, nearest, near = 1e300, -1, apart * apart
+        best, nearest = 1e300, -1
         if facing[i] >= 0:
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
-                if min(_squared(X[i], X[tri[t, 0]]), _squared(X[i], X[tri[t, 1]]), _squared(X[i], X[tri[t, 2]])) < near:
+                if (_surrounds(X, N, i, tri[t, 0], apart) or _surrounds(X, N, i, tri[t, 1], apart)
+                        or _surrounds(X, N, i, tri[t, 2], apart)):  # fmt: skip
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
                 wa, wb, wc = _nearest_weights(x[i], a, b, c)
@@ -176,7 +183,7 @@ def choose_triangles(x, X, tri, ring_first, ring, facing, apart, partner):
 
 
 @njit(parallel=True, cache=True)
-def press(x, v, X, mass, tri, partner, gap, deepest, apart, stiffness, push, weight, depth, energy):
+def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
     Nearer in the reference than 2.5 ``apart``, a pair counts until it is half a gap deep only: the flanks of one
@@ -198,10 +205,7 @@ def press(x, v, X, mass, tri, partner, gap, deepest, apart, stiffness, push, wei
             side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
         if side - distance * distance > 25.0 * gap * gap:               # slid off its triangle by a cell
             continue
-        reference = 0.0
-        for r in range(3):
-            reference += (X[i, r] - X[j, r]) ** 2
-        if reference < 6.25 * apart * apart and distance < -0.5 * gap:
+        if distance < -0.5 * gap and _surrounds(X, N, i, j, 2.5 * apart):
             continue
         m = min(mass[i], mass[j], mass[k], mass[l])
         speed = 0.0
@@ -258,6 +262,7 @@ class Contact(Effect):
     def prepare(self, body: Body) -> None:
         n = body.n_surface
         self._tri = triangles(body.bilayer.faces)
+        self._N = node_normals(body.X, self._tri, n)
         order = np.argsort(self._tri.ravel(), kind="stable")
         self._ring = order // 3
         self._ring_first = np.concatenate([[0], np.cumsum(np.bincount(self._tri.ravel(), minlength=n))])
@@ -277,11 +282,11 @@ class Contact(Effect):
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:
             normals = node_normals(x, self._tri, n)
-            find_facing(x, body.X, normals, n, radius, APART * body.bilayer.edge, self._facing)
+            find_facing(x, body.X, self._N, normals, n, radius, APART * body.bilayer.edge, self._facing)
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
-            choose_triangles(x, body.X, self._tri, self._ring_first, self._ring, self._facing,
+            choose_triangles(x, body.X, self._N, self._tri, self._ring_first, self._ring, self._facing,
                              APART * body.bilayer.edge, self._partner)  # fmt: skip
         else:
             self._partner[:] = -1
@@ -289,7 +294,7 @@ class Contact(Effect):
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         if self._partner.max() >= 0:
-            press(x, v, body.X, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
+            press(x, v, body.X, self._N, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
                   APART * body.bilayer.edge, self.stiffness, self._push, self._weight, self._depth,
                   self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)

@@ -395,8 +395,9 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
 
     ``rest`` (N, 3) is the round-off of the kernel in the reference state, subtracted so that a body that does not
     grow stays bitwise at rest; ``extra`` (S, 3) are the surface forces of effects on the first S nodes; ``free``
-    (N, 3) is True where a coordinate may move.
+    (N, 3) is True where a coordinate may move. Returns how many coordinates are not finite after it.
     """
+    lost = 0
     for n in prange(len(x)):
         f = _gather(force, first, rows, n)
         per_mass = 1.0 / mass[n]
@@ -407,6 +408,8 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
             if free[n, r]:
                 v[n, r] = keep * v[n, r] + total * per_mass
                 x[n, r] += v[n, r]
+            lost += not np.isfinite(x[n, r])
+    return lost
 
 
 @njit(parallel=True, cache=True)

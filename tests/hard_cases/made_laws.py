@@ -1,0 +1,131 @@
+"""Bodies of the laws: turned, scaled, mirrored; and an account of the energy of a run."""
+
+import dataclasses
+
+import numpy as np
+from hard_cases.made_solver import body_of
+from skfem import MeshHex
+
+from morphofold.sim.body import Body, SurfaceFilter
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import Effect, contact
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.perturbation import Perturbation
+from morphofold.sim.effects.plane_strain import PlaneStrain
+from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.elements import kernels
+from morphofold.sim.elements.kernels import WIDTH
+from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
+
+
+def moved(bilayer, rotation, shift):
+    """The same mesh without planes, turned and shifted."""
+    mesh = MeshHex(np.ascontiguousarray((bilayer.mesh.p.T @ rotation.T + shift).T), bilayer.mesh.t, validate=False)
+    mesh = mesh.with_subdomains(bilayer.mesh.subdomains)
+    return dataclasses.replace(
+        bilayer, mesh=mesh, radial=bilayer.radial @ rotation.T, foot=bilayer.foot @ rotation.T + shift
+    )
+
+
+def sphere(portion="full", n=6, law="isotropic", move=None):
+    """The dynamics of a sphere of thick cortex, before or after a ``move`` (rotation, shift)."""
+    bilayer = bilayer_sphere(50, 5, 25, portion, n, 2)
+    if move is not None:
+        bilayer = moved(bilayer, *move)
+    body = body_of(bilayer, mu_cortex=2.0, law=law)
+    return Dynamics(body, [Contact()], steps_per_unit=180 * body.crossing)
+
+
+def strip(length=1.0, modulus=1.0, effects=()):
+    """The dynamics of a strip that folds, all lengths and all moduli times a number."""
+    bilayer = bilayer_patch((28 * length, 0.0), 12 * length, 2.5 * length, length, 3)
+    X = Perturbation(0.05 * length, 10 * length, seed=0).reshape(bilayer, bilayer.mesh.p.T)
+    body = Body(bilayer, mu_cortex=2 * modulus, mu_core=modulus, kappa_ratio=50.0, law="isotropic", X=X)
+    return Dynamics(body, [PlaneStrain(), Contact(), Symmetry(), *effects], steps_per_unit=180 * body.crossing)
+
+
+class Account(Effect):
+    """Where the work of growth goes, step by step; the last of the effects.
+
+    Growth works at fixed positions: what the strain energy W rises by as G does is the integral of dW/dG : dG. Between
+    positions x_n, forces work by the trapezoid, f_n (x_n+1 - x_n-1) / 2 = f_n (v_n + v_n+1) / 2.
+    """
+
+    name = "account"
+
+    def prepare(self, body):
+        self.body, self.before = body, 0.0
+        self.growth = self.strain = self.damped = self.contact = 0.0
+
+    def refresh(self, run):
+        self.damping = run.damping
+        self.kinetic = 0.5 * float(np.sum(run.body.mass[:, None] * run.state.v**2))
+
+    def _energy(self, x):
+        self.body.elements.measure(x)
+        return float(self.body.elements.state()["energy"].sum()) + self.body.filter.energy(x)
+
+    def add_forces(self, body, x, v, extra):
+        now = self._energy(x)
+        self.growth += now - self.before
+        self.before, self.v = now, v.copy()
+        self.pushed = extra - body.filter.forces(x)
+
+    def after_step(self, x, v):
+        mean, n = 0.5 * (self.v + v), len(self.pushed)
+        self.damped += self.damping * float(np.sum(self.body.mass[:, None] * self.v * mean))
+        self.contact += float(np.sum(self.pushed * mean[:n]))
+        now = self._energy(x)
+        self.strain += now - self.before
+        self.before = now
+
+    def gap(self):
+        """What is missing, over the work of growth."""
+        return abs(self.strain + self.kinetic + self.damped - self.contact) / self.growth
+
+
+# guards, taken away
+
+
+def filter_across_z_only(patch):
+    """The surface filter holds two of three components."""
+    forces = SurfaceFilter.forces
+
+    def two(self, x, out=None):
+        out = forces(self, x, out)
+        out[:, 2] = 0.0
+        return out
+
+    patch.setattr(SurfaceFilter, "forces", two)
+
+
+def gap_in_mm(patch):
+    """Contact's gap and search radius are lengths in mm, typed by hand."""
+    refresh = Contact.refresh
+
+    def typed(self, run):
+        kept, run.body.filter.h = run.body.filter.h, 1.0
+        refresh(self, run)
+        run.body.filter.h = kept
+
+    patch.setattr(Contact, "refresh", typed)
+
+
+def volume_not_grown(patch):
+    """Growth forgets the volume that the pressure is measured by."""
+    grow = kernels.grow
+
+    def forgetful(point, point0, radial, modulus, *arguments):
+        volume = modulus[:, 2 * WIDTH :].copy()
+        grow(point, point0, radial, modulus, *arguments)
+        modulus[:, 2 * WIDTH :] = volume
+
+    patch.setattr(kernels, "grow", forgetful)
+
+
+def no_reaction(patch):
+    """Contact pushes a node, and not the triangle that it lies on."""
+    def action(tri, partner, push, weight, depth, extra):
+        extra += push * (depth > 0)[:, None]
+
+    patch.setattr(contact, "add_pushes", action)

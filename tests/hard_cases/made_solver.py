@@ -1,0 +1,273 @@
+"""Small scenes of the solver's hard cases, what is asked of all of them, and the guards that are taken away."""
+
+import dataclasses
+import hashlib
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from skfem import MeshHex
+
+from morphofold.sim.body import Body, SurfaceFilter
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.elements import kernels
+from morphofold.sim.elements.bricks import Bricks
+from morphofold.sim.elements.kernels import WIDTH
+from morphofold.sim.geometry import build_bilayer, build_body
+from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
+from morphofold.sim.meshes.bilayer import bilayer_patch
+from morphofold.sim.run import RELAXATION
+from morphofold.sim.scene_file import load_scene
+from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.sim.surfaces import whole_surfaces
+
+#: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
+STRIP = (
+    "strip", "geometry.length=16", "geometry.depth=12", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3",
+)  # fmt: skip
+OCTANT = ("demo", "geometry.portion=octant", "accuracy.edge=9.82", "accuracy.precision=double")
+
+MESH = 0.03             # error of the displacement that three elements through the cortex are allowed: docs/accuracy.md
+STILL = 1e-9            # kinetic over strain energy, with forces in 64 bits,
+MOST_REST = 1000        # or crossings of the cortex
+
+
+def start(scene, *settings, mesh=lambda bilayer: bilayer):
+    """The dynamics of a scene, as a run of it would build them; on what ``mesh`` makes of its mesh."""
+    scene = load_scene(scene, ["output.stages=[]", *settings])
+    effects = build_effects(scene)
+    body = build_body(scene, effects, mesh(build_bilayer(scene)))
+    return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
+
+
+def grown(run, g):
+    """The run at growth g, relaxed as the end of a scene is."""
+    run.grow_to(g)
+    run.relax(run.state.relaxed + int(RELAXATION / run.rate * abs(g - 1)))
+    return run
+
+
+def at_rest(run, g):
+    """The run at growth g, once it is still: a stiff cortex on a soft core creeps for far longer than a scene waits."""
+    run.grow_to(g)
+    while run.state.record["kinetic_over_strain"] > STILL:
+        run.relax(run.state.relaxed + int(10 * run.body.crossing))
+        if run.state.relaxed > MOST_REST * run.body.crossing:
+            break
+    return run
+
+
+def digest(x):
+    """What two arrays share only if they are bitwise the same."""
+    return hashlib.sha256(np.ascontiguousarray(x)).hexdigest()[:12]
+
+
+def drift(run):
+    """How far the cortex is from its grown volume, as health.json tells it."""
+    elements, grown = run.body.elements, run.body.grown_volumes()
+    return abs(float(np.sum(grown * elements.state()["volume_ratio"][: elements.n_cortex])) / float(grown.sum()) - 1)
+
+
+def healthy(holds, run, leave=()):
+    """Every bound that health.json is judged by, but for those to ``leave``."""
+    pial = whole_surfaces(run.body, run.state.x)[1]
+    stage = {
+        "kinetic_over_strain": run.state.record["kinetic_over_strain"], "volume_drift": drift(run),
+        **check_surface(pial, run.body.bilayer.closed),
+    }  # fmt: skip
+    for name, (bound, _) in BOUNDS.items():
+        if name in stage and name not in leave:
+            holds(name, stage[name], at_most=bound)
+    holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
+
+
+def off_the_smooth_state(run, *settings):
+    """Mean error of the pial displacement of an ``OCTANT`` with settings, over that of the exact smooth state."""
+    scene = load_scene(OCTANT[0], ["output.stages=[]", *OCTANT[1:], *settings])
+    C, material = scene.geometry.radius, scene.material
+    exact = radial_equilibrium(
+        run.state.growth, scene.geometry.cortex_thickness / C, A_over_C=scene.geometry.hole_radius / C,
+        law=scene.growth.law, mu_ratio=material.mu_ratio, kappa_ratio=material.kappa_ratio,
+    )  # fmt: skip
+    n = run.body.n_surface
+    moved = np.linalg.norm(run.state.x[:n], axis=1) - np.linalg.norm(run.body.X[:n], axis=1)
+    return float(np.abs(moved / (C * (exact.at(1.0, "cortex").r[0] - 1)) - 1).mean())
+
+
+def facing_patches(size=(4.0, 4.0), depth=8.0, thickness=2.0, edge=0.8, gap=1.6, layers=2):
+    """Two bodies, patches whose pial surfaces face each other across ``gap`` [mm], each held at its own base."""
+    one = bilayer_patch(size, depth, thickness, edge, layers)
+    S, cortex = one.n_surface, len(one.mesh.subdomains["cortex"])
+    N, E = one.mesh.nvertices, one.mesh.nelements
+    turn = np.array([1.0, -1.0, -1.0])                                  # about x, so bricks stay right-handed
+    points = np.concatenate([one.mesh.p.T, one.mesh.p.T * turn + [0.0, size[1], gap]])
+    old = np.concatenate([np.arange(S), N + np.arange(S), np.arange(S, N), N + np.arange(S, N)])
+    new = np.argsort(old)                                               # pial nodes of both come first,
+    bricks = np.concatenate([
+        np.arange(cortex), E + np.arange(cortex), np.arange(cortex, E), E + np.arange(cortex, E)
+    ])                                                                  # and both cortices
+    t = new[np.concatenate([one.mesh.t, one.mesh.t + N], axis=1)][:, bricks]
+    mesh = MeshHex(np.ascontiguousarray(points[old].T), np.ascontiguousarray(t), validate=False).with_subdomains(
+        {"cortex": np.arange(2 * cortex), "core": np.arange(2 * cortex, 2 * E)}
+    )
+    white = new[np.concatenate([one.white.indices, one.white.indices + N])]
+    return dataclasses.replace(
+        one, mesh=mesh, white=csr_matrix((np.ones(2 * S), (np.arange(2 * S), white)), (2 * S, 2 * N)),
+        faces=new[np.concatenate([one.faces, one.faces + N])], n_surface=2 * S,
+        radial=np.concatenate([one.radial, one.radial * turn])[old], share=np.tile(one.share, 2)[old],
+        foot=np.concatenate([one.foot, one.foot * turn + [0.0, size[1], gap]])[old],
+        held=new[np.concatenate([one.held, one.held + N])],
+    )  # fmt: skip
+
+
+def body_of(bilayer, *, mu_cortex=1.0, kappa_ratio=50.0, law="isotropic", X=None):
+    return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=kappa_ratio, law=law, X=X)
+
+
+# guards, taken away
+
+
+def mass_of_the_first_step(patch):
+    """A fixed time step: the mass is measured once."""
+    update = Body.update_state
+
+    def measured_once(self, x):
+        update(self, x)
+        self.mass = vars(self).setdefault("first_mass", self.mass)
+
+    patch.setattr(Body, "update_state", measured_once)
+
+
+def mass_without_pressure(patch):
+    """The mass forgets the stiffness of the pressure."""
+    _mass_by(patch, lambda mu, kappa: (mu, 0.02 * kappa))
+
+
+def no_filter(patch):
+    patch.setattr("morphofold.sim.body.FILTER", {4: 0.0, 3: 0.0})
+
+
+def no_waiting(patch):
+    """Growth never slows down."""
+    patch.setattr(Dynamics, "_pace", lambda self: 1.0)
+
+
+def no_contact(patch):
+    patch.setattr(Contact, "add_forces", lambda self, body, x, v, extra: None)
+
+
+def mass_of_the_core(patch):
+    """The mass takes every element for core: modulus 1."""
+    _mass_by(patch, lambda mu, kappa: (np.minimum(mu, 1), kappa / np.where(mu > 0, mu, 1)))
+
+
+def _mass_by(patch, moduli):
+    """The mass is measured with other moduli than the forces have."""
+    measure = Bricks.measure
+
+    def otherwise(self, x):
+        kept = self.modulus.copy()
+        mine = self.modulus[:, :WIDTH], self.modulus[:, WIDTH : 2 * WIDTH]
+        for rows, other in zip(mine, moduli(*(rows.copy() for rows in mine))):
+            rows[:] = other
+        mass = measure(self, x)
+        self.modulus[:] = kept
+        measure(self, x)
+        return mass
+
+    patch.setattr(Bricks, "measure", otherwise)
+
+
+def mass_of_the_volume(patch):
+    """The same mass in all, spread by volume: one density."""
+    update = Body.update_state
+
+    def lumped(self, x):
+        update(self, x)
+        volume = self.nodal_volumes()
+        self.mass = self.mass.sum() * volume / volume.sum()
+
+    patch.setattr(Body, "update_state", lumped)
+
+
+def isotropic_kernel(patch):
+    """Tangential growth is isotropic in the kernel."""
+    grow = kernels.grow
+    patch.setattr(kernels, "grow", lambda *arguments: grow(*arguments[:-1], False))
+
+
+def only_upwards(patch):
+    """Growth below 1 is no growth."""
+    grow_to = Dynamics.grow_to
+    patch.setattr(Dynamics, "grow_to", lambda self, g, *after: grow_to(self, max(g, self.state.growth), *after))
+
+
+def mass_times(patch, factor):
+    """A mass too small for a step of one, or too large."""
+    update = Body.update_state
+
+    def scaled(self, x):
+        update(self, x)
+        self.mass = factor * self.mass
+
+    patch.setattr(Body, "update_state", scaled)
+
+
+def no_checks(patch):
+    """Nothing looks whether positions are finite and elements have volume."""
+    patch.setattr(Dynamics, "_lost", lambda self, step: None)
+    patch.setattr(Dynamics, "_check_volumes", lambda self, element: None)
+
+
+def no_images(patch):
+    """The filter of a surface that symmetry planes cut ends at them."""
+    begin = SurfaceFilter.__init__
+
+    def cut(self, body, strength):
+        kept, body.on_plane = body.on_plane, np.zeros_like(body.on_plane)
+        begin(self, body, strength)
+        body.on_plane = kept
+
+    patch.setattr(SurfaceFilter, "__init__", cut)
+
+
+def softer_pressure(patch):
+    """Forces are no gradient of the energy: their pressure is a twentieth less."""
+    compute = Bricks.compute_forces
+
+    def less(self, x):
+        kept = self.modulus.copy()
+        self.modulus[:, WIDTH : 2 * WIDTH] *= 0.95
+        compute(self, x)
+        self.modulus[:] = kept
+
+    patch.setattr(Bricks, "compute_forces", less)
+
+
+def lost_row(patch):
+    """The sum of forces loses what one block adds to one node, as two threads at one sum would."""
+    compute = Bricks.compute_forces
+
+    def losing(self, x):
+        compute(self, x)
+        self.blocks.force[len(self.blocks.force) // 3] = 0.0
+
+    patch.setattr(Bricks, "compute_forces", losing)
+
+
+def near_is_no_contact(patch):
+    """What is near in the reference is never contact, across a gap or not."""
+    prepare = Contact.prepare
+
+    def blind(self, body):
+        prepare(self, body)
+        self._N[:] = 0.0
+
+    patch.setattr(Contact, "prepare", blind)
+
+
+def pressure_of_fifty(patch):
+    """Every body has κ/μ = 50."""
+    begin = Body.__init__
+    patch.setattr(Body, "__init__", lambda self, *a, kappa_ratio, **k: begin(self, *a, kappa_ratio=50.0, **k))

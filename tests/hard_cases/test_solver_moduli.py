@@ -1,0 +1,103 @@
+"""Moduli, thickness and growth laws at their ends: the smooth state is known, the folded one has to be healthy."""
+
+import pytest
+from hard_cases import made_solver as made
+from hard_cases.cases import hard_case
+from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, grown, healthy, off_the_smooth_state, start
+
+from morphofold.sim.dynamics import Dynamics, UnstableError
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
+NO_LAYER = "BrainGrowth, FetalFoldSim: a sigmoid of depth, no sharp layer (read)"
+
+
+def smooth(holds, g, *settings, what="pial displacement off the exact one"):
+    """An octant without imperfection at growth g before it folds, against the radial equilibrium."""
+    run = at_rest(start(*OCTANT, "effects={}", *settings), g)
+    holds(what, off_the_smooth_state(run, *settings), at_most=MESH)
+
+
+@hard_case("solver", "κ/μ = 1000", guard="the mass knows the pressure's stiffness", without=made.mass_without_pressure,
+           fails=UnstableError, peers="Tallinen: κ = 5 μ (read)")  # fmt: skip
+def test_a_nearly_incompressible_body_grows_as_its_theory_says(holds):
+    smooth(holds, 1.15, "material.kappa_ratio=1000")
+
+
+@hard_case("solver", "κ/μ = 1000, folded", guard="the mass knows the pressure's stiffness",
+           without=made.mass_without_pressure, fails=UnstableError)  # fmt: skip
+def test_a_nearly_incompressible_body_folds(holds):
+    run = grown(start(*STRIP, "material.kappa_ratio=1000"), 1.45)
+    healthy(holds, run)
+
+
+@hard_case("solver", "μ ratio 0.1", guard="the mass knows the pressure's stiffness", without=made.mass_without_pressure,
+           fails=UnstableError, peers=NO_LAYER)  # fmt: skip
+def test_a_cortex_softer_than_its_core(holds):
+    smooth(holds, 1.15, "material.mu_ratio=0.1")
+    run = grown(start(*STRIP, "material.mu_ratio=0.1"), 1.3)
+    healthy(holds, run, leave=["volume_drift"])                         # κ = 5 μ of the core: see the laws
+
+
+@pytest.mark.parametrize("mu_ratio", [10, 100])
+@hard_case("solver", "μ ratio 10 and 100", guard="each element's own modulus in its mass",
+           without=made.mass_of_the_core, fails=UnstableError, peers=NO_LAYER)  # fmt: skip
+def test_a_cortex_far_stiffer_than_its_core(mu_ratio, holds):
+    smooth(holds, 1.04, f"material.mu_ratio={mu_ratio}", what=f"displacement off the exact one, {mu_ratio}")
+    run = grown(start(*STRIP, f"material.mu_ratio={mu_ratio}"), 1.3)
+    healthy(holds, run)
+
+
+@hard_case("solver", "T/C = 1/200", guard="the mass is of the stiffness, not of the volume",
+           without=made.mass_of_the_volume, fails=UnstableError,
+           peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
+def test_a_very_thin_cortex(holds):
+    smooth(holds, 1.1, "geometry.cortex_thickness=0.25", "material.mu_ratio=4")
+
+
+@hard_case("solver", "T/C = 1/5", guard="the mass is measured anew every 12 steps", without=made.mass_of_the_first_step,
+           fails=UnstableError, peers=FIXED_STEP)  # fmt: skip
+def test_a_very_thick_cortex(holds):
+    smooth(holds, 1.15, "geometry.cortex_thickness=10")
+    run = grown(start(*OCTANT, "geometry.cortex_thickness=10"), 1.8)
+    healthy(holds, run)
+
+
+@hard_case("solver", "tangential growth of a thick cortex", guard="the law reaches the kernel",
+           without=made.isotropic_kernel, peers="BrainGrowth: isotropic growth is dead code (read)")  # fmt: skip
+def test_a_thick_cortex_that_grows_tangentially(holds):
+    smooth(holds, 1.2, "geometry.cortex_thickness=10", "growth.law=tangential")
+    run = grown(start(*OCTANT, "geometry.cortex_thickness=10", "growth.law=tangential"), 1.8)
+    healthy(holds, run)
+
+
+@hard_case("solver", "a cortex that shrinks, g = 0.8", guard="growth falls as it rises", without=made.only_upwards)
+def test_a_cortex_that_shrinks(holds):
+    smooth(holds, 0.8, what="displacement off the exact one, isotropic")
+    smooth(holds, 0.8, "growth.law=tangential", what="displacement off the exact one, tangential")
+    with pytest.raises(ValueError) as error:
+        start(*STRIP).grow_to(0.0)
+    holds.says("growth to nothing", str(error.value), "growth stretch", "positive", "got 0")
+    with pytest.raises(ValueError) as error:
+        start(*STRIP, "growth.final=0.8")
+    holds.says("a scene", str(error.value), "growth.final", "greater than or equal to 1", "0.8")
+
+
+@hard_case("solver", "growth to g = 3", guard="the mass is measured anew every 12 steps",
+           without=made.mass_of_the_first_step, fails=(AssertionError, UnstableError),
+           peers=FIXED_STEP)  # fmt: skip
+def test_growth_to_three(holds):
+    run = grown(start(*STRIP, "growth.final=3", "geometry.length=24"), 3.0)
+    healthy(holds, run, leave=["volume_drift"])                         # 27 times the volume presses: see the laws
+
+
+@hard_case("solver", "growth ten times too fast", guard="growth waits for balance", without=made.no_waiting,
+           fails=(AssertionError, UnstableError))  # fmt: skip
+def test_growth_ten_times_too_fast(holds):
+    with pytest.raises(ValueError) as error:
+        start(*STRIP, "growth.rate=10")
+    holds.says("a scene", str(error.value), "growth.rate", "4", "10")
+    run = start(*STRIP)
+    fast = grown(Dynamics(run.body, run.effects, steps_per_unit=0.1 / run.rate), 1.6)
+    healthy(holds, fast)

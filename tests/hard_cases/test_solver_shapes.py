@@ -1,0 +1,107 @@
+"""Meshes and meetings: imperfections, one layer of elements, flat tetrahedra, walls head on, a whole sphere."""
+
+import numpy as np
+import pytest
+from hard_cases import made_solver as made
+from hard_cases.cases import hard_case
+from hard_cases.made_solver import (
+    OCTANT,
+    STRIP,
+    at_rest,
+    body_of,
+    facing_patches,
+    grown,
+    healthy,
+    off_the_smooth_state,
+    start,
+)
+
+from morphofold.sim.dynamics import Dynamics, UnstableError
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.perturbation import Perturbation
+from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.speed import cut_bricks
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+FINER = "accuracy.edge=6.55"
+FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@hard_case("solver", "no perturbation at all, and 10 % noise", guard="the mass is measured anew every 12 steps",
+           without=made.mass_of_the_first_step, fails=UnstableError, peers=FIXED_STEP)  # fmt: skip
+def test_an_imperfection_of_nothing_and_one_of_a_tenth(noise, holds):
+    effects = f"effects={{contact={{}}{f', perturbation={{amplitude={noise}}}' if noise else ''}}}"
+    run = grown(start(*OCTANT, FINER, effects), 1.65)
+    healthy(holds, run)
+
+
+@hard_case("solver", "one element through the cortex", guard="the mass knows the pressure's stiffness",
+           without=made.mass_without_pressure, fails=UnstableError)  # fmt: skip
+def test_one_element_through_the_cortex(holds):
+    one = "accuracy.elements_through_cortex=1"
+    run = at_rest(start(*OCTANT, "effects={}", one), 1.15)
+    holds("pial displacement off the exact one", off_the_smooth_state(run), at_most=0.03)
+    healthy(holds, grown(start(*STRIP, one), 1.6))
+
+
+@hard_case("solver", "tetrahedra of aspect 50", guard="the mass is of the stiffness, not of the volume",
+           without=made.mass_of_the_volume, fails=UnstableError,
+           peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
+def test_flat_tetrahedra(holds):
+    thin = FINER, "geometry.cortex_thickness=0.4", "accuracy.elements_through_cortex=3", "material.mu_ratio=4"
+    run = start(*OCTANT, "effects={}", *thin, mesh=cut_bricks)
+    p, t = run.body.bilayer.mesh.p, run.body.bilayer.mesh.t[:, : run.body.elements.n_cortex]
+    edges = [np.linalg.norm(p[:, t[i]] - p[:, t[j]], axis=0) for i in range(4) for j in range(i)]
+    holds("longest over shortest edge", float((np.max(edges, axis=0) / np.min(edges, axis=0)).max()), at_least=50)
+    run = at_rest(run, 1.15)
+    holds("pial displacement off the exact one", off_the_smooth_state(run, *thin), at_most=0.03)
+    holds("lowest J", run.state.lowest_J, at_least=0.05)
+
+
+def facing(gap, size, noise=0.0, depth=8.0):
+    bilayer = facing_patches((size, size), depth, gap=gap)
+    X = Perturbation(noise, 8.0, seed=3).reshape(bilayer, bilayer.mesh.p.T) if noise else None
+    body = body_of(bilayer, X=X)
+    return Dynamics(body, [Contact(), Symmetry()], steps_per_unit=180 * body.crossing)
+
+
+def clearance(run):
+    """Least height [mm] of the upper surface's nodes over the highest node of the lower one, both nearly flat."""
+    z = run.state.x[: run.body.n_surface, 2]
+    return float(z[len(z) // 2 :].min() - z[: len(z) // 2].max())
+
+
+@hard_case("solver", "two bodies of folds meeting head on", guard="contact", without=made.no_contact,
+           peers="BrainGrowth: the search visits 3 of 27 cells, 11 to 89 % of the pairs (measured)")  # fmt: skip
+def test_folds_that_meet_head_on(holds):
+    run = facing(7.2, 8.0, noise=0.1)
+    run.grow_to(1.44)
+    holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=2)
+    healthy(holds, run, leave=["volume_drift"])                         # walls that can't give way are pressed together
+
+
+@hard_case("solver", "two walls nearer than an edge before they grow",
+           guard="pairs across a gap of the reference count", without=made.near_is_no_contact,
+           peers="BrainGrowth: contact acts at 3 % of an edge, after faces have passed (measured)")  # fmt: skip
+def test_walls_nearer_than_an_edge(holds):
+    run = grown(facing(0.5, 4.0), 1.1)                                  # edges are 0.8 mm
+    holds("clearance", clearance(run), at_least=0.0, unit="mm")
+    holds("lowest J", run.state.lowest_J, at_least=0.05)
+
+
+@hard_case("solver", "a whole sphere without planes folds as its octant", guard="the filter's images beyond a plane",
+           without=made.no_images, peers="Tallinen, BrainGrowth: a penalty at the mid-plane (read)")  # fmt: skip
+def test_a_whole_sphere_is_eight_octants(holds):
+    settings = "effects={contact={}}", "accuracy.precision=double"
+    part, whole = (start(*OCTANT, *settings, f"geometry.portion={portion}") for portion in ("octant", "full"))
+    numbers = {tuple(at): i for i, at in enumerate(np.round(whole.body.X, 6) + 0.0)}
+    same = [numbers[tuple(at)] for at in np.round(part.body.X, 6) + 0.0]
+    for g, bound in ((1.2, 1e-6), (1.6, 0.03)):                         # before folds, and folded: 1 % of T
+        for run in (part, whole):
+            run.grow_to(g)
+        apart = np.abs(whole.state.x[same] - part.state.x).max()
+        holds(f"nodes apart at g = {g}", float(apart), at_most=bound, unit="mm")
+    r = np.linalg.norm(part.state.x[: part.body.n_surface], axis=1)
+    holds("depth of the folds", float(np.ptp(r)), at_least=0.5, unit="mm")
