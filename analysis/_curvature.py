@@ -188,11 +188,13 @@ def folding_indices(curv: Curvature, areas: PerVertex) -> FoldingIndices:
     Returns
     -------
     FoldingIndices
-        Vertices without curvature (NaN) count nothing.
+        Vertices without curvature (NaN) count nothing; NaN if none has any.
     """
     if np.shape(areas) != np.shape(curv.k1):
         raise ValueError(f"areas has shape {np.shape(areas)}, the curvature is of {len(curv.k1)} vertices.")
     known = np.isfinite(curv.k1)
+    if not known.any():
+        return FoldingIndices(*4 * (math.nan,))
     k1, k2, dA = curv.k1[known], curv.k2[known], areas[known] / (4 * np.pi)
     large, small = np.maximum(abs(k1), abs(k2)), np.minimum(abs(k1), abs(k2))
     K = k1 * k2

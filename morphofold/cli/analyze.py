@@ -70,6 +70,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from morphofold.analysis.faults import WARNINGS
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.clock import Stages
@@ -141,17 +142,21 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for m in measures:
         s = m.scalars
-        gyral = s["median_gyral_thickness_mm"]
         print(
-            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {s['gyrification_index']:.2f}, "
-            f"cortical thickness {s['mean_cortical_thickness_mm']:.2f} mm, gyral thickness "
-            f"{'n/a' if gyral is None else f'{gyral:.1f} mm'}"
+            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {_said(s['gyrification_index'], '.2f')}, "
+            f"cortical thickness {_said(s['mean_cortical_thickness_mm'], '.2f', ' mm')}, gyral thickness "
+            f"{_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
         )
-        if "simulation" in m.notes:
-            print(f"warning: {m.notes['simulation']}")
+        for key in WARNINGS:
+            if key in m.notes:
+                print(f"warning: {m.notes[key]}")
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
+
+
+def _said(value: float | None, form: str, unit: str = "") -> str:
+    return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
 def _dry_run(cortices: list[Cortex], reading: float, args: argparse.Namespace) -> int:
