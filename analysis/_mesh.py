@@ -104,6 +104,12 @@ def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
     return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
 
 
+def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
+    """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
+    used, renamed = np.unique(faces, return_inverse=True)
+    return used, verts[used], renamed.reshape(-1, 3)
+
+
 def edges(faces: Faces) -> NDArray[np.int64]:
     """Edges (E, 2), each once, the smaller vertex first, in ascending order."""
     return edges_and_counts(faces)[0]

@@ -90,9 +90,12 @@ def check_pair(cortex: Cortex) -> None:
     white, pial = cortex.white, cortex.pial
     step = pial.verts - white.verts
     size = np.linalg.norm(step, axis=1)
-    apart = float(np.median(size[size > 0]))
+    off = (size > 0) & (np.bincount(cortex.faces.ravel(), minlength=len(size)) > 0)
+    if not off.any():
+        return
+    apart = float(np.median(size[off]))
     radius = float(np.sqrt(_mesh.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
-    along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[size > 0] / size[size > 0]
+    along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if apart > APART * radius and abs(along.mean()) < ALONG:
         files = cortex.files[:2] or (white.name, pial.name)
         raise ValueError(
@@ -105,4 +108,4 @@ def check_pair(cortex: Cortex) -> None:
 def _volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
     """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
     a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
-    return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+    return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6).astype(np.float64)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 from scipy.spatial import cKDTree
 
-from morphofold.analysis._mesh import is_closed, mean_edge_length, split, vertex_areas
+from morphofold.analysis._mesh import in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 Array = NDArray[np.float64]
@@ -62,8 +62,8 @@ def local_gyrification_index(
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         if not (math.isfinite(length) and length > 0):
             raise ValueError(f"{name} must be a positive length in mm, got {length!r}.")
-    used, renamed = np.unique(faces, return_inverse=True)
-    index, verts, faces = np.full(len(verts), np.nan), verts[used], renamed.reshape(-1, 3)
+    index = np.full(len(verts), np.nan)
+    used, verts, faces = in_use(verts, faces)
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST:
         raise ValueError(

@@ -11,6 +11,9 @@ from morphofold.surface import Cortex
 WARNINGS = ("simulation", "mesh", "crossing", "curvature_scale")    # notes that a command tells, too
 
 
+ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
+
+
 def check_edges(cortex: Cortex) -> None:
     """Refuse triangles that are no surface: more than two at an edge, some flipped, or torn from their neighbours.
 
@@ -45,13 +48,13 @@ def check_edges(cortex: Cortex) -> None:
         i, j = border[twin[torn[0]]], border[torn[0]]
         raise ValueError(
             f"{cortex.name}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
-            f"first is vertex {j}, at the place of vertex {i}, {_place(cortex, i)}: the surface is torn there. Make one "
-            "vertex of those at the same place."
+            f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
+            "one vertex of those at the same place."
         )
 
 
 def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
-    """Notes ``mesh``, of unused vertices, pieces and borders, and ``crossing``, where white lies outside pial."""
+    """Notes ``mesh``, of unused vertices, pieces, borders and rounding, and ``crossing``: white lies outside pial."""
     told = []
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
     if unused := np.count_nonzero(piece < 0):
@@ -64,12 +67,21 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     if len(border := pair[count == 1]):
         told.append(
             f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
-            f"{_place(cortex, border[0, 0])}: holes have no area, and what is cut off is not measured."
+            f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
         )
+    for surface in (cortex.white, cortex.pial):
+        step = float(np.spacing(np.abs(surface.verts).max().astype(np.float32)))
+        edge = _mesh.mean_edge_length(surface.verts, surface.faces)
+        if step > ROUGH * edge and np.array_equal(surface.verts, surface.verts.astype(np.float32)):
+            told.append(
+                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
+                f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
+                "origin before it is written."
+            )
     notes = {"mesh": " ".join(told)} if told else {}
-    step = cortex.pial.verts - cortex.white.verts
+    apart = cortex.pial.verts - cortex.white.verts
     outward = [
-        np.einsum("ij,ij->i", step, _mesh.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)
+        np.einsum("ij,ij->i", apart, _mesh.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)
     ]
     if len(crossed := np.flatnonzero(mask & (np.maximum(*outward) < 0))):
         notes["crossing"] = (

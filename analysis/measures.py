@@ -229,14 +229,15 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
         If it does not fit the mesh.
     """
     from morphofold.analysis import _mesh
-    from morphofold.analysis._curvature import check_scale
+    from morphofold.analysis._curvature import check_scale, largest_scale
 
     surfaces = (cortex.white, cortex.pial)
     edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
     area = min(float(_mesh.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
     size = float(np.sqrt(area / (4 * np.pi)))
     usual = CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0     # else only the mesh can say what is fine
-    scale = max(usual, COARSE * edge) if wanted is None else float(wanted)
+    most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
+    scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
     for surface in surfaces:
         check_scale(surface.verts, cortex.faces, scale)
     say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."

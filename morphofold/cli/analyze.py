@@ -142,10 +142,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for m in measures:
         s = m.scalars
+        index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
         print(
-            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {_said(s['gyrification_index'], '.2f')}, "
-            f"cortical thickness {_said(s['mean_cortical_thickness_mm'], '.2f', ' mm')}, gyral thickness "
-            f"{_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
+            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
+            f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
         )
         for key in WARNINGS:
             if key in m.notes:
