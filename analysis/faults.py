@@ -9,8 +9,6 @@ from morphofold.analysis import _mesh
 from morphofold.surface import Cortex
 
 WARNINGS = ("simulation", "mesh", "crossing", "curvature_scale")    # notes that a command tells, too
-
-
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 

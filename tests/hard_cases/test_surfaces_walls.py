@@ -150,7 +150,7 @@ def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
     pial, scale = pressed_sphere(5, press=press), 1.2
     before = pressed_sphere(5, press=0.0).verts[:, 0]                   # 3 mm and more along the surface from the cut
     pressed = (before > 1.5) & (before < 2.4) & (np.abs(pial.verts[:, 0]) < 0.5) & (np.abs(pial.verts[:, 1]) < 2)
-    holds("vertices in contact", pressed.sum(), at_least=10)
+    holds("vertices in contact", pressed.sum(), at_least=5)
     alone = pial.faces[(before[pial.faces] >= 0).all(axis=1)]
     both, one = (bending.curvature(pial.verts, faces, scale).H[pressed] for faces in (pial.faces, alone))
     holds("change of H", np.abs(both - one).max(), at_most=1e-9, unit="/mm")
