@@ -163,7 +163,8 @@ def by_edges(patch):
 @hard_case("surfaces", "refinement of the mesh, from edges of 4 mm to 2 mm", guard="scales in mm, not in edges",
            peers="rings are no scale: libigl's radius counts edges (read)", without=by_edges)  # fmt: skip
 def test_a_finer_mesh_has_the_same_measures(holds, count):
-    """At equal scales; what is cut off between vertices is (h / width)^2 / 8 of a fold, 1 % at edges of 4 mm."""
+    """At equal scales; what is cut off between vertices is (h / width)^2 / 8 of a fold, 1 % at edges of 4 mm;
+    off a depth of 0.8 mm the hull cuts h^2 / 6 R, 6 %."""
     def check(seed):
         net = NET.rotated(turned(seed))
         one, other = (
@@ -174,7 +175,7 @@ def test_a_finer_mesh_has_the_same_measures(holds, count):
     worst = of_all(count, check, seed=SEED)
     bounds = {"area_pial_mm2": 0.01, "area_white_mm2": 0.01, "gyrification_index": 0.01, "n_hinges": 0, "n_crests": 0,
               "mean_cortical_thickness_mm": 0.01, "median_gyral_thickness_mm": 0.02, "wavelength_mm": 0.02,
-              "mean_sulcal_depth_mm": 0.05, "crest_length_mm": 0.02, "folding_index": 0.05,
+              "mean_sulcal_depth_mm": 0.1, "crest_length_mm": 0.02, "folding_index": 0.05,
               "intrinsic_curvature_index": 0.05, "mean_local_gyrification_index": 0.01}  # fmt: skip
     for name, bound in bounds.items():
         holds(name, worst[name], at_most=bound)
