@@ -86,34 +86,35 @@ def hold_all(holds, found, *, unit=1.0, bent=BENT, lines=LINES, width=WIDTH, are
         **dict.fromkeys(("wavelength_mm", "crest_length_mm"), (max(width, area), unit)),
         "spectral_wavelength_mm": (lines, unit),
     }  # fmt: skip
-    for name, (bound, size) in bounds.items():
-        if name not in without:
-            holds(name, abs(one[name] / (size * other[name]) - 1), at_most=bound)
-    for name in ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests"):
-        if name not in without:
-            holds.equal(name, one[name], other[name])
-    hold_maps(holds, found, unit=unit, bent=bent)
+    off = {
+        name: (abs(one[name] / (size * other[name]) - 1), bound)
+        for name, (bound, size) in bounds.items() if name not in without
+    } | {name: (change, 2 * power * bent) for name, power, change in changes_of_maps(found, unit)}  # fmt: skip
     if "lines" not in without:
-        hold_lines(holds, found, unit=unit, lines=lines)
+        off |= {f"{kind} crest lines": (change, lines) for kind, change in changes_of_lines(found, unit)}
+    share = {name: change / bound if np.isfinite(change) else np.inf for name, (change, bound) in off.items()}
+    worst = max(share, key=lambda name: share[name])
+    change, bound = off[worst]
+    holds(f"{len(off)} measures, nearest to its bound {worst.removesuffix('_mm')}: change", change, at_most=bound)
+    counts = [name for name in ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests") if name not in without]
+    holds.equal("hinges and crests", [one[name] for name in counts], [other[name] for name in counts])
 
 
-def hold_maps(holds, found, *, unit=1.0, bent=BENT):
-    """Curvature at the vertices that the clean cortex has too, relative to its root mean square."""
-    _, of_clean = clean()
+def changes_of_maps(found, unit):
+    """Of curvature at the vertices that the clean cortex has too, relative to its root mean square."""
     for name, power in (("H", 1), ("K", 2)):
-        true = of_clean.maps[name]
+        true = clean()[1].maps[name]
         off = unit**power * found.maps[name][: len(true)] - true
-        holds(f"{name}, root mean square", np.sqrt(np.mean(off**2) / np.mean(true**2)), at_most=2 * power * bent)
+        yield name, power, np.sqrt(np.mean(off**2) / np.mean(true**2))
 
 
-def hold_lines(holds, found, *, unit=1.0, lines=LINES):
-    (_, of_clean), sizes = clean(), []
-    for m in (found, of_clean):
+def changes_of_lines(found, unit):
+    sizes = []
+    for m in (found, clean()[1]):
         pial, scale = m.cortex.pial, m.parameters["curvature_scale_mm"]
         sizes.append(crest_lines(pial.verts, pial.faces, scale=scale))
     for kind in ("gyral", "sulcal"):
-        ratio = sizes[0].length(kind) / (unit * sizes[1].length(kind))
-        holds(f"{kind} crest lines", abs(ratio - 1), at_most=lines)
+        yield kind, abs(sizes[0].length(kind) / (unit * sizes[1].length(kind)) - 1)
 
 
 def refusal(cortex, **options):
