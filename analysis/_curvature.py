@@ -140,6 +140,12 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 
+def largest_scale(verts: Verts, faces: Faces) -> float:
+    """Radius of a sphere of equal area, or 3 mean edges if that is more: a coarse mesh has nothing finer to offer."""
+    size = math.sqrt(face_areas(verts, faces).sum() / (4 * math.pi))
+    return max(size, EDGES * mean_edge_length(verts, faces))
+
+
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
     """Raise ``ValueError`` for a radius of neighbourhoods that does not fit the mesh, as ``curvature`` says."""
     edge = mean_edge_length(verts, faces)
@@ -151,7 +157,7 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
             f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: no neighbourhood so small holds "
             f"enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
         )
-    if scale > max(size, EDGES * edge):         # a coarse mesh has nothing finer to offer
+    if scale > largest_scale(verts, faces):
         raise ValueError(
             f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere of the mesh's area; its mean edge is "
             f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
@@ -188,11 +194,13 @@ def folding_indices(curv: Curvature, areas: PerVertex) -> FoldingIndices:
     Returns
     -------
     FoldingIndices
-        Vertices without curvature (NaN) count nothing.
+        Vertices without curvature (NaN) count nothing; NaN if none has any.
     """
     if np.shape(areas) != np.shape(curv.k1):
         raise ValueError(f"areas has shape {np.shape(areas)}, the curvature is of {len(curv.k1)} vertices.")
     known = np.isfinite(curv.k1)
+    if not known.any():
+        return FoldingIndices(*4 * (math.nan,))
     k1, k2, dA = curv.k1[known], curv.k2[known], areas[known] / (4 * np.pi)
     large, small = np.maximum(abs(k1), abs(k2)), np.minimum(abs(k1), abs(k2))
     K = k1 * k2

@@ -104,16 +104,23 @@ def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
     return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
 
 
+def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
+    """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
+    used, renamed = np.unique(faces, return_inverse=True)
+    return used, verts[used], renamed.reshape(-1, 3)
+
+
 def edges(faces: Faces) -> NDArray[np.int64]:
     """Edges (E, 2), each once, the smaller vertex first, in ascending order."""
-    return _edges_and_counts(faces)[0]
+    return edges_and_counts(faces)[0]
 
 
 #: edges and counts by the id of read-only faces, as those of a Surface, for as long as these live (never thaw them)
 _KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
 
 
-def _edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """``edges``, and how many triangles each has (E,)."""
     if faces.flags.writeable or faces.base is not None:                 # a view shows what its base becomes
         return _find_edges(faces)
     if id(faces) not in _KEPT:
@@ -205,7 +212,7 @@ def euler_characteristic(faces: Faces) -> int:
 
 def is_closed(faces: Faces) -> bool:
     """True if exactly two faces meet at every edge."""
-    return bool((_edges_and_counts(faces)[1] == 2).all())
+    return bool((edges_and_counts(faces)[1] == 2).all())
 
 
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:

@@ -56,6 +56,7 @@ class Altimeter:
         self._stiffness = _mesh.cotangent_laplacian(verts, faces, clip=COTANGENTS)
         self._mass = _mesh.vertex_areas(verts, faces)
         self.area = float(self._mass.sum())
+        self._piece = _mesh.components(len(verts), faces)[1]
         self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)     # integral of H at each vertex
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
@@ -67,19 +68,26 @@ class Altimeter:
         return values
 
     def altitude(self, reach: float, scale: float) -> PerVertex:
-        """Altitude (N,) [mm], its mean 0, smoothed over ``scale`` [mm].
+        """Altitude (N,) [mm], its mean 0 on each piece of the surface, smoothed over ``scale`` [mm].
 
         ``(L + M / reach^2) D = 2 M (H - mean H)`` with the cotangent stiffness L and the vertex areas M: the depth
         potential of Boucher, Whitesides, Evans 2009 (Medical Image Analysis 13), with the other sign. Folds that are
         wider than a few ``reach`` [mm] count as the body's own shape.
         """
-        right = 2 * reach**2 * (self._bent - self._mass * (self._bent.sum() / self.area))
+        right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
         return self.smooth(solve(self._matrix(reach**2), right, np.zeros(len(right)), RTOL), scale)
 
     def mean_curvature(self, scale: float) -> PerVertex:
         """Mean curvature H (N,) [1/mm] of the vertices smoothed over ``scale`` [mm], for its sign."""
         bent = np.divide(self._bent, self._mass, out=np.zeros_like(self._bent), where=self._mass > 0)
         return self.smooth(bent, scale)
+
+    def _mean_curvatures(self) -> PerVertex:
+        """Mean over its piece of the mean curvature (N,) [1/mm]; 0 where no face uses the vertex."""
+        of = self._piece + 1                                            # a share of its own for what no face uses
+        bent, area = np.bincount(of, self._bent), np.bincount(of, self._mass)
+        mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
+        return mean
 
     def _matrix(self, time: float) -> sparse.csr_array:
         mass = sparse.dia_array((self._mass[None, :], [0]), shape=self._stiffness.shape)

@@ -66,18 +66,19 @@ def check_surfaces(cortex: Cortex) -> None:
 
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out, or swapped."""
-    faces = cortex.faces
-    inner, outer = (_volume(s.verts, faces) for s in (cortex.white, cortex.pial))
-    for surface, volume in ((cortex.white, inner), (cortex.pial, outer)):
-        if volume < 0:
+    pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
+    inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
+        for k in np.flatnonzero(volumes < 0)[:1].tolist():
+            where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise ValueError(
-                f"{cortex.name}: {surface.name} is inside out, its signed volume is {volume:.4g} mm^3: its faces run "
-                "clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+                f"{cortex.name}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: its "
+                "faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
             )
-    if inner > outer:
+    if inner.sum() > outer.sum():
         raise ValueError(
-            f"{cortex.name}: white ({cortex.white.name}) encloses {inner:.6g} mm^3, more than the {outer:.6g} mm^3 of "
-            f"pial ({cortex.pial.name}). Were white and pial swapped?"
+            f"{cortex.name}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
+            f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
         )
 
 
@@ -89,9 +90,12 @@ def check_pair(cortex: Cortex) -> None:
     white, pial = cortex.white, cortex.pial
     step = pial.verts - white.verts
     size = np.linalg.norm(step, axis=1)
-    apart = float(np.median(size[size > 0]))
+    off = (size > 0) & (np.bincount(cortex.faces.ravel(), minlength=len(size)) > 0)
+    if not off.any():
+        return
+    apart = float(np.median(size[off]))
     radius = float(np.sqrt(_mesh.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
-    along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[size > 0] / size[size > 0]
+    along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if apart > APART * radius and abs(along.mean()) < ALONG:
         files = cortex.files[:2] or (white.name, pial.name)
         raise ValueError(
@@ -101,7 +105,7 @@ def check_pair(cortex: Cortex) -> None:
         )
 
 
-def _volume(verts: Verts, faces: Faces) -> float:
-    """Signed volume [mm^3] inside a closed surface, positive if faces run counter-clockwise seen from outside."""
+def _volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
     a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6).astype(np.float64)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 from scipy.spatial import cKDTree
 
-from morphofold.analysis._mesh import is_closed, vertex_areas
+from morphofold.analysis._mesh import in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 Array = NDArray[np.float64]
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 CLOSING, REGION = 15.0, 25.0    # [mm], of Schaer and others 2008
 VOXELS = 12.0           # in the radius of the closing, unless asked otherwise
 BINS = 12.0             # in the radius of the region
+COARSEST = 0.4          # mean edge, in the radius of the region, above which triangles are cut in four
 SOFT = 1.0              # standard deviation in voxels over which distances are smoothed: their steps cost area
 MOST = 3e8              # voxels
 
@@ -61,24 +62,26 @@ def local_gyrification_index(
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         if not (math.isfinite(length) and length > 0):
             raise ValueError(f"{name} must be a positive length in mm, got {length!r}.")
-    used = np.unique(faces)
-    size = np.ptp(verts[used], axis=0) + 2 * closing
+    index = np.full(len(verts), np.nan)
+    used, verts, faces = in_use(verts, faces)
+    size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST:
         raise ValueError(
             f"voxels of {voxel:g} mm would be {np.prod(size / voxel):.1e} for a body of {size.max():.0f} mm; "
             f"take voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
+    while mean_edge_length(verts, faces) > COARSEST * region:           # area lies at the vertices
+        verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
     corners = points[triangles]
     spread = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     bin_ = region / BINS
-    low = np.minimum(verts[used].min(axis=0), points.min(axis=0)) - region
-    shape = np.ceil((np.maximum(verts[used].max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
-    folded = _within(verts[used], vertex_areas(verts, faces)[used], low, shape, bin_, region)
+    low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
+    shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
+    folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
     smooth = _within(corners.mean(axis=1), spread, low, shape, bin_, region)
     ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
-    index = np.full(len(verts), np.nan)
-    index[used] = ratio[cKDTree(points).query(verts[used])[1]]
+    index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]   # cut triangles keep their corners first
     return index
 
 

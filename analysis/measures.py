@@ -93,15 +93,16 @@ def measure(
         Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
         ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
-        name does not, and why it is None where it is; and, under ``curvature_scale``, ``cortex_mask`` and
-        ``simulation``, what to know of the input before believing the numbers.
+        name does not, and why it is None where it is; and, under ``mesh`` (unused vertices, pieces, borders),
+        ``crossing`` (white outside pial), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the
+        input before believing the numbers.
 
     Raises
     ------
     ValueError
-        If ``accuracy`` is none of the three, a closed surface is inside out, white encloses more than pial or coincides
-        with it, the two are of two cortices, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale``
-        does not fit the mesh.
+        If ``accuracy`` is none of the three, an edge has more than two triangles, triangles are flipped or torn apart,
+        a closed surface or a piece of it is inside out, white encloses more than pial or coincides with it, the two are
+        of two cortices, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
@@ -111,7 +112,7 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold.analysis import _mesh, checks, copies, depth, gyrification, notes, regions
+    from morphofold.analysis import _mesh, checks, copies, depth, faults, gyrification, notes, regions
     from morphofold.analysis._curvature import curvature, folding_indices
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
@@ -123,7 +124,8 @@ def measure(
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex)
+    faults.check_edges(cortex)
+    said = notes.of_input(cortex) | faults.remarks(cortex, mask)
 
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
@@ -157,7 +159,8 @@ def measure(
     maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
     folding = folding_indices(curvature(white.verts, faces, scale), area_white)
     scalars.update(
-        folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
+        folding_index=_number(folding.folding_index),
+        intrinsic_curvature_index=_number(folding.intrinsic_curvature_index),
     )
     said |= notes.of_folding(scale, folding, closed, euler)
     if remark:
@@ -226,14 +229,15 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
         If it does not fit the mesh.
     """
     from morphofold.analysis import _mesh
-    from morphofold.analysis._curvature import check_scale
+    from morphofold.analysis._curvature import check_scale, largest_scale
 
     surfaces = (cortex.white, cortex.pial)
     edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
     area = min(float(_mesh.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
     size = float(np.sqrt(area / (4 * np.pi)))
     usual = CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0     # else only the mesh can say what is fine
-    scale = max(usual, COARSE * edge) if wanted is None else float(wanted)
+    most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
+    scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
     for surface in surfaces:
         check_scale(surface.verts, cortex.faces, scale)
     say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."

@@ -233,14 +233,19 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
             if end not in name:
                 inside = end >= len(crossed)
                 three_basins = frozenset(finest[faces[three[end - len(crossed)]]].tolist()) if inside else frozenset()
-                name[end] = net.add_node(Node(points[end], three_basins, cut=not inside and path[0] != path[-1]))
+                at_border = not inside and graph.indptr[end + 1] - graph.indptr[end] == 1
+                name[end] = net.add_node(Node(points[end], three_basins, cut=at_border))
         net.add_arc(Arc(name[path[0]], name[path[-1]], points[path]))
     return net
 
 
 def paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
-    """Chains between junctions, from borders of the surface, and rings; each once."""
+    """Chains between junctions, from borders of the surface, and rings; each once.
+
+    A point with more than two neighbours, on an edge with more than two triangles, is a junction, too.
+    """
     first, near = graph.indptr.tolist(), graph.indices.tolist()
+    junction = np.union1d(junction, np.flatnonzero(np.diff(graph.indptr) > 2))
     ends, seen = set(junction.tolist()), set()
     free = np.flatnonzero(np.diff(graph.indptr) == 1).tolist()
     ends.update(free)

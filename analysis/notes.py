@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,6 +83,9 @@ def of_thickness(cap: float | None, with_file: bool) -> Notes:
 
 def of_folding(scale: float, folding: FoldingIndices, closed: bool, euler: int) -> Notes:
     """``euler`` is the Euler characteristic; Gauss-Bonnet binds closed surfaces only."""
+    if math.isnan(folding.total):
+        why = f"No vertex of white has a curvature within {scale:.2f} mm: it takes six vertices around it and more."
+        return dict.fromkeys(("folding_index", "intrinsic_curvature_index"), why)
     asked = (
         f" where Gauss-Bonnet asks for {euler / 2:g}; the excess measures how far the fit is beyond its range at this "
         "scale."

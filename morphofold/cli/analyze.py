@@ -70,6 +70,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from morphofold.analysis.faults import WARNINGS
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.clock import Stages
@@ -141,21 +142,21 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for m in measures:
         s = m.scalars
-        told = {
-            name: "n/a" if s[key] is None else how.format(s[key])
-            for name, key, how in (
-                ("GI", "gyrification_index", "{:.2f}"),
-                ("cortical thickness", "mean_cortical_thickness_mm", "{:.2f} mm"),
-                ("gyral thickness", "median_gyral_thickness_mm", "{:.1f} mm"),
-            )
-        }
-        numbers = ", ".join(f"{name} {number}" for name, number in told.items())
-        print(f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, {numbers}")
-        if "simulation" in m.notes:
-            print(f"warning: {m.notes['simulation']}")
+        index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
+        print(
+            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
+            f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
+        )
+        for key in WARNINGS:
+            if key in m.notes:
+                print(f"warning: {m.notes[key]}")
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
+
+
+def _said(value: float | None, form: str, unit: str = "") -> str:
+    return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
 def _dry_run(cortices: list[Cortex], reading: float, args: argparse.Namespace) -> int:

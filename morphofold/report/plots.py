@@ -114,7 +114,7 @@ def histograms(
     if not ends:
         return None
     low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
-    wide = 0.02 * (high - low) or 0.5
+    wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
     edges = np.linspace(low - wide, high + wide, bins + 1)
     curves = []
     for name, values, weights, colour, dash in series:

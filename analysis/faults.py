@@ -1,0 +1,94 @@
+"""Faults of a mesh: those that no measure can bear are refused, the others are told beside the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis import _mesh
+from morphofold.surface import Cortex
+
+WARNINGS = ("simulation", "mesh", "crossing", "curvature_scale")    # notes that a command tells, too
+ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
+
+
+def check_edges(cortex: Cortex) -> None:
+    """Refuse triangles that are no surface: more than two at an edge, some flipped, or torn from their neighbours.
+
+    Raises
+    ------
+    ValueError
+        With the number of edges or vertices, the first of them and its place on white, and the cure.
+    """
+    pair, count = _mesh.edges_and_counts(cortex.faces)
+    if len(crowded := pair[count > 2]):
+        i, j = crowded[0].tolist()
+        raise ValueError(
+            f"{cortex.name}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} and "
+            f"{j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds triangles "
+            "twice: remove those that do not belong to it."
+        )
+    n = cortex.n_vertices
+    ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
+    if len(same := ways[1:][ways[1:] == ways[:-1]]):
+        i, j = divmod(int(same[0]), n)
+        one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
+        raise ValueError(
+            f"{cortex.name}: {len(same)} edges are run the same way by both of their triangles; the first is that from "
+            f"vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. Turn "
+            "it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does)."
+        )
+    border = np.unique(pair[count == 1])
+    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
+    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    twin = first[inverse.reshape(-1)]
+    if len(torn := np.flatnonzero(twin != np.arange(len(border)))):
+        i, j = border[twin[torn[0]]], border[torn[0]]
+        raise ValueError(
+            f"{cortex.name}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
+            f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
+            "one vertex of those at the same place."
+        )
+
+
+def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
+    """Notes ``mesh``, of unused vertices, pieces, borders and rounding, and ``crossing``: white lies outside pial."""
+    told = []
+    pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
+    if unused := np.count_nonzero(piece < 0):
+        told.append(f"{unused} of {cortex.n_vertices} vertices belong to no triangle, and have no values.")
+    if pieces > 1:
+        sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
+        most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
+        told.append(f"The surface is in {pieces} pieces, of {most} vertices: numbers are of all of them together.")
+    pair, count = _mesh.edges_and_counts(cortex.faces)
+    if len(border := pair[count == 1]):
+        told.append(
+            f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
+            f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
+        )
+    for surface in (cortex.white, cortex.pial):
+        step = float(np.spacing(np.abs(surface.verts).max().astype(np.float32)))
+        edge = _mesh.mean_edge_length(surface.verts, surface.faces)
+        if step > ROUGH * edge and np.array_equal(surface.verts, surface.verts.astype(np.float32)):
+            told.append(
+                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
+                f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
+                "origin before it is written."
+            )
+    notes = {"mesh": " ".join(told)} if told else {}
+    apart = cortex.pial.verts - cortex.white.verts
+    outward = [
+        np.einsum("ij,ij->i", apart, _mesh.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)
+    ]
+    if len(crossed := np.flatnonzero(mask & (np.maximum(*outward) < 0))):
+        notes["crossing"] = (
+            f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex, the first "
+            f"of them vertex {crossed[0]}, at {_place(cortex, crossed[0])}: thickness there is a distance without sign."
+        )
+    return notes
+
+
+def _place(cortex: Cortex, vertex: int) -> str:
+    x, y, z = cortex.white.verts[vertex]
+    return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -1,0 +1,164 @@
+"""Parts too many or too few: unused vertices, pieces, holes, borders, a split medial wall, 12 vertices."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hard_cases.cases import hard_case
+from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_island
+
+from morphofold.analysis import _curvature, _mesh, closing, measure
+from morphofold.analysis.altitude import Altimeter
+from morphofold.analysis.net import Net
+from morphofold.cli import analyze
+from morphofold.ridges import SOLIDS
+from morphofold.shapes import icosphere
+from morphofold.surface import Cortex, Surface
+
+
+@pytest.mark.parametrize("first", [False, True])
+@hard_case("surfaces", "unused vertices, a kilometre away", guard="only vertices in use are boxed",
+           without=lambda patch: patch.setattr(closing, "in_use", lambda v, f: (np.arange(len(v)), v, f)),
+           fails=(AssertionError, ValueError, MemoryError))  # fmt: skip
+def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys, first):
+    stray = np.full((5, 3), 1e6) + np.eye(5, 3)
+    cortex = clean()[0]
+    put = (lambda verts: np.concatenate([stray, verts])) if first else (lambda verts: np.concatenate([verts, stray]))
+    found = measure(changed(cortex, put, cortex.faces + 5 * first))
+    maps = {name: values[5:] if first else values for name, values in found.maps.items()}
+    hold_all(holds, replace(found, maps=maps), bent=1e-6, lines=0.01, width=1e-4)
+    holds.equal("vertices without H", int(np.isnan(found.maps["H"]).sum()), 5)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
+
+
+def one_mean(patch):
+    """Mean curvature is subtracted over all pieces at once."""
+    patch.setattr(Altimeter, "_mean_curvatures", lambda self: np.full(len(self._mass), self._bent.sum() / self.area))
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (80.0, 0.0, 0.0)], ids=["inside", "outside"])
+@hard_case("surfaces", "two pieces: a closed island of 1 mm", guard="altitude has mean 0 on each piece",
+           peers="libigl crashes on small components (said)", without=one_mean)  # fmt: skip
+def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
+    found = measure(with_island(clean()[0], at))
+    holds.equal("gyrification index", found.scalars["gyrification_index"], None)
+    holds.says("its note", found.notes["gyrification_index"], "is in 2 pieces")
+    gained = found.scalars["intrinsic_curvature_index"] - clean()[1].scalars["intrinsic_curvature_index"]
+    # Gauss-Bonnet gives it 1; blunted, at most the square of its radius over that of the neighbourhoods
+    holds("curvature index gained", abs(gained), at_most=1.0)
+    own = ("gyrification_index", "mean_local_gyrification_index", "intrinsic_curvature_index",
+           "mean_sulcal_depth_mm", "mean_cortical_thickness_mm", "lines")  # fmt: skip
+    hold_all(holds, found, area=1e-3, without=own)      # 12 mm^2 of 40,000
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "GI n/a", "warning: The surface is in 2 pieces, of 2562, 42 vertices")
+
+
+def numbers_only(patch):
+    patch.setattr(analyze, "_said", lambda value, form, unit="": f"{value:{form}}{unit}")
+
+
+@hard_case("surfaces", "a hole of one triangle", guard="n/a for what cannot be had",
+           peers="Workbench: smoothing an open surface breaks its curvature (said)", without=numbers_only)  # fmt: skip
+def test_a_hole_takes_the_indices_of_closed_surfaces_and_nothing_else(holds, tmp_path, capsys):
+    cortex = clean()[0]
+    lowest = np.linalg.norm(cortex.pial.verts[cortex.faces], axis=2).max(axis=1).argmin()   # on no crest
+    holed = changed(cortex, faces=np.delete(cortex.faces, lowest, axis=0))
+    status, told = analyzed(tmp_path, capsys, holed, kind=".vtk")
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "GI n/a", "warning: The surface has a border of 3 edges")
+    found = measure(holed)
+    hold_all(holds, found, area=1e-3, without=("gyrification_index", "mean_local_gyrification_index"))
+    holds.says("note of the index", found.notes["gyrification_index"], "has a border")
+
+
+def part(cortex, keep):
+    return changed(cortex, faces=cortex.faces[keep[cortex.faces].all(axis=1)])
+
+
+@hard_case("surfaces", "a wide border: half of the surface cut away", guard="a border has no hull of its own",
+           peers="pyvista is wrong at borders (said)",
+           without=lambda patch: patch.setattr(_mesh, "is_closed", lambda faces: True),
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_half_a_surface_has_the_measures_of_half(holds):
+    cortex, whole = clean()
+    z, scale = cortex.pial.verts[:, 2], whole.parameters["curvature_scale_mm"]
+    half = [measure(part(cortex, keep), curvature_scale=scale) for keep in (z >= 0, z <= 0)]
+    for m in half:
+        holds.equal("gyrification index", m.scalars["gyrification_index"], None)
+        both = np.isfinite(m.maps["H"])
+        inner = both & (np.abs(z) > 2 * scale)
+        off = (m.maps["H"] - whole.maps["H"])[inner] / np.sqrt(np.mean(whole.maps["H"] ** 2))
+        holds("H two scales inside", np.abs(off).max(), at_most=1e-9)
+        thick = (m.maps["cortical_thickness"] - whole.maps["cortical_thickness"])[inner]
+        holds("thickness there", np.abs(thick).max(), at_most=1e-9, unit="mm")
+        holds("gyral thickness", abs(m.scalars["median_gyral_thickness_mm"]
+                                     / whole.scalars["median_gyral_thickness_mm"] - 1), at_most=0.05)  # fmt: skip
+    hinges = sum(m.scalars["n_hinges"] for m in half)
+    holds.equal("hinges of both", hinges, whole.scalars["n_hinges"])
+
+
+def wall_of_nothing(patch):
+    """Crests run on through what is no cortex."""
+    patch.setattr(Net, "keep", lambda self, good: None)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@hard_case("surfaces", "a medial wall that splits the cortex in two", guard="crests are cut at the wall",
+           without=wall_of_nothing)  # fmt: skip
+def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, closed):
+    """Told by a label, or by white and pial being one there."""
+    cortex, whole = clean()
+    wall = np.abs(cortex.pial.verts[:, 2]) < 8
+    white = Surface(np.where(wall[:, None], cortex.pial.verts, cortex.white.verts), cortex.faces, "lh.white")
+    m = measure(replace(cortex, white=white) if closed else replace(cortex, cortex=~wall))
+    for name in ("H", "cortical_thickness", "sulcal_depth"):
+        holds.equal(f"{name} known", np.flatnonzero(np.isnan(m.maps[name])).tolist(), np.flatnonzero(wall).tolist())
+    off = (m.maps["H"] - whole.maps["H"])[~wall]
+    holds("H off the wall", np.abs(off).max(), at_most=1e-12, unit="/mm")
+    ends = np.array([point for *_, crest in m.graph.edges(data=True) for point in crest["polyline"]])
+    edge = _mesh.mean_edge_length(cortex.white.verts, cortex.faces)
+    holds("crests inside the wall", 8 - np.abs(ends[:, 2]).min(), at_most=edge, unit="mm")
+    sides = [sorted({bool(crest["polyline"][k, 2] > 0) for k in (0, -1)}) for *_, crest in m.graph.edges(data=True)]
+    holds.equal("crests across", [side for side in sides if len(side) > 1], [])
+    graph = m.graph
+    loops = graph.number_of_edges() - graph.number_of_nodes()
+    holds.equal("sum of degrees less 2", sum(degree - 2 for _, degree in graph.degree()), 2 * loops)
+
+
+@hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
+           peers="libigl crashes with fewer than six neighbours (said)",
+           without=lambda patch: patch.setattr(closing, "COARSEST", np.inf))  # fmt: skip
+def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
+    verts, faces = icosphere(0)
+    m = measure(Cortex(*(Surface(r * verts, faces, f"lh.{name}") for r, name in ((40, "white"), (50, "pial")))))
+    s = m.scalars
+    side = 50 / np.sin(2 * np.pi / 5)
+    holds("area", abs(s["area_pial_mm2"] / (5 * 3**0.5 * side**2) - 1), at_most=1e-12)
+    holds("gyrification index", abs(s["gyrification_index"] - 1), at_most=1e-12)
+    holds("local gyrification, of a convex body", abs(s["mean_local_gyrification_index"] - 1), at_most=0.05)
+    holds("depth", s["mean_sulcal_depth_mm"], at_most=1e-9, unit="mm")
+    holds("H at the corners, on a sphere", np.abs(m.maps["H"] * 50 - 1).max(), at_most=1e-9)
+    holds.equal("hinges", s["n_hinges"], 0)
+    holds.equal("gyral thickness", s["median_gyral_thickness_mm"], None)
+    status, told = analyzed(tmp_path, capsys, m.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "12 vertices", "gyral thickness n/a")
+
+
+def sums(patch):
+    """An index is a sum over what has a curvature, though nothing has."""
+    patch.setattr(_curvature, "folding_indices", lambda curv, areas: _curvature.FoldingIndices(*4 * (0.0,)))
+
+
+@hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="no index without a curvature", without=sums)
+def test_the_tetrahedron_has_no_curvature_and_says_so(holds):
+    verts, faces = np.array(SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    m = measure(Cortex(Surface(25.0 * verts, faces), Surface(30.0 * verts, faces)))
+    holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
+    for name in ("folding_index", "intrinsic_curvature_index"):
+        holds.equal(name, m.scalars[name], None)
+        holds.says(f"its note, {name}", m.notes[name], "No vertex of white has a curvature")
+    holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)

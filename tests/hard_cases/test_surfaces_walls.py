@@ -1,0 +1,221 @@
+"""White and pial in each other's way: crossing, coinciding, walls in contact and through each other; flat and round."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hard_cases.cases import hard_case
+from hard_cases.made_surfaces import NET, analyzed, clean, hold_all, known_cortex, refusal, with_white_outside
+from made_folds import pressed_sphere
+from scipy.spatial import cKDTree
+
+from morphofold import shapes
+from morphofold.analysis import _curvature as bending
+from morphofold.analysis import (
+    checks,
+    chord,
+    cortical_thickness,
+    crest,
+    crest_lines,
+    faults,
+    gyral_graph,
+    measure,
+    regions,
+    thickness,
+    vertex_areas,
+    vertex_normals,
+)  # fmt: skip
+from morphofold.analysis.altitude import Altimeter
+from morphofold.io import read_cortex, sample_path
+from morphofold.sim.crossings.intersection import self_intersections
+from morphofold.surface import Cortex, Regions, Surface
+
+
+def silent(patch):
+    patch.setattr(faults, "remarks", lambda cortex, mask: {})
+
+
+@hard_case("surfaces", "white crossing pial", guard="the note on crossings", without=silent,
+           peers="FreeSurfer caps thickness at 5 mm (said)")  # fmt: skip
+def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
+    crossed, there = with_white_outside(clean()[0])
+    found = measure(crossed)
+    told = found.notes.get("crossing", "")
+    first = min(there)
+    holds.says("note", told, f"White lies outside pial at {len(there)} of 2562 vertices", f"vertex {first}, at (",
+               "without sign")  # fmt: skip
+    far = np.ones(crossed.n_vertices, dtype=bool)
+    far[np.argsort(np.linalg.norm(crossed.pial.verts - crossed.pial.verts[0], axis=1))[:60]] = False
+    off = found.maps["cortical_thickness"] - clean()[1].maps["cortical_thickness"]
+    holds("thickness farther off", np.abs(off[far]).max(), at_most=1e-9, unit="mm")
+    of_white = ("area_white_mm2", "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm")
+    hold_all(holds, found, without=of_white)
+    status, told = analyzed(tmp_path, capsys, crossed)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: White lies outside pial")
+    holds.equal("note of the clean one", clean()[1].notes.get("crossing"), None)
+
+
+def everywhere(patch):
+    for where in (checks, chord):
+        patch.setattr(where, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
+
+
+@hard_case("surfaces", "zero thickness: white and pial coincide on a patch", guard="that is no cortex",
+           without=everywhere)  # fmt: skip
+def test_where_white_is_pial_there_is_no_cortex(holds):
+    cortex, whole = clean()
+    cap = cortex.pial.verts @ np.array([0.0, 0.0, 1.0]) > 35
+    white = np.where(cap[:, None], cortex.pial.verts, cortex.white.verts)
+    found = measure(replace(cortex, white=Surface(white, cortex.faces, "lh.white")))
+    unknown = np.flatnonzero(np.isnan(found.maps["cortical_thickness"])).tolist()
+    holds.equal("vertices without thickness", unknown, np.flatnonzero(cap).tolist())
+    mean = np.mean(whole.maps["cortical_thickness"][~cap])
+    holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
+
+
+@hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
+def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
+    twice = replace(clean()[0], pial=Surface(clean()[0].white.verts, clean()[0].faces, "lh.pial"))
+    holds.says("measure", refusal(twice), "are the same surface at all 2562 vertices", "Pass the two surfaces")
+    status, told = analyzed(tmp_path, capsys, twice)
+    holds.equal("exit status", status, 2)
+    holds.says("analyze", told, "are the same surface")
+
+
+@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="means are of what is known",
+           without=lambda patch: patch.setattr(regions, "_known", lambda values, at: values[at]))  # fmt: skip
+def test_a_thickness_file_with_gaps_changes_its_own_means_only(holds):
+    cortex = clean()[0]
+    north = cortex.pial.verts[:, 2] > 0
+    given = np.where(north, 2.5, 3.5)
+    given[np.flatnonzero(north)[:100]] = np.nan
+    parts = Regions(north.astype(np.int64), ("south", "north"), np.zeros((2, 3), dtype=np.uint8))
+    found = measure(replace(cortex, maps={"thickness": given}, regions=parts))
+    hold_all(holds, found, bent=1e-9, lines=1e-9, width=1e-9)
+    rows = {row["region"]: row for row in found.regions}
+    for name, true in (("north", 2.5), ("south", 3.5)):
+        holds(f"thickness of the file, {name}", abs(rows[name]["thickness_file_mm"] - true), at_most=1e-12, unit="mm")
+    unknown = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
+    holds.equal("unknown in the map", unknown, np.flatnonzero(np.isnan(given)).tolist())
+
+
+def shell(pial, depth):
+    """A cortex of uniform depth inside a surface."""
+    inner = pial.verts - depth * vertex_normals(pial.verts, pial.faces)
+    return Cortex(Surface(inner, pial.faces, "lh.white"), Surface(pial.verts, pial.faces, "lh.pial"))
+
+
+def nearest_of_all(patch):
+    """The nearest vertex, whatever wall it is of."""
+    patch.setattr(thickness, "_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
+
+
+@hard_case("surfaces", "self-intersection: walls of a sulcus that pass through each other", without=nearest_of_all,
+           guard="only the surface around the own partner, facing the same way, is searched",
+           peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)")  # fmt: skip
+def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds):
+    """Each passes up to 0.8 beyond the other, whose white is 0.5 behind it: at 0.25 the two are in one place."""
+    pial = pressed_sphere(5, press=1.5)
+    cortex = shell(pial, 0.5)
+    passed = self_intersections(pial).vertex
+    holds("vertices that have passed the other wall", len(passed), at_least=10)
+    found = cortical_thickness(cortex.white, cortex.pial, cap=None)
+    holds("mean thickness, of 0.5", abs(found.mean() / 0.5 - 1), at_most=0.02)
+    holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
+
+
+def fitted_in_space(patch):
+    """A quadric through all that lies within the scale, whatever wall it is of."""
+    own = bending.curvature
+
+    def curvature(verts, faces, scale):
+        normals, used, H = vertex_normals(verts, faces), np.unique(faces), np.full(len(verts), np.nan)
+        for i, around in zip(used, cKDTree(verts[used]).query_ball_point(verts[used], scale)):
+            around = used[around]
+            across = np.linalg.svd(normals[i][None])[2][1:]
+            u, v, h = np.vstack([across, normals[i]]) @ (verts[around] - verts[i]).T
+            a = np.linalg.lstsq(np.stack([1 + 0 * u, u, v, u * u, u * v, v * v], axis=1), h, rcond=None)[0]
+            H[i] = -(a[3] + a[5])
+        return replace(own(verts, faces, scale), k1=H, k2=H)
+
+    patch.setattr(bending, "curvature", curvature)
+
+
+@pytest.mark.parametrize("press", [1.0, 1.5], ids=["touching", "crossing"])
+@hard_case("surfaces", "curvature of walls that touch, or pass through each other", guard="a fit along the surface",
+           without=fitted_in_space)  # fmt: skip
+def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
+    """The sphere is cut along the plane that the walls meet in, which on the surface is the bottom of the sulcus."""
+    pial, scale = pressed_sphere(5, press=press), 1.2
+    before = pressed_sphere(5, press=0.0).verts[:, 0]                   # 3 mm and more along the surface from the cut
+    pressed = (before > 1.5) & (before < 2.4) & (np.abs(pial.verts[:, 0]) < 0.5) & (np.abs(pial.verts[:, 1]) < 2)
+    holds("vertices in contact", pressed.sum(), at_least=5)
+    alone = pial.faces[(before[pial.faces] >= 0).all(axis=1)]
+    both, one = (bending.curvature(pial.verts, faces, scale).H[pressed] for faces in (pial.faces, alone))
+    holds("change of H", np.abs(both - one).max(), at_most=1e-9, unit="/mm")
+
+
+@hard_case("surfaces", "a simulated surface with sulcal walls in contact", without=nearest_of_all,
+           guard="only the surface around the own partner, facing the same way, is searched")  # fmt: skip
+def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
+    """What lies between white and pial is the thickness over the surface midway, to first order in its curvature."""
+    cortex = read_cortex(sample_path("simulated"))
+    found = cortical_thickness(cortex.white, cortex.pial, cap=None)
+    linked = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
+    holds("thickness less the way to the own partner", (found - linked).max(), at_most=1e-12, unit="mm")
+    volume = regions.gray_volumes(cortex).sum()
+    middle = Surface((cortex.white.verts + cortex.pial.verts) / 2, cortex.faces)
+    filled = np.sum(found * vertex_areas(middle.verts, middle.faces))
+    holds("volume filled", filled / volume, at_least=0.85, at_most=1.0)
+
+
+def of_curvature(patch):
+    """The net is that of mean curvature, which on a flat crown has no ridge but two."""
+    patch.setattr(Altimeter, "altitude", lambda self, reach, scale: self.mean_curvature(scale))
+
+
+@hard_case("surfaces", "gyri with flat crowns", guard="a net of altitude, not of curvature", without=of_curvature)
+def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
+    """Cut off at 3 of 8 mm above the floor, 20 mm wide there."""
+    verts = known_cortex().pial.verts
+    radius = np.linalg.norm(verts, axis=1, keepdims=True)
+    flat = Surface(verts * np.minimum(1, 53 / radius), clean()[0].faces)
+    graph = gyral_graph(flat)
+    holds.equal("hinges", [data["degree"] for _, data in graph.nodes(data=True)], len(NET.nodes) * [3])
+    holds.equal("crests", graph.number_of_edges(), len(NET.arcs))
+    length = sum(crest["length"] for *_, crest in graph.edges(data=True))
+    holds("length of crests", abs(length / (53 * NET.lengths.sum()) - 1), at_most=0.03)
+    at = np.array([data["position"] for _, data in graph.nodes(data=True)])
+    off = cKDTree(53 * NET.nodes).query(at)[0]
+    holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")     # an edge
+
+
+def any_extremum(patch):
+    for name in ("ROUND", "SHARP", "LESS"):
+        patch.setattr(crest, name, -np.inf)
+
+
+UMBILIC = {
+    "sphere": lambda: shapes.sphere(4, rng=1), "torus": lambda: shapes.torus(rng=1), "cylinder": shapes.cylinder,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UMBILIC)
+@hard_case("surfaces", "umbilics everywhere, and curvature that nowhere has an extremum", without=any_extremum,
+           guard="crests fall away to both sides",
+           peers="CGAL Ridges_3: 6041 segments on the sphere, 7328 on the torus (measured)")  # fmt: skip
+def test_cyclides_have_no_crest_lines(holds, name):
+    shape = UMBILIC[name]()
+    holds.equal(f"lines on the {name}", len(crest_lines(shape.verts, shape.faces).lines), 0)
+
+
+@hard_case("surfaces", "a plane", guard="no shape without curvature",
+           without=lambda patch: patch.setattr(bending.Curvature, "shape_index", property(
+               lambda c: 2 / np.pi * np.arctan2(c.k1 + c.k2, c.k1 - c.k2))))  # fmt: skip
+def test_a_plane_has_no_curvature_and_no_shape(holds):
+    sheet, _ = shapes.corrugated_sheet(2.0, height=0.0, size=40.0, rng=1)
+    found = bending.curvature(sheet.verts, sheet.faces)
+    holds("curvature", np.abs([found.k1, found.k2]).max(), at_most=1e-12, unit="/mm")
+    holds.equal("vertices with a shape index", int(np.isfinite(found.shape_index).sum()), 0)
+    holds.equal("crest lines", len(crest_lines(sheet.verts, sheet.faces).lines), 0)
