@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import difflib
 import json
 import os
 import secrets
 import shutil
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -126,7 +128,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     """
     out = Path(os.path.abspath(out))
     if out.is_symlink():
-        out = out.resolve()
+        out = Path(os.path.realpath(out))                               # resolve() raises at a link to itself
     refuse_foreign(out)
     made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -149,10 +151,18 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 
 
 def _move_onto(new: Path, out: Path) -> None:
+    """Put a folder in the place of another, of which another process sees the old or the new one at any time.
+
+    Where the system can't exchange two names at once, a process killed here leaves the old one beside (``.NAME.*.old``).
+    """
     if not out.exists():
-        os.replace(new, out)
-        return
+        with suppress(OSError):                                         # it came into being meanwhile
+            os.replace(new, out)
+            return
     old = out.with_name(f"{new.name}.old")
+    if _exchange(new, out):
+        shutil.rmtree(new)
+        return
     os.replace(out, old)
     try:
         os.replace(new, out)
@@ -160,6 +170,19 @@ def _move_onto(new: Path, out: Path) -> None:
         os.replace(old, out)
         raise
     shutil.rmtree(old)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two names in one step; False where the system or the file system can't."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        rename = ctypes.CDLL(None).renameat2
+    except (AttributeError, OSError):                                   # an old C library
+        return False
+    here, exchange = -100, 2                                            # AT_FDCWD, RENAME_EXCHANGE
+    done: int = rename(here, os.fsencode(one), here, os.fsencode(other), exchange)
+    return done == 0
 
 
 def refuse_foreign(out: Path) -> None:
