@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.io.files import StrPath, atomic_file, decoding
+from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Faces, Surface, Verts
 
 TRIMESH = (".ply", ".stl", ".obj", ".off", ".glb")
@@ -23,7 +24,9 @@ PYVISTA = (".vtp",)
 ENDINGS = (*TRIMESH, *MESHIO, *PYVISTA)
 
 # counts that a header may promise (PLY; VTK; GLB); each counted thing takes at least a byte of the file
-_COUNTS = re.compile(rb'(?:element +\w+|\n *POINTS|\n *POLYGONS|\n *CELLS|"count" *:) *(\d+)')
+_COUNTS = re.compile(
+    rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
+)
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
@@ -113,14 +116,18 @@ def _silent_log() -> Iterator[None]:
 
 def _check_counts(raw: bytes) -> None:
     for match in _COUNTS.finditer(raw):
-        if int(match[1]) > len(raw):
-            raise ValueError(f"its header promises {match[1].decode()} elements, it has {len(raw)} bytes")
+        for count in filter(None, match.groups()):
+            if int(count) > len(raw):
+                raise ValueError(f"its header promises {count.decode()} elements, it has {len(raw)} bytes")
 
 
 def _check_vtk(raw: bytes) -> None:
     _check_counts(raw)
-    if not raw.startswith(b"# vtk") and not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
+    if raw.startswith(b"# vtk"):
+        return
+    if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
         raise ValueError("it does not go from <VTKFile> to </VTKFile>")
+    check_blocks(raw)
 
 
 def _check_stl(raw: bytes) -> None:
