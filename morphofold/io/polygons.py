@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.io.files import StrPath, atomic_file, decoding
+from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Faces, Surface, Verts
 
@@ -27,6 +27,7 @@ ENDINGS = (*TRIMESH, *MESHIO, *PYVISTA)
 _COUNTS = re.compile(
     rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
 )
+_PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
@@ -52,6 +53,9 @@ def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
             raise ValueError("it holds no triangles")
+        if kind == "ply":
+            _check_ply(raw, len(verts), len(faces))
+    _warn_of_no_end(path, raw)
     if kind == "stl":
         corners = len(verts)
         verts, faces = merge_equal(verts, faces)
@@ -77,7 +81,8 @@ def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
     Refused if the file has other faces than triangles, or volume cells and no triangles.
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
-        _check_vtk(path.read_bytes())
+        raw = path.read_bytes()
+        _check_vtk(raw)
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
@@ -85,7 +90,9 @@ def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
         flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
             raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
-        return mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+        found = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+    _warn_of_no_end(path, raw)
+    return found
 
 
 def read_pyvista(path: Path) -> tuple[Verts, Faces]:
@@ -94,13 +101,16 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
 
     errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
     with decoding(path, "a surface in VTK format"), _silent_log(), pyvista.vtk_verbosity("off"), errors:
-        _check_vtk(path.read_bytes())
+        raw = path.read_bytes()
+        _check_vtk(raw)
         mesh = pyvista.read(path)
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
             raise ValueError("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
             raise ValueError("it holds faces that are no triangles; triangulate it first")
-        return np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+        found = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+    _warn_of_no_end(path, raw)
+    return found
 
 
 @contextmanager
@@ -147,6 +157,20 @@ def _check_off(raw: bytes) -> None:
     numbers = len(raw[match.end() :].split()) if match else 0
     if numbers < 3 * n + 4 * m:
         raise ValueError(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
+
+
+def _check_ply(raw: bytes, n: int, m: int) -> None:
+    """trimesh takes as many faces of a text as there are; a polygon makes one triangle at least."""
+    promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
+    if n < promised.get("vertex", 0) or m < promised.get("face", 0):
+        raise ValueError(f"its header promises {promised}, it has {n} vertices and {m} triangles")
+
+
+def _warn_of_no_end(path: Path, raw: bytes) -> None:
+    """Where a text stops within a line, its last number may be a part of one: 1 of 162. XML and STL say their end."""
+    says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
+    if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
+        warnings.warn(f"{path}: its last line has no end; was it cut? Then its last number is wrong.", stacklevel=5)
 
 
 _CHECK = {"stl": _check_stl, "off": _check_off}

@@ -51,6 +51,8 @@ def _sizes(raw: bytes, packed: bool) -> Iterator[int]:
     for match in _INLINE.finditer(raw):
         yield in_text(match.end())
     appended = _APPENDED.search(raw)
-    for match in _OFFSETS.finditer(raw, 0, appended.start()) if appended else ():
+    if appended is None:
+        return
+    for match in _OFFSETS.finditer(raw, 0, appended.start()):
         at = appended.end() + int(match[1])
         yield size(raw[at : at + 16]) if appended[1].lower() == b"raw" else in_text(at)
