@@ -172,8 +172,9 @@ def check_finished(out: Path, scene: Scene) -> None:
     path = out / "health.json"
     with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
         health = _json(path)
-        for name, kind in (("morphofold", str), ("healthy", bool), ("warnings", list), ("stages", list),
-                           ("effects", list), ("seconds", float), ("steps", int)):  # fmt: skip
+        bodies = {} if isinstance(scene.geometry, Radial) else {"elements": int}
+        kinds = {"morphofold": str, "healthy": bool, "warnings": list, "stages": list, "effects": list, "seconds": float}
+        for name, kind in {**kinds, "steps": int, **bodies}.items():
             if not isinstance(health.get(name), kind):
                 raise ValueError(f"{name} is {health.get(name)!r}")
         grown = [stage.get("growth") for stage in health["stages"]]

@@ -153,7 +153,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 def _move_onto(new: Path, out: Path) -> None:
     """Put a folder in the place of another, of which another process sees the old or the new one at any time.
 
-    Where the system can't exchange two names at once, a process killed here leaves the old one beside (``.NAME.*.old``).
+    Where the system can't exchange two names at once, a process killed here leaves the old beside (``.NAME.*.old``).
     """
     if not out.exists():
         with suppress(OSError):                                         # it came into being meanwhile
