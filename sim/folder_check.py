@@ -172,9 +172,11 @@ def check_finished(out: Path, scene: Scene) -> None:
     path = out / "health.json"
     with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
         health = _json(path)
-        bodies = {} if isinstance(scene.geometry, Radial) else {"elements": int}
-        kinds = {"morphofold": str, "healthy": bool, "warnings": list, "stages": list, "effects": list, "seconds": float}
-        for name, kind in {**kinds, "steps": int, **bodies}.items():
+        kinds = {"morphofold": str, "healthy": bool, "warnings": list, "stages": list, "effects": list,
+                 "seconds": float, "steps": int}  # fmt: skip
+        if not isinstance(scene.geometry, Radial):
+            kinds["elements"] = int
+        for name, kind in kinds.items():
             if not isinstance(health.get(name), kind):
                 raise ValueError(f"{name} is {health.get(name)!r}")
         grown = [stage.get("growth") for stage in health["stages"]]
