@@ -77,7 +77,8 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
         raise ValueError(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
-    keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
+    with decoding(path, "a GIFTI label file", _SOURCE):                 # keys may be beyond all integers
+        keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise ValueError(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")

@@ -1,6 +1,7 @@
 """Files that are cut, or of which bits are flipped: what is read is the same as before, or refused in one line."""
 
 import contextlib
+import csv
 import io
 import warnings
 import zipfile
@@ -11,13 +12,13 @@ from hard_cases.made_files import Sample, compared, samples, verdict
 from made_surfaces import FORMATS
 
 from morphofold.io import freesurfer, gifti, polygons, read_surface
-from morphofold.results import plain
+from morphofold.results import summary
 from morphofold.sim import folder_check
 from morphofold.sim.meshes import tetmesh
 
 LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
 SURFACES = (*FORMATS, "a.stl", "text.ply", "text.stl", "text.vtk", "lh.quads", "raw.gii")
-MAPS = ("lh.thickness", "lh.k.shape.gii", "lh.old", "lh.aparc.annot", "lh.old.annot", "lh.a.label.gii", "lh.cortex.label")
+MAPS = ("lh.thickness", "lh.k.shape", "lh.old", "lh.aparc.annot", "lh.old.annot", "lh.a.label", "lh.cortex.label")
 RUN = ("checkpoint.npz", "log.jsonl", "stage.json", "run/")
 ANALYSIS = ("analysis/", "summary.json", "bids/")
 BRAINGROWTH = "BrainGrowth, FetalFoldSim: no restart, so no file of a run is read (read)"
@@ -80,7 +81,8 @@ def test_cut_maps(known, holds):
 @hard_case(
     "files", "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
     peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
-    guard="an end to asking beyond the end", without=lambda patch: patch.setattr(tetmesh._Ending, "_seen", lambda self, got: got),
+    guard="an end to asking beyond the end",
+    without=lambda patch: patch.setattr(tetmesh._Ending, "_seen", lambda self, got: got),
 )  # fmt: skip
 def test_cut_meshes(known, holds):
     assert_sound(holds, every_tenth(known, ["ball."]), 500)
@@ -88,16 +90,21 @@ def test_cut_meshes(known, holds):
 
 @hard_case(
     "files", "checkpoint, log, stage and health of a run cut before every tenth byte", peers=BRAINGROWTH,
-    guard="a check of finished runs", without=lambda patch: patch.setattr("morphofold.sim.folder.check_finished", nothing),
+    guard="a check of finished runs",
+    without=lambda patch: patch.setattr("morphofold.sim.folder.check_finished", nothing),
 )  # fmt: skip
 def test_cut_runs(known, holds):
     assert_sound(holds, every_tenth(known, RUN), 300)
 
 
+def as_it_is(path, words, count):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
 @hard_case(
     "files", "summary, tables, graph and provenance of an analysis cut before every tenth byte",
-    guard="a cut table has no end of line", without=lambda patch: patch.setattr(
-        plain, "read_tables", lambda summary, files: {name: [] for name in files}),
+    guard="tables that are whole", without=lambda patch: patch.setattr(summary, "read_table", as_it_is),
 )  # fmt: skip
 def test_cut_analyses(known, holds):
     assert_sound(holds, every_tenth(known, ANALYSIS), 300)
@@ -122,7 +129,8 @@ def test_texts_cut_within_a_line(known, holds):
                     got = read_surface(path)
                 except ValueError:
                     continue
-            wrong = not set(map(tuple, got.faces.tolist())) <= true or not (got.verts == whole.verts[: len(got.verts)]).all()
+            wrong = not set(map(tuple, got.faces.tolist())) <= true
+            wrong |= not (got.verts == whole.verts[: len(got.verts)]).all()
             warned += bool(told)
             silent += wrong and not told
     holds("cuts warned of", warned, at_least=1)
@@ -160,17 +168,17 @@ def test_flipped_bits(known, holds):
 
 
 @hard_case(
-    "files", "every bit of a checkpoint flipped, one at a time", peers=BRAINGROWTH,
+    "files", "every seventh bit of a checkpoint flipped, one at a time", peers=BRAINGROWTH,
     guard="its checksums", without=lambda patch: patch.setattr(zipfile.ZipExtFile, "_update_crc", nothing),
 )  # fmt: skip
 def test_flipped_checkpoint(known, holds):
     sample = known["checkpoint.npz"]
     raw, whole, found = sample.path.read_bytes(), sample.read(), {}
-    for at in range(8 * len(raw)):
+    for at in range(0, 8 * len(raw), 7):
         flipped = bytearray(raw)
         flipped[at // 8] ^= 1 << at % 8
         found.setdefault(compared(sample, bytes(flipped), whole), []).append(at)
-    assert_sound(holds, found, 4000)
+    assert_sound(holds, found, 600)
 
 
 @hard_case(
@@ -181,7 +189,7 @@ def test_wrong_names(known, holds):
     wrong = {}
     for name in SURFACES:
         raw = known[name].path.read_bytes()
-        silent = name in ("a.obj", "a.stl")                             # whose first bytes say nothing
+        silent = name in ("a.obj", "a.stl", "a.surf.gii.gz")            # whose first bytes say nothing, or packed
         for other in SURFACES:
             path = known[name].path.with_name(f"as-{other}")
             path.write_bytes(raw)
@@ -191,7 +199,8 @@ def test_wrong_names(known, holds):
     holds("pairs of formats", len(SURFACES) ** 2, at_least=200)
     holds("of those whose first bytes tell, refused", len(wrong), at_most=0)
     made_up = b"\0\1\2\3" * 50
-    refused = [bool(verdict(Sample(s.path, lambda s=s: _with(s, made_up)))) for s in chosen(known, SURFACES + MAPS).values()]
+    others = chosen(known, SURFACES + MAPS).values()
+    refused = [bool(verdict(Sample(s.path, lambda s=s: _with(s, made_up)))) for s in others]
     holds("readers that refuse a wrong magic, share", sum(refused) / len(refused), at_least=1)
 
 
