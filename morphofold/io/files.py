@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import difflib
+import errno
 import json
 import os
 import secrets
@@ -111,6 +112,15 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def read_back(path: StrPath) -> Iterator[None]:
+    """Around a look at what a library has just written: numpy's ``tofile`` and VTK don't tell of a full disk."""
+    try:
+        yield
+    except ValueError as error:
+        raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, or writing failed", os.fspath(path)) from error
 
 
 @contextmanager

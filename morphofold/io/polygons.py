@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text
+from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text, read_back
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Faces, Surface, Verts
 
@@ -191,8 +191,12 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             import pyvista
 
             pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)).save(temporary)
+            with read_back(path):
+                _check_vtk(temporary.read_bytes() if temporary.is_file() else b"")
         else:
             import meshio
 
             mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
             importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)
+            with read_back(path):
+                read_meshio(temporary, kind[1:])
