@@ -116,7 +116,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
 
 @contextmanager
 def read_back(path: StrPath) -> Iterator[None]:
-    """Around a look at what a library has just written: numpy's ``tofile`` and VTK don't tell of a full disk."""
+    """Around a look at what a library has just written: numpy's ``tofile`` doesn't tell of a full disk."""
     try:
         yield
     except ValueError as error:

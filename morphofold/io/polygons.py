@@ -189,10 +189,14 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             mesh.export(temporary, file_type=kind[1:], **exact)
         elif kind in PYVISTA:
             import pyvista
+            from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-            pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)).save(temporary)
-            with read_back(path):
-                _check_vtk(temporary.read_bytes() if temporary.is_file() else b"")
+            writer = vtkXMLPolyDataWriter()
+            writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
+            writer.SetDataModeToBinary()
+            writer.WriteToOutputStringOn()              # into memory: at a full disk VTK ends the process
+            writer.Write()
+            temporary.write_text(writer.GetOutputString(), encoding="ascii")
         else:
             import meshio
 
