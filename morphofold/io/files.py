@@ -166,9 +166,12 @@ def _move_onto(new: Path, out: Path) -> None:
     Where the system can't exchange two names at once, a process killed here leaves the old beside (``.NAME.*.old``).
     """
     if not out.exists():
-        with suppress(OSError):                                         # it came into being meanwhile
+        try:
             os.replace(new, out)
             return
+        except OSError:
+            if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
+                raise
     old = out.with_name(f"{new.name}.old")
     if _exchange(new, out):
         shutil.rmtree(new)
@@ -197,6 +200,8 @@ def _exchange(one: Path, other: Path) -> bool:
 
 def refuse_foreign(out: Path) -> None:
     """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write."""
+    if os.path.islink(os.path.realpath(out)):
+        raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
     if not out.exists():
         return
     if not out.is_dir():
