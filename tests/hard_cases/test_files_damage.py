@@ -111,7 +111,7 @@ def test_cut_analyses(known, holds):
 
 
 @hard_case(
-    "files", "an OBJ or OFF text cut before every byte", peers="trimesh: reads 16 for 162 in silence (measured)",
+    "files", "an OBJ or OFF text cut before every byte", peers="trimesh: reads what is left of a number (measured)",
     guard="a warning", without=lambda patch: patch.setattr(polygons, "_warn_of_no_end", nothing),
 )  # fmt: skip
 def test_texts_cut_within_a_line(known, holds):

@@ -21,7 +21,7 @@ from morphofold.sim import folder_lock
 from morphofold.sim.run import simulate
 from morphofold.surface import Surface
 
-NO_RESTART = "BrainGrowth, FetalFoldSim: write in place, no restart (read)"
+NO_RESTART = "BrainGrowth, FetalFoldSim: no restart (read)"
 NAMES = ("lh.white", "a.gii", "a.ply", "a.vtk", "a.vtp")
 
 
