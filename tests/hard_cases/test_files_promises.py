@@ -129,7 +129,7 @@ def test_bombs(holds, tmp_path):
 
 
 @hard_case(
-    "files", "a GIFTI array of 10¹¹ dimensions (found by fuzzing)", 
+    "files", "a GIFTI array of 10¹¹ dimensions (found by fuzzing)",
     guard="six at most", without=lambda patch: patch.setattr(
         gifti, "_check_sizes", lambda raw: [int("1") for _ in range(int(re.search(rb'sionality="(\d+)', raw)[1]))]),
 )  # fmt: skip
