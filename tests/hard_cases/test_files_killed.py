@@ -82,7 +82,7 @@ def grow(out):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "a run killed before every third of its steps, and resumed", peers=NO_RESTART,
+    "files", "a run killed before each of its steps, and resumed", peers=NO_RESTART,
     guard="files beside, moved when whole", without=writers_in_place, fails=(AssertionError, ValueError, OSError),
 )  # fmt: skip
 def test_killed_run(holds, tmp_path):
@@ -92,7 +92,7 @@ def test_killed_run(holds, tmp_path):
         after = state(grow(tmp_path / "run").path)
         alike += {name: raw for name, raw in after.items() if "/" in name} == whole
         shutil.rmtree(tmp_path / "run")
-        kills, k = kills + 1, k + 3
+        kills, k = kills + 1, k + 1
     holds("kills", kills, at_least=10)
     holds("resumed to the same stages, share", alike / kills, at_least=1)
 
