@@ -30,6 +30,12 @@ def in_place(path):
     yield Path(path)
 
 
+@contextmanager
+def folder_in_place(path):
+    path.mkdir(parents=True)
+    yield path
+
+
 def writers_in_place(patch):
     for module in ("io.freesurfer", "io.gifti", "io.polygons", "sim.folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
@@ -83,7 +89,8 @@ def grow(out):
 @pytest.mark.slow
 @hard_case(
     "files", "a run killed before each of its steps, and resumed", peers=NO_RESTART,
-    guard="files beside, moved when whole", without=writers_in_place, fails=(AssertionError, ValueError, OSError),
+    guard="a folder beside, moved when whole", fails=(AssertionError, ValueError, OSError),
+    without=lambda patch: patch.setattr("morphofold.sim.folder.atomic_folder", folder_in_place),
 )  # fmt: skip
 def test_killed_run(holds, tmp_path):
     whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}
