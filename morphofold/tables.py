@@ -47,10 +47,16 @@ def read_table(path: Path, words: Collection[str] = (), count: int | None = None
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
-    text = path.read_text(encoding="utf-8")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: is damaged: it is not UTF-8 text. Analyze anew.") from None
     if not text.endswith("\n"):
         raise ValueError(f"{path}: was cut: its last line has no end. Analyze anew.")
-    rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
+    try:
+        rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
+    except csv.Error as error:
+        raise ValueError(f"{path}: is no table ({error}). Analyze anew.") from None
     for number, row in enumerate(rows, start=2):
         if None in row or None in row.values():
             raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")

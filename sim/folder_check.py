@@ -172,8 +172,11 @@ def check_finished(out: Path, scene: Scene) -> None:
     path = out / "health.json"
     with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
         health = _json(path)
-        for name, kind in (("morphofold", str), ("healthy", bool), ("warnings", list), ("stages", list),
-                           ("effects", list), ("seconds", float), ("steps", int)):  # fmt: skip
+        kinds = {"morphofold": str, "healthy": bool, "warnings": list, "stages": list, "effects": list,
+                 "seconds": float, "steps": int}  # fmt: skip
+        if not isinstance(scene.geometry, Radial):
+            kinds["elements"] = int
+        for name, kind in kinds.items():
             if not isinstance(health.get(name), kind):
                 raise ValueError(f"{name} is {health.get(name)!r}")
         grown = [stage.get("growth") for stage in health["stages"]]
@@ -201,10 +204,14 @@ def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """
     with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
+            names = set(file.files)
+            if names != like.keys():
+                raise ValueError(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
+            for entry in file.zip.infolist():                           # before anything is unpacked
+                name = entry.filename.removesuffix(".npy")
+                if entry.file_size > 4 * like[name].nbytes + 4096:
+                    raise ValueError(f"{name} unpacks to {entry.file_size:,} bytes, needs {like[name].nbytes:,}")
             found = {name: np.asarray(file[name]) for name in file.files}
-        if found.keys() != like.keys():
-            told = ", ".join(sorted(found.keys() ^ like.keys()))
-            raise ValueError(f"it lacks, or has too much: {told}")
         for name, array in found.items():
             shape, kind = like[name].shape, like[name].dtype.kind
             if array.shape != shape or array.dtype.kind != kind:

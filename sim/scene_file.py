@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
@@ -13,6 +14,10 @@ from pydantic import ValidationError
 
 from morphofold.sim.scene import SHAPES, Scene
 from morphofold.sim.scene_words import Problem, Source, as_toml, blamed, explain, root_problems
+
+MOST_PROBLEMS = 20      # that are told of one scene
+#: a dotted key of more than 32 parts, of which tomllib would keep every beginning
+_DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){32}""")
 
 
 def scene_names() -> list[str]:
@@ -56,7 +61,9 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
             return root_problems(error.errors())
         return []
 
-    raise ValueError("\n".join(explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems))
+    lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
+    more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
+    raise ValueError("\n".join(lines + more))
 
 
 def _read(source: str | Path) -> Source:
@@ -86,11 +93,17 @@ def _read(source: str | Path) -> Source:
 
 def _parsed(source: Source) -> dict[str, Any]:
     try:
-        return tomllib.loads(source.text)
+        return _loads(source.text)
     except RecursionError:
         raise ValueError(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
     except ValueError as error:                                         # a number of too many digits is no decode error
         raise ValueError(f"{source.where}: not a TOML file: {error}.") from None
+
+
+def _loads(text: str) -> dict[str, Any]:
+    if _DEEP.search(text):
+        raise RecursionError("a key of too many parts")
+    return tomllib.loads(text)
 
 
 def _base(own: Source, folder: Path | None) -> Source | None:
@@ -156,7 +169,7 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
     """Put the value of ``table.key=value`` into the tables."""
     value = setting.partition("=")[2].strip()
     try:
-        parsed = tomllib.loads(f"v = {value}")
+        parsed = _loads(f"v = {value}")
     except RecursionError:
         raise ValueError(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
     except ValueError:

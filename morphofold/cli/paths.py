@@ -11,9 +11,9 @@ from unicodedata import category
 
 def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
     """Raise ``ValueError`` if writing ``out`` would replace a folder that the command reads, or one around it."""
-    target = out.resolve()
+    target = Path(os.path.realpath(out))            # resolve() raises at a link to itself
     for source in inputs:
-        place = source.resolve()
+        place = Path(os.path.realpath(source))
         if target == place or target in place.parents:
             raise ValueError(
                 f"{out}: is, or holds, the input {source}, which writing there would replace; name another -o."

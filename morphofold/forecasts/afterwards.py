@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, table
 from morphofold.forecasts.words import percent
+from morphofold.records import NOT_OURS
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -103,7 +104,7 @@ def cost_beside(stage: Path) -> Cost | None:
     try:
         health = json.loads((folder / "health.json").read_text(encoding="utf-8"))
         return cost_of(health, load_scene(folder / "scene.toml"))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, *NOT_OURS):
         return None
 
 

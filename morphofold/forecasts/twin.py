@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from morphofold.forecasts.table import table
 from morphofold.forecasts.words import percent
 from morphofold.io import atomic_file
-from morphofold.records import input_records, strict_json
+from morphofold.records import NOT_OURS, input_records, strict_json
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def estimate_beside(stage: Path) -> Estimate | None:
             return None
         errors = {name: Estimated(**each) for name, each in content.pop("errors").items()}
         return Estimate(**{**content, "errors": errors, "doubts": tuple(content["doubts"])})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, *NOT_OURS):
         return None
 
 

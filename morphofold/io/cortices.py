@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from morphofold.io.files import StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_label, scanner_transform
 from morphofold.io.surfaces import read_morph, read_surface
+from morphofold.records import NOT_OURS
 from morphofold.surface import Cortex
 
 MAPS = ("thickness", "curv", "sulc", "area")
@@ -204,7 +204,7 @@ def _analysed(path: Path, hemi: str) -> dict[str, Any]:
         kept = {key: entry[key] for key in ("name", "origin", "units", "portion", "info")}
         if not (isinstance(kept["info"], dict) and 0 < float(kept["portion"]) <= 1):
             raise ValueError("portion must lie in (0, 1]")
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, *NOT_OURS) as error:
         raise ValueError(f"{path}: is not the summary of an analysis of {hemi} ({error}). Analyze it anew.") from error
     return kept
 
@@ -216,11 +216,11 @@ def _stage_info(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: has {path.stat().st_size} bytes, a stage record has at most 1 MiB.")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: is not JSON ({error}). Simulate that stage anew.") from error
     portion = info.get("portion", 1.0) if isinstance(info, dict) else None
-    if not isinstance(portion, (int, float)) or not (math.isfinite(portion) and 0 < portion <= 1):
-        raise ValueError(f"{path}: a stage record is an object with a portion in (0, 1], got {portion!r}.")
+    if not isinstance(portion, (int, float)) or not 0 < portion <= 1:
+        raise ValueError(f"{path}: a stage record is an object with a portion in (0, 1], got {portion!r:.40}.")
     return {**info, "name": info.get("name", "simulation")}
 
 

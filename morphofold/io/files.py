@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import difflib
+import errno
 import json
 import os
 import secrets
 import shutil
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -112,6 +115,15 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
 
 
 @contextmanager
+def read_back(path: StrPath) -> Iterator[None]:
+    """Around a look at what a library has just written: numpy's ``tofile`` doesn't tell of a full disk."""
+    try:
+        yield
+    except ValueError as error:
+        raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, or writing failed", os.fspath(path)) from error
+
+
+@contextmanager
 def atomic_folder(out: StrPath) -> Iterator[Path]:
     """Write a folder whole or not at all: yields a temporary folder beside ``out``, moved there on success.
 
@@ -126,7 +138,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     """
     out = Path(os.path.abspath(out))
     if out.is_symlink():
-        out = out.resolve()
+        out = Path(os.path.realpath(out))                               # resolve() raises at a link to itself
     refuse_foreign(out)
     made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -149,10 +161,21 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 
 
 def _move_onto(new: Path, out: Path) -> None:
+    """Put a folder in the place of another, of which another process sees the old or the new one at any time.
+
+    Where the system can't exchange two names at once, a process killed here leaves the old beside (``.NAME.*.old``).
+    """
     if not out.exists():
-        os.replace(new, out)
-        return
+        try:
+            os.replace(new, out)
+            return
+        except OSError:
+            if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
+                raise
     old = out.with_name(f"{new.name}.old")
+    if _exchange(new, out):
+        shutil.rmtree(new)
+        return
     os.replace(out, old)
     try:
         os.replace(new, out)
@@ -162,8 +185,23 @@ def _move_onto(new: Path, out: Path) -> None:
     shutil.rmtree(old)
 
 
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two names in one step; False where the system or the file system can't."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        rename = ctypes.CDLL(None).renameat2
+    except (AttributeError, OSError):                                   # an old C library
+        return False
+    here, exchange = -100, 2                                            # AT_FDCWD, RENAME_EXCHANGE
+    done: int = rename(here, os.fsencode(one), here, os.fsencode(other), exchange)
+    return done == 0
+
+
 def refuse_foreign(out: Path) -> None:
     """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write."""
+    if os.path.islink(os.path.realpath(out)):
+        raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
     if not out.exists():
         return
     if not out.is_dir():

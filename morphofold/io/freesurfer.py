@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.io.files import StrPath, atomic_file, beginning, decoding, existing_file, looks_like_text
+from morphofold.io.files import StrPath, atomic_file, beginning, decoding, existing_file, looks_like_text, read_back
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
@@ -97,6 +97,8 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
 
     with atomic_file(path) as temporary:
         fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
+        with read_back(path):
+            read_geometry(temporary)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -152,6 +154,8 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
 
     with atomic_file(path) as temporary:
         fs.write_morph_data(os.fspath(temporary), values)
+        with read_back(path):
+            read_curv(temporary)
 
 
 def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
@@ -160,6 +164,8 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
 
     with atomic_file(path) as temporary:
         MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
+        with read_back(path), decoding(temporary, "MGH"):
+            MGHImage.from_filename(os.fspath(temporary)).get_fdata()
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -262,6 +268,8 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     with atomic_file(path) as temporary:
         fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
+        with read_back(path):
+            read_annotation(temporary)
 
 
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:

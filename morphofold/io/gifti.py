@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.io.files import MAX_BYTES, StrPath, atomic_file, decoding, existing_file
+from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
@@ -30,6 +30,7 @@ _KINDS = {  # as Connectome Workbench calls them
     "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
     "inflated": {"GeometricType": "Inflated"},
 }
+MAX_UNPACKED = 2**28    # bytes: 7 million vertices and their faces; nibabel holds several copies of them
 _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
 
 
@@ -76,7 +77,8 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
         raise ValueError(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
-    keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
+    with decoding(path, "a GIFTI label file", _SOURCE):                 # keys may be beyond all integers
+        keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise ValueError(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")
@@ -94,9 +96,9 @@ def _load(path: Path, what: str) -> Any:
         raw = path.read_bytes()
         if raw[:2] == b"\x1f\x8b":
             with gzip.open(path) as file:
-                raw = file.read(MAX_BYTES + 1)
-            if len(raw) > MAX_BYTES:
-                raise ValueError(f"it unpacks to more than {MAX_BYTES / 2**30:g} GiB")
+                raw = file.read(MAX_UNPACKED + 1)
+            if len(raw) > MAX_UNPACKED:
+                raise ValueError(f"it unpacks to more than {MAX_UNPACKED / 2**20:g} MiB")
         _check_sizes(raw)
         # from memory: an array kept in an external file, which could be any file, is thereby refused
         return GiftiImage.from_bytes(raw)
@@ -107,13 +109,18 @@ def _check_sizes(raw: bytes) -> None:
     from nibabel.gifti.util import gifti_encoding_codes
     from nibabel.nifti1 import data_type_codes
 
+    left = MAX_UNPACKED
     for _, element in ET.iterparse(BytesIO(raw)):
         if element.tag != "DataArray":
             continue
-        dims = [int(element.get(f"Dim{i}", "1")) for i in range(int(element.get("Dimensionality", "1")))]
+        n = int(element.get("Dimensionality", "1"))
+        if not 1 <= n <= 6:
+            raise ValueError(f"an array has {n} dimensions; GIFTI knows 1 to 6")
+        dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
         shape = " x ".join(map(str, dims))
         size = math.prod(dims) * np.dtype(data_type_codes.dtype[element.get("DataType", "")]).itemsize  # type: ignore[call-overload]
-        if min(dims, default=0) <= 0 or size > MAX_BYTES:
+        left -= size
+        if min(dims) <= 0 or left < 0:
             raise ValueError(f"an array of {shape} values is empty or too large")
         if gifti_encoding_codes.label[element.get("Encoding", "")] == "B64GZ":
             packed = base64.b64decode(element.findtext("Data") or "")

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.io.files import StrPath, atomic_file, decoding
+from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text, read_back
+from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Faces, Surface, Verts
 
 TRIMESH = (".ply", ".stl", ".obj", ".off", ".glb")
@@ -23,7 +24,10 @@ PYVISTA = (".vtp",)
 ENDINGS = (*TRIMESH, *MESHIO, *PYVISTA)
 
 # counts that a header may promise (PLY; VTK; GLB); each counted thing takes at least a byte of the file
-_COUNTS = re.compile(rb'(?:element +\w+|\n *POINTS|\n *POLYGONS|\n *CELLS|"count" *:) *(\d+)')
+_COUNTS = re.compile(
+    rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
+)
+_PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
@@ -49,6 +53,9 @@ def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
             raise ValueError("it holds no triangles")
+        if kind == "ply":
+            _check_ply(raw, len(verts), len(faces))
+    _warn_of_no_end(path, raw)
     if kind == "stl":
         corners = len(verts)
         verts, faces = merge_equal(verts, faces)
@@ -74,7 +81,8 @@ def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
     Refused if the file has other faces than triangles, or volume cells and no triangles.
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
-        _check_vtk(path.read_bytes())
+        raw = path.read_bytes()
+        _check_vtk(raw)
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
@@ -82,7 +90,9 @@ def read_meshio(path: Path, kind: str) -> tuple[Verts, Faces]:
         flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
             raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
-        return mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+        found = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+    _warn_of_no_end(path, raw)
+    return found
 
 
 def read_pyvista(path: Path) -> tuple[Verts, Faces]:
@@ -91,13 +101,16 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
 
     errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
     with decoding(path, "a surface in VTK format"), _silent_log(), pyvista.vtk_verbosity("off"), errors:
-        _check_vtk(path.read_bytes())
-        mesh = pyvista.read(path)
+        raw = path.read_bytes()
+        _check_vtk(raw)
+        mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
             raise ValueError("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
             raise ValueError("it holds faces that are no triangles; triangulate it first")
-        return np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+        found = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+    _warn_of_no_end(path, raw)
+    return found
 
 
 @contextmanager
@@ -113,14 +126,18 @@ def _silent_log() -> Iterator[None]:
 
 def _check_counts(raw: bytes) -> None:
     for match in _COUNTS.finditer(raw):
-        if int(match[1]) > len(raw):
-            raise ValueError(f"its header promises {match[1].decode()} elements, it has {len(raw)} bytes")
+        for count in filter(None, match.groups()):
+            if int(count) > len(raw):
+                raise ValueError(f"its header promises {count.decode()} elements, it has {len(raw)} bytes")
 
 
 def _check_vtk(raw: bytes) -> None:
     _check_counts(raw)
-    if not raw.startswith(b"# vtk") and not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
+    if raw.startswith(b"# vtk"):
+        return
+    if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
         raise ValueError("it does not go from <VTKFile> to </VTKFile>")
+    check_blocks(raw)
 
 
 def _check_stl(raw: bytes) -> None:
@@ -142,6 +159,20 @@ def _check_off(raw: bytes) -> None:
         raise ValueError(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
 
 
+def _check_ply(raw: bytes, n: int, m: int) -> None:
+    """trimesh takes as many faces of a text as there are; a polygon makes one triangle at least."""
+    promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
+    if n < promised.get("vertex", 0) or m < promised.get("face", 0):
+        raise ValueError(f"its header promises {promised}, it has {n} vertices and {m} triangles")
+
+
+def _warn_of_no_end(path: Path, raw: bytes) -> None:
+    """Where a text stops within a line, its last number may be a part of one: 1 of 162. XML and STL say their end."""
+    says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
+    if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
+        warnings.warn(f"{path}: its last line has no end; was it cut? Then its last number is wrong.", stacklevel=5)
+
+
 _CHECK = {"stl": _check_stl, "off": _check_off}
 
 
@@ -158,10 +189,18 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             mesh.export(temporary, file_type=kind[1:], **exact)
         elif kind in PYVISTA:
             import pyvista
+            from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-            pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)).save(temporary)
+            writer = vtkXMLPolyDataWriter()
+            writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
+            writer.SetDataModeToBinary()
+            writer.WriteToOutputStringOn()              # into memory: at a full disk VTK ends the process
+            writer.Write()
+            temporary.write_text(writer.GetOutputString(), encoding="ascii")
         else:
             import meshio
 
             mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
             importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)
+            with read_back(path):
+                read_meshio(temporary, kind[1:])

@@ -81,11 +81,11 @@ def _read(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
 
 def _kind(path: Path, head: bytes) -> str:
     """Format by the first bytes; by the ending only where they are silent."""
-    if is_gifti(path, head):
-        return "gii"
     for kind, pattern in _BEGINNINGS.items():
         if pattern.match(head):
             return kind
+    if is_gifti(path, head):
+        return "gii"
     ending = path.suffix.lower()
     return ending[1:] if ending in polygons.ENDINGS else ""
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
-from morphofold.records import strict_json
+from morphofold.records import NOT_OURS, strict_json
 from morphofold.report.quantities import column_words
 from morphofold.results.bids_hemisphere import (
     MISSING,
@@ -160,7 +160,7 @@ def read_subject(folder: str | Path) -> list[Measures]:
         entries = list(said["surfaces"])
         tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
         return [read_hemisphere(entry, tables, anat, stem) for entry in entries]
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except NOT_OURS as error:
         raise ValueError(
             f"{path}: not as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
         ) from error

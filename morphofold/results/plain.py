@@ -28,7 +28,7 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.records import strict_json
+from morphofold.records import NOT_OURS, strict_json
 from morphofold.results.summary import COLUMNS, checked_inputs, file_word, measures_of, read_tables, summary_of
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
@@ -151,7 +151,7 @@ def read_plain(folder: Path) -> list[Measures]:
         entries = list(summary["surfaces"])
         tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
         return [_read_surface(entry, tables, folder) for entry in entries]
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except NOT_OURS as error:
         raise ValueError(
             f"{path}: not a summary as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
         ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,7 +55,7 @@ def checked_inputs(
 
 def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
     """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
-    there = out.resolve()
+    there = Path(os.path.realpath(out))                                 # resolve() raises at a link to itself
     for file in map(Path, files):
         if not file.is_file():  # nothing here to lose
             continue

@@ -75,6 +75,45 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     return TetMesh(points, tets, across, pial, inner, cortex)
 
 
+class _Ending(io.BufferedReader):
+    """A file that raises at a reader that asks again and again for more than there is."""
+
+    asked = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return self._seen(super().read(size))
+
+    def read1(self, size: int = -1, /) -> bytes:
+        return self._seen(super().read1(size))
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        return self._seen(super().readline(size))
+
+    def _seen(self, got: bytes) -> bytes:
+        self.asked = 0 if got else self.asked + 1
+        if self.asked > 99:
+            raise EOFError("it ends too early")
+        return got
+
+
+def _meshio(path: Path) -> Any:
+    """The mesh in a file, of which some of meshio's readers would wait without end for what was cut off."""
+    import meshio
+
+    kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
+    if "ansys" in kinds:                                                # as which meshio tries every .msh first
+        with path.open("rb") as file:
+            kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
+    if kinds == ["tetgen"]:
+        for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
+            if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
+                raise ValueError(f"{part.name} has no line of counts")
+    if kinds[0] not in ("ansys", "mdpa", "tecplot"):
+        return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
+    with _Ending(io.FileIO(path)) as file:
+        return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
+
+
 def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     """Points (P, 3) [mm], tetrahedra (E, 4), and which of these the label calls cortex."""
     import meshio
@@ -89,7 +128,7 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         raise ValueError(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
-        mesh = meshio.read(path)
+        mesh = _meshio(path)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
     counts: dict[str, int] = {}

@@ -4,6 +4,7 @@ FILE is what ``pytest tests/hard_cases -m "" --hard-cases FILE`` wrote.
 """
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def rows_of(tests):
 
 
 def _cell(text):
-    text = " ".join(text.split()).replace("|", "/")
+    text = re.sub(r"/\S*/pytest-of-\w+/pytest-\d+/[^/\s]+/", "", " ".join(text.split())).replace("|", "/")
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 

@@ -1,0 +1,347 @@
+"""A small file of every format that morphofold reads, each with its reader; child processes short of something."""
+
+import json
+import os
+import resource
+import signal
+import struct
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, is_dataclass
+from pathlib import Path
+
+import numpy as np
+from made_measures import made_measures
+from made_simulations import made_simulation
+from made_surfaces import FOOTER, FORMATS
+
+from morphofold.analysis import gyral_graph
+from morphofold.io import (
+    read_annotation,
+    read_cortex,
+    read_label,
+    read_morph,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
+from morphofold.io.gifti import read_gifti_regions, write_gifti_regions
+from morphofold.results import read_analysis, write_analysis, write_dataset
+from morphofold.shapes import icosphere
+from morphofold.sim.folder import is_finished
+from morphofold.sim.folder_check import read_arrays, read_log
+from morphofold.sim.meshes.tetmesh import read_tets
+from morphofold.sim.scene import MeshFile
+from morphofold.sim.scene_file import load_scene
+from morphofold.surface import Regions, Surface
+
+MEMORY = 2 * 2**30      # what a file may make a reader take [bytes]
+SECONDS = 20            # of processor time, far above what any of the small files takes
+SLOW = 2                # seconds of processor time of one small file
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A file, and what reads it, or the folder that it is part of."""
+
+    path: Path
+    read: Callable[[], object]
+
+
+def samples(folder: Path) -> dict[str, Sample]:
+    """One sample per format, by name."""
+    found: dict[str, Sample] = {}
+
+    def add(name, read, path=None):
+        path = path or folder / name
+        found[name] = Sample(path, lambda: read(path))
+
+    _surfaces(folder, add)
+    _maps(folder, add)
+    _meshes(folder, add)
+    _scene_and_run(folder, add)
+    _analysis(folder, add)
+    return found
+
+
+def _surfaces(folder, add):
+    verts, faces = icosphere(0, 40.0)
+    surface = Surface(verts.astype(np.float32), faces, geometry=FOOTER)
+    for name in [*FORMATS, "a.stl"]:
+        write_surface(folder / name, surface)
+        add(name, read_surface)
+    for name, text in TEXTS.items():
+        (folder / name).write_text(text(surface))
+        add(name, read_surface)
+    (folder / "lh.quads").write_bytes(_quads())
+    add("lh.quads", read_surface)
+    (folder / "raw.gii").write_bytes(_plain_gifti(surface))
+    add("raw.gii", read_surface)
+
+
+def _rows(values, before=""):
+    return "".join(f"{before}{' '.join(f'{x:.9g}' for x in row)}\n" for row in values)
+
+
+def _ply(surface):
+    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+    head = head.format(len(surface.verts)) + f"element face {len(surface.faces)}\n"
+    return head + "property list uchar int vertex_indices\nend_header\n" + _body(surface)
+
+
+def _body(surface):
+    return _rows(surface.verts) + _rows(surface.faces, "3 ")
+
+
+def _stl(surface):
+    corners = (_rows(tri, "vertex ") for tri in surface.verts[surface.faces])
+    facets = (f"facet normal 0 0 1\nouter loop\n{tri}endloop\nendfacet\n" for tri in corners)
+    return f"solid a\n{''.join(facets)}endsolid a\n"
+
+
+def _vtk(surface):
+    m = len(surface.faces)
+    head = f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {len(surface.verts)} float\n"
+    return head + _rows(surface.verts) + f"POLYGONS {m} {4 * m}\n" + _rows(surface.faces, "3 ")
+
+
+TEXTS = {"text.ply": _ply, "text.stl": _stl, "text.vtk": _vtk}
+
+
+def _quads():
+    """A cube of quadrangles in FreeSurfer's old format."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 4000
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    three = lambda n: int(n).to_bytes(3, "big")
+    ends = b"".join(three(i) for quad in quads for i in quad)
+    return b"\xff\xff\xff" + three(8) + three(6) + corners.astype(">i2").tobytes() + ends
+
+
+def _plain_gifti(surface):
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    points = GiftiDataArray(surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", encoding="ASCII")
+    faces = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", encoding="B64BIN")
+    return GiftiImage(darrays=[points, faces]).to_bytes()
+
+
+def _maps(folder, add):
+    values = np.linspace(1, 3, 42)
+    colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
+    regions = Regions(np.arange(42) % 2, ("front", "back"), colours)
+    write_morph(folder / "lh.thickness", values)
+    write_gifti_map(folder / "lh.k.shape.gii", values)
+    (folder / "lh.old").write_bytes(bytes([0, 0, 42, 0, 0, 80]) + (100 * values).astype(">i2").tobytes())
+    for name in ("lh.thickness", "lh.k.shape.gii", "lh.old"):
+        add(name, read_morph)
+    write_annotation(folder / "lh.aparc.annot", regions)
+    add("lh.aparc.annot", read_annotation)
+    (folder / "lh.old.annot").write_bytes(_old_annotation())
+    add("lh.old.annot", read_annotation)
+    write_gifti_regions(folder / "lh.a.label.gii", regions)
+    add("lh.a.label.gii", read_gifti_regions)
+    lines = "".join(f"{i}  1.000  2.000  3.000 0.0\n" for i in range(0, 42, 2))
+    (folder / "lh.cortex.label").write_text(f"#!ascii label\n21\n{lines}")
+    add("lh.cortex.label", lambda path: read_label(path, 42))
+
+
+def _old_annotation():
+    """With a colour table of the first layout."""
+    vertices = b"".join(struct.pack(">2i", i, 1 + 256 * 2 + 65536 * 3) for i in range(42))
+    text = lambda t: struct.pack(">i", len(t) + 1) + t + b"\0"
+    table = struct.pack(">2i", 1, 1) + text(b"a") + text(b"front") + struct.pack(">4i", 1, 2, 3, 0)
+    return struct.pack(">i", 42) + vertices + table
+
+
+MESHES = ("ball.vtu", "ball.msh", "ball.mesh", "ball.meshb", "ball.vtk", "ball.inp")
+
+
+def _meshes(folder, add):
+    import meshio
+
+    verts, faces = icosphere(0, 50.0)
+    points = np.vstack([verts, np.zeros(3)])
+    tets = np.column_stack([faces, np.full(len(faces), len(verts))])
+    for name in MESHES:
+        meshio.Mesh(points, [("tetra", tets)]).write(folder / name)
+        add(name, lambda path: read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0)))
+
+
+SCENE = """\
+name = "ball"
+[geometry]
+shape = "sphere"
+portion = "octant"
+cortex_thickness = 3.0
+[material]
+mu_ratio = 2.0
+[growth]
+final = 1.5
+[accuracy]
+level = "draft"
+[output]
+stages = [1.2, 1.4]
+"""
+RADIAL = ["growth.final=1.2", "output.stages=[1.1]"]
+
+
+def _scene_and_run(folder, add):
+    (folder / "scene.toml").write_text(SCENE)
+    add("scene.toml", load_scene)
+    like = {"x": np.linspace(0, 1, 30).reshape(10, 3), "growth": np.array(1.2), "lines": np.array(3)}
+    np.savez(folder / "checkpoint.npz", **like)
+    add("checkpoint.npz", lambda path: read_arrays(path, like))
+    lines = [{"step": k, "growth": 1 + k / 100, "elapsed": 0.5 * k, "seconds": {"a": 0.1}} for k in range(3)]
+    (folder / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    add("log.jsonl", lambda path: read_log(path.parent, 2, 3))
+    run = made_simulation(folder / "run", "radial", RADIAL)
+    for name in ("health.json", "scene.toml", "stages/g1.20/stage.json", "stages/g1.20/files.json"):
+        add(f"run/{name}", lambda path: (is_finished(run.path, run.scene, True), run.health, _but_a_scene(path)))
+    add("stage.json", lambda path: read_cortex(path.parent), run.path / "stages" / "g1.20" / "stage.json")
+
+
+def _but_a_scene(path):
+    """The text of a file; a scene that lacks its last default is the same."""
+    return "" if path.suffix == ".toml" else path.read_text().strip()
+
+
+def _analysis(folder, add):
+    from dataclasses import replace
+
+    made = made_measures(level=3)
+    made = replace(made, graph=gyral_graph(made.cortex.pial))
+    write_analysis([made], folder / "analysis", report=False)
+    for name in ("summary.json", "hinges.tsv", "regions.tsv", "graph/lh.json"):
+        add(f"analysis/{name}", lambda path: read_analysis(folder / "analysis"))
+    add("summary.json", lambda path: read_cortex(path.parent), folder / "analysis" / "summary.json")
+    place = write_dataset([made], folder / "bids", "one", report=False)
+    for file in sorted((place / "anat").glob("*provenance.json")) + sorted((place / "anat").glob("*hinges_morph.tsv")):
+        add(f"bids/{file.name}", lambda path: read_analysis(place), file)
+
+
+class Hang(BaseException):
+    """A reader took too long."""
+
+
+def verdict(sample: Sample) -> str:
+    """What a reader says of a file: "" if it reads it, or its refusal, seen to be one line. Anything else is raised."""
+    try:
+        sample.read()
+    except (ValueError, OSError) as error:
+        told = str(error)
+        lines = told.splitlines()
+        scene = sample.path.suffix == ".toml"                           # of which each problem is told on its line
+        if isinstance(error, UnicodeError) or len(lines) > (21 if scene else 1) or len(told) > 600 * len(lines):
+            raise AssertionError(f"{sample.path.name}: no clear line: {told[:300]!r}") from error
+        return told
+    return ""
+
+
+def compared(sample: Sample, raw: bytes, whole: object) -> str:
+    """How a reader takes other bytes: "refused", "same" as ``whole``, "different", "slow", or what it raised."""
+    kept = sample.path.read_bytes()
+    sample.path.write_bytes(raw)
+
+    def stop(number, frame):
+        raise Hang("slow")
+
+    before = signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, SLOW)
+    try:
+        return "refused" if verdict(sample) else "same" if same(sample.read(), whole) else "different"
+    except (Exception, SystemExit, Hang) as error:             # meshio leaves through SystemExit
+        return f"{type(error).__name__}: {error}"[:200]
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, before)
+        sample.path.write_bytes(kept)
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two readings hold the same; of a surface its numbers, as the volume geometry may end anywhere."""
+    if isinstance(one, Surface) and isinstance(other, Surface):
+        return same((one.verts, one.faces), (other.verts, other.faces))
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(other) and all(map(same, one, other))
+    if is_dataclass(one):
+        return same(vars(one), vars(other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
+    return one == other or "MultiGraph" in type(one).__name__
+
+
+def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECONDS) -> tuple[str, int]:
+    """What work says in a child process that may take so much more memory and time, and what it took [bytes].
+
+    Raises
+    ------
+    AssertionError
+        If the child was killed, or raised.
+    """
+    ours, theirs = os.pipe()
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            os.close(ours)
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (size + memory, size + memory))
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+            told = work()
+            taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+            os.write(theirs, json.dumps([told[:2000], taken]).encode())
+            code = 0
+        except BaseException as error:
+            os.write(theirs, json.dumps([f"{type(error).__name__}: {error}"[:2000], 0]).encode())
+        finally:
+            os._exit(code)
+    os.close(theirs)
+    with os.fdopen(ours, "rb") as file:
+        raw = file.read()
+    _, status = os.waitpid(child, 0)
+    told, taken = json.loads(raw) if raw else ("", 0)
+    if os.WIFSIGNALED(status):
+        raise AssertionError(f"ended by {signal.Signals(os.WTERMSIG(status)).name}")
+    assert status == 0, told
+    return told, taken
+
+
+
+def killed_at(k: int, work: Callable[[], object]) -> bool:
+    """Whether a child process that is killed before its k-th step on files got that far; works to the end otherwise.
+
+    Steps are what Python tells its audit hooks: opening, moving, making and removing. What a file was given before and
+    is not flushed is lost with the process, as it is in a real one.
+    """
+    child = os.fork()
+    if child == 0:
+        steps = [0]
+
+        def hook(event, arguments):
+            if event in STEPS:
+                steps[0] += 1
+                if steps[0] == k:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        try:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            sys.addaudithook(hook)
+            work()
+        except BaseException:
+            os._exit(1)
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    assert status in (0, signal.SIGKILL), f"the work failed by itself: status {status}"
+    return status != 0
+
+
+STEPS = (
+    "open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree", "os.link", "os.truncate", "ctypes.dlsym",
+)  # fmt: skip

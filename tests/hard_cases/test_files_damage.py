@@ -1,0 +1,214 @@
+"""Files that are cut, or of which bits are flipped: what is read is the same as before, or refused in one line."""
+
+import contextlib
+import csv
+import io
+import warnings
+import zipfile
+
+import pytest
+from hard_cases.cases import hard_case
+from hard_cases.made_files import Sample, compared, samples, verdict
+from made_surfaces import FORMATS
+
+from morphofold.io import freesurfer, gifti, polygons, read_surface
+from morphofold.results import summary
+from morphofold.sim import folder_check
+from morphofold.sim.meshes import tetmesh
+
+LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
+SURFACES = (*FORMATS, "a.stl", "text.ply", "text.stl", "text.vtk", "lh.quads", "raw.gii")
+MAPS = ("lh.thickness", "lh.k.shape", "lh.old", "lh.aparc.annot", "lh.old.annot", "lh.a.label", "lh.cortex.label")
+RUN = ("checkpoint.npz", "log.jsonl", "stage.json", "run/")
+ANALYSIS = ("analysis/", "summary.json", "bids/")
+BRAINGROWTH = "BrainGrowth, FetalFoldSim: no restart, so no file of a run is read (read)"
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """Samples by name; each is restored after it was damaged."""
+    return samples(tmp_path_factory.mktemp("samples"))
+
+
+def chosen(known, names):
+    return {name: s for name, s in known.items() if name.startswith(tuple(names)) and name not in LENGTHLESS}
+
+
+def every_tenth(known, names):
+    """How readers took each sample, cut before every tenth byte: (name, cut) by verdict."""
+    found = {}
+    for name, sample in chosen(known, names).items():
+        raw, whole = sample.path.read_bytes(), sample.read()
+        for cut in range(0, len(raw) if len(raw) < 5000 else 2000, 10):
+            found.setdefault(compared(sample, raw[:cut], whole), []).append((name, cut))
+    return found
+
+
+def assert_sound(holds, found, at_least):
+    """No damage was read as something else, or ended in anything but one line."""
+    refused, alike = found.pop("refused", []), found.pop("same", [])
+    holds("damaged files refused in one line", len(refused), at_least=at_least)
+    holds("read as something else", len(found.pop("different", [])), at_most=0)
+    assert not found, f"{len(found)} other ends, the first: {next(iter(found.items()))!r:.300}"
+    return alike
+
+
+def nothing(*args, **options):
+    pass
+
+
+@hard_case(
+    "files", "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
+    peers="trimesh: takes as many faces of a PLY text as are left (measured)",
+    guard="the counts in the header", without=lambda patch: patch.setattr(polygons, "_check_ply", nothing),
+)  # fmt: skip
+def test_cut_surfaces(known, holds):
+    assert_sound(holds, every_tenth(known, SURFACES), 1000)
+
+
+@hard_case(
+    "files", "maps, annotations and labels cut before every tenth byte",
+    peers="nibabel: reads the values that are left of a curv file (measured)",
+    guard="the count held against the size", without=lambda patch: patch.setattr(
+        freesurfer, "_is_morph", lambda head, size: head[:3] == freesurfer.QUADS and len(head) == 15),
+)  # fmt: skip
+def test_cut_maps(known, holds):
+    assert_sound(holds, every_tenth(known, MAPS), 300)
+
+
+@hard_case(
+    "files", "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
+    peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
+    guard="an end to asking beyond the end",
+    without=lambda patch: patch.setattr(tetmesh._Ending, "_seen", lambda self, got: got),
+)  # fmt: skip
+def test_cut_meshes(known, holds):
+    assert_sound(holds, every_tenth(known, ["ball."]), 500)
+
+
+@hard_case(
+    "files", "checkpoint, log, stage and health of a run cut before every tenth byte", peers=BRAINGROWTH,
+    guard="a check of finished runs",
+    without=lambda patch: patch.setattr("morphofold.sim.folder.check_finished", nothing),
+)  # fmt: skip
+def test_cut_runs(known, holds):
+    assert_sound(holds, every_tenth(known, RUN), 300)
+
+
+def as_it_is(path, words, count):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+@hard_case(
+    "files", "summary, tables, graph and provenance of an analysis cut before every tenth byte",
+    guard="tables that are whole", without=lambda patch: patch.setattr(summary, "read_table", as_it_is),
+)  # fmt: skip
+def test_cut_analyses(known, holds):
+    assert_sound(holds, every_tenth(known, ANALYSIS), 300)
+
+
+@hard_case(
+    "files", "an OBJ or OFF text cut before every byte", peers="trimesh: reads what is left of a number (measured)",
+    guard="a warning", without=lambda patch: patch.setattr(polygons, "_warn_of_no_end", nothing),
+)  # fmt: skip
+def test_texts_cut_within_a_line(known, holds):
+    silent = warned = 0
+    for name in ("a.obj", "a.off"):
+        sample = known[name]
+        raw, whole = sample.path.read_bytes(), sample.read()
+        true = set(map(tuple, whole.faces.tolist()))
+        path = sample.path.with_name(f"cut-{name}")
+        for cut in range(len(raw)):
+            path.write_bytes(raw[:cut])
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                try:
+                    got = read_surface(path)
+                except ValueError:
+                    continue
+            wrong = not set(map(tuple, got.faces.tolist())) <= true
+            wrong |= not (got.verts == whole.verts[: len(got.verts)]).all()
+            warned += bool(told)
+            silent += wrong and not told
+    holds("cuts warned of", warned, at_least=1)
+    holds("faces or points that were not there, in silence", silent, at_most=0)
+
+
+def unguarded_libraries(patch):
+    @contextlib.contextmanager
+    def as_it_comes(*args):
+        yield
+
+    for module in (freesurfer, gifti, polygons, tetmesh, folder_check):
+        patch.setattr(module, "decoding", as_it_comes)
+
+
+@hard_case(
+    "files", "a bit flipped at every 20th byte of every format",
+    peers="nibabel, meshio, trimesh: dozens of kinds of exceptions (measured)",
+    guard="one clear error for all that libraries raise", without=unguarded_libraries,
+)  # fmt: skip
+def test_flipped_bits(known, holds):
+    refused, other, count = 0, {}, 0
+    for name, sample in known.items():
+        raw = sample.path.read_bytes()
+        for at in range(0, min(len(raw), 2500), 20):
+            flipped = bytearray(raw)
+            flipped[at] ^= 1 << (at // 20 % 8)
+            how = compared(sample, bytes(flipped), None)
+            refused, count = refused + (how == "refused"), count + 1
+            if how not in ("refused", "different"):
+                other[name, at] = how
+    holds("damaged files", count, at_least=1500)
+    holds("refused in one line, share", refused / count, at_least=0.3)
+    assert not other, f"{len(other)} other ends, the first: {next(iter(other.items()))!r:.300}"
+
+
+@hard_case(
+    "files", "every seventh bit of a checkpoint flipped, one at a time", peers=BRAINGROWTH,
+    guard="its checksums", without=lambda patch: patch.setattr(zipfile.ZipExtFile, "_update_crc", nothing),
+)  # fmt: skip
+def test_flipped_checkpoint(known, holds):
+    sample = known["checkpoint.npz"]
+    raw, whole, found = sample.path.read_bytes(), sample.read(), {}
+    for at in range(0, 8 * len(raw), 7):
+        flipped = bytearray(raw)
+        flipped[at // 8] ^= 1 << at % 8
+        found.setdefault(compared(sample, bytes(flipped), whole), []).append(at)
+    assert_sound(holds, found, 600)
+
+
+@hard_case(
+    "files", "every format under every other's name", guard="the first bytes decide, not the name",
+    without=lambda patch: patch.setattr("morphofold.io.surfaces._kind", lambda path, head: path.suffix[1:]),
+)  # fmt: skip
+def test_wrong_names(known, holds):
+    wrong = {}
+    for name in SURFACES:
+        raw = known[name].path.read_bytes()
+        silent = name in ("a.obj", "a.stl", "a.surf.gii.gz")            # whose first bytes say nothing, or packed
+        for other in SURFACES:
+            path = known[name].path.with_name(f"as-{other}")
+            path.write_bytes(raw)
+            sample = Sample(path, lambda path=path: read_surface(path))
+            if verdict(sample) and not silent:
+                wrong[name, other] = verdict(sample)
+    holds("pairs of formats", len(SURFACES) ** 2, at_least=200)
+    holds("of those whose first bytes tell, refused", len(wrong), at_most=0)
+    made_up = b"\0\1\2\3" * 50
+    others = chosen(known, SURFACES + MAPS).values()
+    refused = [bool(verdict(Sample(s.path, lambda s=s: _with(s, made_up)))) for s in others]
+    holds("readers that refuse a wrong magic, share", sum(refused) / len(refused), at_least=1)
+
+
+def _with(sample, raw):
+    kept = sample.path.read_bytes()
+    sample.path.write_bytes(raw)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            return sample.read()
+    finally:
+        sample.path.write_bytes(kept)

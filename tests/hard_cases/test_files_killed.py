@@ -1,0 +1,189 @@
+"""A process killed at any step on files, a full disk, two writers at once: all find the old or the new, whole."""
+
+import errno
+import os
+import resource
+import shutil
+import signal
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hard_cases.cases import hard_case
+from hard_cases.made_files import RADIAL, killed_at
+from made_measures import made_measures
+
+from morphofold.io import atomic_folder, files, read_surface, write_surface
+from morphofold.results import read_analysis, write_analysis
+from morphofold.shapes import icosphere
+from morphofold.sim import folder_lock
+from morphofold.sim.run import simulate
+from morphofold.surface import Surface
+
+NO_RESTART = "BrainGrowth, FetalFoldSim: no restart (read)"
+NAMES = ("lh.white", "a.gii", "a.ply", "a.vtk", "a.vtp")
+
+
+@contextmanager
+def in_place(path):
+    yield Path(path)
+
+
+@contextmanager
+def folder_in_place(path):
+    path.mkdir(parents=True)
+    yield path
+
+
+def writers_in_place(patch):
+    for module in ("io.freesurfer", "io.gifti", "io.polygons", "sim.folder"):
+        patch.setattr(f"morphofold.{module}.atomic_file", in_place)
+
+
+def state(folder):
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@hard_case(
+    "files", "a writer of a surface killed before each of its steps", peers="nibabel, trimesh, meshio: write in place "
+    "(read)", guard="a file beside, moved when whole", without=writers_in_place,
+)  # fmt: skip
+def test_killed_file(holds, tmp_path):
+    old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
+    kills = found = 0
+    for name in NAMES:
+        write_surface(tmp_path / name, old)
+        k = 1
+        while killed_at(k, lambda name=name: write_surface(tmp_path / name, new)):
+            radius = np.linalg.norm(read_surface(tmp_path / name).verts, axis=1)
+            found += np.ptp(radius) < 1e-6 and min(abs(radius[0] - 1), abs(radius[0] - 2)) < 1e-6
+            kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=2 * len(NAMES))
+    holds("the old surface or the new one found, share", found / kills, at_least=1)
+
+
+@hard_case(
+    "files", "a writer that replaces an analysis killed before each of its steps", guard="names exchanged in one step",
+    without=lambda patch: patch.setattr(files, "_exchange", lambda one, other: False), fails=(AssertionError, OSError),
+)  # fmt: skip
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux alone exchanges two names in one step")
+def test_killed_folder(holds, tmp_path):
+    out, kills, names = tmp_path / "out", 0, set()
+    old, new = (made_measures(name=name, level=1) for name in ("old", "new"))
+    write_analysis([old], out, report=False)
+    before, k = state(out), 1
+    while killed_at(k, lambda: write_analysis([new], out, report=False)):
+        (found,) = read_analysis(out)
+        names.add(found.cortex.name)
+        assert found.cortex.name == "new" or state(out) == before
+        kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=50)
+    holds.equal("found after them", names, {"old", "new"})
+
+
+def grow(out):
+    return simulate("radial", out, settings=RADIAL, resume=True)
+
+
+@pytest.mark.slow
+@hard_case(
+    "files", "a run killed before each of its steps, and resumed", peers=NO_RESTART,
+    guard="a folder beside, moved when whole", fails=(AssertionError, ValueError, OSError),
+    without=lambda patch: patch.setattr("morphofold.sim.folder.atomic_folder", folder_in_place),
+)  # fmt: skip
+def test_killed_run(holds, tmp_path):
+    whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}
+    k, kills, alike = 1, 0, 0
+    while killed_at(k, lambda: grow(tmp_path / "run")):
+        after = state(grow(tmp_path / "run").path)
+        alike += {name: raw for name, raw in after.items() if "/" in name} == whole
+        shutil.rmtree(tmp_path / "run")
+        kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=10)
+    holds("resumed to the same stages, share", alike / kills, at_least=1)
+
+
+def unread(patch):
+    for module in ("freesurfer", "polygons"):
+        patch.setattr(f"morphofold.io.{module}.read_back", lambda path: suppress(ValueError))
+
+
+@hard_case(
+    "files", "a disk that is full after each 200 bytes", peers="numpy's tofile, and so nibabel and meshio: cut files "
+    "in silence (measured)", guard="a look at what was written", without=unread,
+    fails=(AssertionError, ValueError),
+)  # fmt: skip
+def test_full_disk(holds, tmp_path):
+    old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
+    limit, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    refused = sound = tried = 0
+    try:
+        for name in NAMES:
+            write_surface(tmp_path / name, old)
+            for size in range(0, 1000, 200):
+                resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+                try:
+                    write_surface(tmp_path / name, new)
+                except OSError:
+                    refused += 1
+                finally:
+                    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+                sound += abs(read_surface(tmp_path / name).verts).max() < 1.5
+                tried += 1
+    finally:
+        signal.signal(signal.SIGXFSZ, ignored)
+    holds("writes refused, share", refused / tried, at_least=1)
+    holds("the old surface found, share", sound / tried, at_least=1)
+    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(NAMES))
+
+
+@hard_case(
+    "files", "two runs, and a writer, into one folder at once", peers=NO_RESTART, guard="a lock",
+    without=lambda patch: patch.setattr(folder_lock, "_try_lock", lambda file: None),
+)  # fmt: skip
+def test_two_runs(holds, tmp_path):
+    with folder_lock.alone(tmp_path / "run"):
+        try:
+            grow(tmp_path / "run")
+            told = ""
+        except FileExistsError as error:
+            told = str(error)
+        holds.says("the second run", told, "another run is writing here", "Wait for its end")
+        holds.equal("in the folder", os.listdir(tmp_path / "run"), ["lock"])
+
+
+@hard_case(
+    "files", "a folder that somebody writes while we do", guard="a second look",
+    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out: None),
+)  # fmt: skip
+def test_foreign_folder(holds, tmp_path):
+    out, told = tmp_path / "out", ""
+    try:
+        with atomic_folder(out) as folder:
+            (folder / "a.txt").write_text("ours")
+            out.mkdir()
+            (out / "thesis.txt").write_text("theirs")
+    except FileExistsError as error:
+        told = str(error)
+    holds.says("refusal", told, "did not write this folder", "thesis.txt")
+    holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
+
+
+@hard_case(
+    "files", "two analyses into one new folder at once", guard="names exchanged in one step",
+    without=lambda patch: patch.setattr(files, "_exchange", lambda one, other: _fails()), fails=OSError,
+)  # fmt: skip
+def test_two_analyses(holds, tmp_path):
+    with atomic_folder(tmp_path / "out") as one:
+        (one / "a.txt").write_text("one")
+        with atomic_folder(tmp_path / "out") as other:
+            (other / "a.txt").write_text("other")
+    holds.equal("the last one is there", (tmp_path / "out" / "a.txt").read_text(), "one")
+    holds.equal("left beside", os.listdir(tmp_path), ["out"])
+
+
+def _fails():
+    raise OSError(errno.ENOTEMPTY, "Directory not empty")
+
+

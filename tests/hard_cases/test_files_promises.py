@@ -1,0 +1,191 @@
+"""Files that promise more than they hold, or unpack to more than a computer has: refused within 2 GiB and seconds."""
+
+import base64
+import gzip
+import io
+import json
+import re
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from hard_cases.cases import hard_case
+from hard_cases.made_files import MEMORY, SCENE, Sample, in_child, samples, verdict
+
+from morphofold.io import (
+    freesurfer,
+    gifti,
+    polygons,
+    read_annotation,
+    read_cortex,
+    read_label,
+    read_morph,
+    read_surface,
+)
+from morphofold.io.files import existing_file
+from morphofold.sim import scene_file
+from morphofold.sim.folder_check import read_arrays
+from morphofold.sim.scene_file import load_scene
+
+MANY = 2**31 - 1
+LIGHT = 512 * 2**20     # bytes: a quarter of what any file may take
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    return samples(tmp_path_factory.mktemp("samples"))
+
+
+def refused(holds, what, path, raw, read, *words):
+    """Within a child's means: a refusal in one line, and little memory."""
+    path.write_bytes(raw)
+    told, taken = in_child(lambda: verdict(Sample(path, lambda: read(path))))
+    holds.says(what, told.replace(str(path), path.name), path.name, *words)
+    holds(f"{what}: memory taken", taken / 2**20, at_most=LIGHT / 2**20, unit="MiB")
+
+
+@hard_case(
+    "files", "a FreeSurfer surface, map, annotation or label that promises 2³¹ vertices",
+    peers="nibabel: allocates what the header says (read)", guard="counts held against the size",
+    without=lambda patch: (patch.setattr(freesurfer, "_check_geometry", lambda file, path: path.stat().st_size),
+                           patch.setattr(freesurfer, "decoding", existing_file)),
+    fails=(AssertionError, TypeError),
+)  # fmt: skip
+def test_freesurfer(known, holds, tmp_path):
+    raw = known["lh.white"].path.read_bytes()
+    at = raw.index(b"\n\n") + 2
+    much = struct.pack(">i", MANY)
+    refused(holds, "surface", tmp_path / "lh.white", raw[:at] + much + much + raw[at + 8 :], read_surface, "need")
+    refused(holds, "map", tmp_path / "lh.k", b"\xff\xff\xff" + struct.pack(">3i", MANY, 1, 1) + raw, read_morph, "need")
+    refused(holds, "annotation", tmp_path / "a.annot", much + raw, read_annotation, "vertices need")
+    label = f"#!ascii\n{MANY}\n0 1 2 3 4\n".encode()
+    refused(holds, "label", tmp_path / "a.label", label, lambda path: read_label(path, 42), "promises")
+
+
+LEGACY = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET {}\nPOINTS\t{} float\n0 0 0 1 0 0 0 1 0\n{}\t{} {}\n3 0 1 2\n"
+PLY = "ply\nformat {} 1.0\nelement\tvertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+
+
+@hard_case(
+    "files", "a VTP, VTK or PLY that promises 2³¹ points or faces",
+    peers="VTK: ends the process (measured)", guard="counts held against the size",
+    without=lambda patch: patch.setattr(polygons, "_check_vtk", lambda raw: None),
+)  # fmt: skip
+def test_polygons(known, holds, tmp_path):
+    raw = known["a.vtp"].path.read_bytes()
+    for name in ("Points", "Polys", "Components"):
+        much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
+        refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, "a surface in VTK format")
+    for n, m, size in ((MANY, 1, 4), (3, MANY, 4), (3, 1, MANY)):
+        text = LEGACY.format("POLYDATA", n, "POLYGONS", m, size).encode()
+        refused(holds, "POINTS, POLYGONS", tmp_path / "a.vtk", text, read_surface, f"promises {MANY}")
+    for form in ("ascii", "binary_little_endian"):
+        text = PLY.format(form, MANY) + "property list uchar int vertex_indices\nend_header\n0 0 0\n"
+        refused(holds, "element vertex", tmp_path / "a.ply", text.encode(), read_surface, f"promises {MANY}")
+
+
+def _gifti(data, dims):
+    return (
+        '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
+        f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} Encoding="GZipBase64Binary" '
+        'Endian="LittleEndian" ExternalFileName="" ExternalFileOffset="0"><Data>'
+    ).encode() + base64.b64encode(data) + b"</Data></DataArray></GIFTI>"  # fmt: skip
+
+
+def _zeros(n, tool=None):
+    """n zeros, packed."""
+    tool, step = tool or zlib.compressobj(), 2**24
+    return b"".join([*(tool.compress(bytes(min(step, n - k))) for k in range(0, n, step)), tool.flush()])
+
+
+def unbounded(patch):
+    patch.setattr(gifti, "MAX_UNPACKED", 2**40)
+    patch.setattr(polygons, "check_blocks", lambda raw: None)
+
+
+@pytest.mark.slow
+@hard_case(
+    "files", "a GIFTI, VTU or VTP of 1 MB that unpacks to 512 MiB or 1 GiB",
+    peers="nibabel, meshio, VTK: unpack it (measured)", guard="bounds for what is unpacked", without=unbounded,
+)  # fmt: skip
+def test_bombs(holds, tmp_path):
+    n = 2**29
+    data = _zeros(n)
+    refused(holds, "GIFTI", tmp_path / "a.shape.gii", _gifti(data, f'Dimensionality="1" Dim0="{n // 4}"'), read_morph)
+    spaces = gzip.compress(b"<GIFTI>" + bytes(2**20)) + _zeros(n, zlib.compressobj(wbits=31))
+    refused(holds, "compressed GIFTI", tmp_path / "a.gii.gz", spaces, read_morph, "unpacks to more than 256 MiB")
+    block = zlib.compress(bytes(2**24))
+    head = base64.b64encode(struct.pack("<67I", 64, 2**24, 0, *[len(block)] * 64))
+    for kind, name in (("UnstructuredGrid", "a.vtu"), ("PolyData", "a.vtp")):
+        text = (
+            f'<VTKFile type="{kind}" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><{kind}><Piece '
+            'NumberOfPoints="9" NumberOfCells="1" NumberOfPolys="1"><Points><DataArray type="Float32" '
+            'NumberOfComponents="3" format="binary">'
+        ).encode() + head + base64.b64encode(64 * block) + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
+        refused(holds, name, tmp_path / name, text, read_surface, "its arrays unpack to 1073741824 bytes")
+
+
+@hard_case(
+    "files", "a GIFTI array of 10¹¹ dimensions (found by fuzzing)",
+    guard="six at most", without=lambda patch: patch.setattr(
+        gifti, "_check_sizes", lambda raw: [int("1") for _ in range(int(re.search(rb'sionality="(\d+)', raw)[1]))]),
+)  # fmt: skip
+def test_dimensions(holds, tmp_path):
+    raw = _gifti(zlib.compress(bytes(12)), f'Dimensionality="{10**11}" Dim0="3"')
+    refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000 dimensions")
+
+
+@hard_case(
+    "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",
+    without=lambda patch: patch.setattr(zipfile.ZipFile, "infolist", lambda self: []),
+)  # fmt: skip
+def test_checkpoint(holds, tmp_path):
+    like = {"x": np.zeros((10, 3))}
+    for n, zeros in ((5 * 2**24, 5 * 2**27), (2**40, 2**24)):
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file, file.open("x.npy", "w", force_zip64=True) as x:
+            np.lib.format.write_array_header_1_0(x, {"descr": "<f8", "fortran_order": False, "shape": (n,)})
+            for _ in range(0, zeros, 2**24):
+                x.write(bytes(2**24))
+        read = lambda path: read_arrays(path, like)
+        refused(holds, f"{n:,} numbers", tmp_path / "a.npz", out.getvalue(), read, "needs 240")
+
+
+@hard_case(
+    "files", "a scene with 20,000 unknown keys, or a key of 100,000 parts", peers="FetalFoldSim: a missing key is a "
+    "KeyError minutes later (read)", guard="20 problems at most",
+    without=lambda patch: patch.setattr(scene_file, "MOST_PROBLEMS", 10**9),
+)  # fmt: skip
+def test_scenes(holds, tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text(".".join(["a"] * 100_000) + " = 1\n")
+    told, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
+    holds.says("deep key", told.replace(str(path), path.name), "a.toml", "nested too deeply")
+    path.write_text(SCENE.replace("[geometry]", "".join(f"k{i} = 1\n" for i in range(20_000)) + "[geometry]"))
+    told, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
+    holds("lines told", len(told.splitlines()), at_least=1, at_most=21)
+    holds("memory taken", taken / 2**20, at_most=MEMORY / 2**20, unit="MiB")
+
+
+@hard_case(
+    "files", "numbers beyond all floats, and 100,000 brackets, in our own JSON (found by fuzzing)",
+    guard="errors of numbers and nests beyond bounds", without=lambda patch: (
+        patch.setattr("morphofold.io.cortices.NOT_OURS", ()), patch.setattr("morphofold.results.plain.NOT_OURS", ())),
+    fails=(AssertionError, OverflowError, RecursionError),
+)  # fmt: skip
+def test_json(known, holds):
+    for name in ("stage.json", "summary.json", "analysis/summary.json", "analysis/graph/lh.json"):
+        sample = known[name]
+        raw, huge = sample.path.read_bytes(), b"1" + b"0" * 400
+        changed = [b"[" * 100_000, re.sub(rb'("portion": )[\d.]+', rb"\g<1>" + huge, raw)]
+        for text in changed[: 1 + (changed[1] != raw)]:
+            try:
+                sample.path.write_bytes(text)
+                holds.says(name, verdict(sample).replace(str(sample.path.parent), ""), sample.path.name)
+            finally:
+                sample.path.write_bytes(raw)
+    assert json.loads(known["stage.json"].path.read_text())
+    assert read_cortex(known["stage.json"].path.parent).portion == 1.0
