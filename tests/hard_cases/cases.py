@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pytest
 
 GROUPS = ("solver", "laws", "surfaces", "files")
-Removal = Callable[[pytest.MonkeyPatch], None]
+Removal = Callable[[pytest.MonkeyPatch], object]
 
 
 def hard_case(group: str, case: str, *, peers: str = "–", guard: str = "", without: Removal | None = None,
