@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from made_measures import made_measures
@@ -259,7 +260,7 @@ def compared(sample: Sample, raw: bytes, whole: object) -> str:
         sample.path.write_bytes(kept)
 
 
-def same(one: object, other: object) -> bool:
+def same(one: Any, other: Any) -> bool:
     """Whether two readings hold the same; of a surface its numbers, as the volume geometry may end anywhere."""
     if isinstance(one, Surface) and isinstance(other, Surface):
         return same((one.verts, one.faces), (other.verts, other.faces))
