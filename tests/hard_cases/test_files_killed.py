@@ -47,7 +47,8 @@ def state(folder):
 
 @hard_case(
     "files", "a writer of a surface killed before each step, and within writes",
-    peers="nibabel, trimesh, meshio: write in place (read)", guard="a file beside, moved when whole", without=writers_in_place,
+    peers="nibabel, trimesh, meshio: write in place (read)",
+    guard="a file beside, moved when whole", without=writers_in_place,
 )  # fmt: skip
 def test_killed_file(holds, tmp_path):
     old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
