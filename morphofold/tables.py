@@ -61,7 +61,7 @@ def read_table(path: Path, words: Collection[str] = (), count: int | None = None
         if None in row or None in row.values():
             raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
     if count not in (None, len(rows)):
-        raise ValueError(f"{path}: has {len(rows)} rows of the {count} that were written. Analyze anew.")
+        raise ValueError(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze anew.")
     return [{k: _value(v, k in words) for k, v in row.items()} for row in rows]
 
 

@@ -297,7 +297,7 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
             resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
             told = work()
             taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-            os.write(theirs, json.dumps([told[:2000], taken]).encode())
+            os.write(theirs, json.dumps([told[:20_000], taken]).encode())
             code = 0
         except BaseException as error:
             os.write(theirs, json.dumps([f"{type(error).__name__}: {error}"[:2000], 0]).encode())
@@ -315,8 +315,10 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
 
 
 
-def killed_at(k: int, work: Callable[[], object]) -> bool:
+def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) -> bool:
     """Whether a child process that is killed before its k-th step on files got that far; works to the end otherwise.
+
+    With ``size`` it is killed once a file has so many bytes, within a write.
 
     Steps are what Python tells its audit hooks: opening, moving, making and removing. What a file was given before and
     is not flushed is lost with the process, as it is in a real one.
@@ -333,13 +335,18 @@ def killed_at(k: int, work: Callable[[], object]) -> bool:
 
         try:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            if size is not None:
+                resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+                signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
             sys.addaudithook(hook)
             work()
         except BaseException:
             os._exit(1)
         os._exit(0)
     _, status = os.waitpid(child, 0)
-    assert status in (0, signal.SIGKILL), f"the work failed by itself: status {status}"
+    ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else status
+    assert ended in (0, signal.SIGKILL, signal.SIGXFSZ), f"the work failed by itself: status {status}"
     return status != 0
 
 

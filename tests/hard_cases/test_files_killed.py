@@ -46,21 +46,35 @@ def state(folder):
 
 
 @hard_case(
-    "files", "a writer of a surface killed before each of its steps", peers="nibabel, trimesh, meshio: write in place "
-    "(read)", guard="a file beside, moved when whole", without=writers_in_place,
+    "files", "a writer of a surface killed before each step, and within writes",
+    peers="nibabel, trimesh, meshio: write in place (read)",
+    guard="a file beside, moved when whole", without=writers_in_place,
 )  # fmt: skip
 def test_killed_file(holds, tmp_path):
     old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
-    kills = found = 0
+    kills = lost = 0
     for name in NAMES:
-        write_surface(tmp_path / name, old)
+        path, write = tmp_path / name, lambda name=name: write_surface(tmp_path / name, new)
+        write_surface(path, old)
+        for size in (0, 100, 300, 600, 1000):
+            assert killed_at(0, write, size=size)
+            lost += not whole(path)
+            kills += 1
         k = 1
-        while killed_at(k, lambda name=name: write_surface(tmp_path / name, new)):
-            radius = np.linalg.norm(read_surface(tmp_path / name).verts, axis=1)
-            found += np.ptp(radius) < 1e-6 and min(abs(radius[0] - 1), abs(radius[0] - 2)) < 1e-6
+        while killed_at(k, write):
+            lost += not whole(path)
             kills, k = kills + 1, k + 1
-    holds("kills", kills, at_least=2 * len(NAMES))
-    holds("the old surface or the new one found, share", found / kills, at_least=1)
+    holds("neither the old surface nor the new one found", lost, at_most=0)
+    holds("kills", kills, at_least=5 * len(NAMES))
+
+
+def whole(path):
+    """Whether a sphere of radius 1 or 2 is there."""
+    try:
+        radius = np.linalg.norm(read_surface(path).verts, axis=1)
+    except (ValueError, OSError):
+        return False
+    return np.ptp(radius) < 1e-6 and min(abs(radius[0] - 1), abs(radius[0] - 2)) < 1e-6
 
 
 @hard_case(
