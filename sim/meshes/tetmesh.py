@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from morphofold.io import sample_path
 from morphofold.io.files import decoding, existing_file
+from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
 Array = NDArray[np.float64]
@@ -97,10 +98,12 @@ class _Ending(io.BufferedReader):
 
 
 def _meshio(path: Path) -> Any:
-    """The mesh in a file, of which some of meshio's readers would wait without end for what was cut off."""
+    """The mesh in a file. Some of meshio's readers wait without end for what was cut off; one would unpack all."""
     import meshio
 
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
+    if kinds == ["vtu"]:
+        check_blocks(path.read_bytes())
     if "ansys" in kinds:                                                # as which meshio tries every .msh first
         with path.open("rb") as file:
             kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]

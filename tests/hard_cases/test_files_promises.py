@@ -27,6 +27,8 @@ from morphofold.io import (
 from morphofold.io.files import existing_file
 from morphofold.sim import scene_file
 from morphofold.sim.folder_check import read_arrays
+from morphofold.sim.meshes.tetmesh import read_tets
+from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene_file import load_scene
 
 MANY = 2**31 - 1
@@ -101,6 +103,10 @@ def _zeros(n, tool=None):
     return b"".join([*(tool.compress(bytes(min(step, n - k))) for k in range(0, n, step)), tool.flush()])
 
 
+def tetrahedra(path):
+    return read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0))
+
+
 def unbounded(patch):
     patch.setattr(gifti, "MAX_UNPACKED", 2**40)
     patch.setattr(polygons, "check_blocks", lambda raw: None)
@@ -126,6 +132,8 @@ def test_bombs(holds, tmp_path):
             'NumberOfComponents="3" format="binary">'
         ).encode() + head + base64.b64encode(64 * block) + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
         refused(holds, name, tmp_path / name, text, read_surface, "its arrays unpack to 1073741824 bytes")
+        if name == "a.vtu":
+            refused(holds, "VTU of tetrahedra", tmp_path / name, text, tetrahedra, "its arrays unpack to 1073741824")
 
 
 @hard_case(
