@@ -49,7 +49,8 @@ def read_trimesh(path: Path, kind: str) -> tuple[Verts, Faces]:
             _CHECK[kind](raw)
         # from memory and without a resolver: no other file that this one may name is opened
         options = {"process": False, "maintain_order": True, "skip_materials": True}
-        mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
+        with _silent_log():                                             # of normals, which are not taken
+            mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
             raise ValueError("it holds no triangles")
@@ -115,7 +116,7 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
 
 @contextmanager
 def _silent_log() -> Iterator[None]:
-    """Keep pyvista from logging what is raised anyway."""
+    """Keep packages from logging what is raised anyway, or doesn't matter."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

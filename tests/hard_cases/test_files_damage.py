@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import io
+import re
 import warnings
 import zipfile
 
@@ -213,3 +214,20 @@ def _with(sample, raw):
             return sample.read()
     finally:
         sample.path.write_bytes(kept)
+
+
+@hard_case(
+    "files", "an STL text whose normals are no numbers (found by fuzzing)", peers="trimesh: logs a traceback (seen)",
+    guard="packages log nothing while they read",
+    without=lambda patch: patch.setattr(polygons, "_silent_log", contextlib.nullcontext),
+)  # fmt: skip
+def test_normals(holds, tmp_path, caplog):
+    import trimesh
+
+    text = trimesh.exchange.stl.export_stl_ascii(trimesh.creation.icosphere(1))
+    path, wrong = tmp_path / "a.stl", tmp_path / "wrong.stl"
+    path.write_text(text)
+    wrong.write_text(re.sub(r"facet normal \S+", "facet normal x", text, count=1))
+    one, other = read_surface(path), read_surface(wrong)
+    holds("lines logged", len(caplog.records), at_most=0)
+    holds.equal("vertices", one.verts.tolist(), other.verts.tolist())
