@@ -1,4 +1,4 @@
-"""Writes the tables of docs/hard-cases.md: ``python tests/hard_cases/page.py FILE docs/hard-cases.md``.
+"""Writes the tables of docs/hard-cases.md: ``python tests/hard_cases/page.py FILE... docs/hard-cases.md``.
 
 FILE is what ``pytest tests/hard_cases -m "" --hard-cases FILE`` wrote.
 """
@@ -37,8 +37,11 @@ def _cell(text):
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
-def main(file, page):
-    groups = rows_of(json.loads(Path(file).read_text(encoding="utf-8")))
+def main(*files, page):
+    tests = {}
+    for file in files:                                                  # a later run of a test counts
+        tests |= json.loads(Path(file).read_text(encoding="utf-8"))
+    groups = rows_of(tests)
     page = Path(page)
     text = page.read_text(encoding="utf-8")
     for group, rows in groups.items():
@@ -48,4 +51,4 @@ def main(file, page):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(*sys.argv[1:-1], page=sys.argv[-1])
