@@ -404,11 +404,12 @@ def test_viscous_forces_never_do_work_on_the_body(rng):
 
 def test_viscosity_feels_neither_rest_nor_rigid_nor_isochoric_motion(rng):
     body, x, _ = moving(rng, 0.0)
-    assert not viscous_forces(body, x, np.zeros_like(x)).any()
     angle = 0.02
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     shear = np.array([[1, 0.03, 0], [0, 1, 0.02], [0, 0, 1.0]])
     swelling = np.abs(viscous_forces(body, x, x - x * 0.98)).max()
+    at_rest = np.abs(viscous_forces(body, x, np.zeros_like(x))).max()
+    assert at_rest < 1e-12 * swelling           # round-off of two volumes, which differs between processors
     for motion in (x @ turn.T + [0.1, 0.2, 0.3], x @ shear.T):
         assert np.abs(viscous_forces(body, x, x - motion)).max() < 1e-9 * swelling
 
