@@ -57,7 +57,7 @@ def measuring_speed(
         ``vertices``, ``threads``, ``stage`` ("all" for their sum), ``seconds``; ``memory_GiB``, the most that the
         process has held by then (None where the system does not say), in the rows of "all".
     """
-    measure(folded_ball(2500))
+    measure(folded_ball(1000))
     rows: list[dict[str, Any]] = []
     for k, n in enumerate(sorted(sizes)):
         progress(k / len(sizes), f"{n:,} vertices")

@@ -150,19 +150,18 @@ def test_the_gyral_width_of_the_net_can_be_held(here):
         assert (found == 9.0) == (width == 9.0)
 
 
-@pytest.mark.parametrize("layout", ["plain", "bids"])
-def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout):
+@pytest.mark.parametrize(("layout", "name"), [("plain", "standard"), ("plain", "fine"), ("bids", "fine")])
+def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout, name):
     file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
     common = ["analyze", str(sample_path("simulated")), "-q", "--no-report", "--layout", layout, "--name", "a"]
-    for name, more in (("standard", []), ("fine", ["--accuracy", "fine"])):
-        assert main([*common, "-o", name, *more]) == 0
-        told = json.loads((here / name / file).read_text())
-        assert told["parameters"].get("accuracy", "standard") == name
-        used = told["surfaces"][0]["parameters"]
-        assert used["accuracy"] == name
-        n = told["surfaces"][0]["measures"]["n_vertices"]
-        assert (used["accuracy_vertices"] > n) == (name == "fine")          # 2 to 10 thousand are split
-        assert ("accuracy" in told["surfaces"][0]["notes"]) == (name == "fine")
+    assert main([*common, "-o", "out", *([] if name == "standard" else ["--accuracy", name])]) == 0
+    told = json.loads((here / "out" / file).read_text())
+    assert told["parameters"].get("accuracy", "standard") == name
+    used = told["surfaces"][0]["parameters"]
+    assert used["accuracy"] == name
+    n = told["surfaces"][0]["measures"]["n_vertices"]
+    assert (used["accuracy_vertices"] > n) == (name == "fine")              # 2 to 10 thousand are split
+    assert ("accuracy" in told["surfaces"][0]["notes"]) == (name == "fine")
 
 
 def test_an_accuracy_of_another_name_is_refused(here, capsys):

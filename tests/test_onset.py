@@ -28,6 +28,7 @@ def test_the_onset_does_not_depend_on_the_noise():
     assert not np.array_equal(found[0].difference, found[1].difference)
 
 
+@pytest.mark.slow
 def test_the_onset_of_a_coarse_octant_is_near_its_bifurcation_and_the_theory():
     """Four edges a wave, so that the bifurcation itself is 2 % off; finer ones: tests/scenes/test_bifurcation.py."""
     scene = load_scene("demo", ("geometry.portion=octant", "accuracy.edge=6.0", "material.mu_ratio=2.0"))
