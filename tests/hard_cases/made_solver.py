@@ -11,6 +11,8 @@ from morphofold.sim.body import Body, SurfaceFilter
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.perturbation import Perturbation
+from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import kernels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.kernels import WIDTH
@@ -123,6 +125,14 @@ def facing_patches(size=(4.0, 4.0), depth=8.0, thickness=2.0, edge=0.8, gap=1.6,
 
 def body_of(bilayer, *, mu_cortex=1.0, kappa_ratio=50.0, law="isotropic", X=None):
     return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=kappa_ratio, law=law, X=X)
+
+
+def facing(gap, size, noise=0.0, depth=8.0):
+    """The dynamics of two patches ``gap`` [mm] apart; perturbed by ``noise`` [mm] they fold."""
+    bilayer = facing_patches((size, size), depth, gap=gap)
+    X = Perturbation(noise, 8.0, seed=3).reshape(bilayer, bilayer.mesh.p.T) if noise else None
+    body = body_of(bilayer, X=X)
+    return Dynamics(body, [Contact(), Symmetry()], steps_per_unit=180 * body.crossing)
 
 
 # guards, taken away

@@ -8,18 +8,13 @@ from hard_cases.made_solver import (
     OCTANT,
     STRIP,
     at_rest,
-    body_of,
-    facing_patches,
     grown,
     healthy,
     off_the_smooth_state,
     start,
 )
 
-from morphofold.sim.dynamics import Dynamics, UnstableError
-from morphofold.sim.effects.contact import Contact
-from morphofold.sim.effects.perturbation import Perturbation
-from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.speed import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -60,13 +55,6 @@ def test_flat_tetrahedra(holds):
     holds("lowest J", run.state.lowest_J, at_least=0.05)
 
 
-def facing(gap, size, noise=0.0, depth=8.0):
-    bilayer = facing_patches((size, size), depth, gap=gap)
-    X = Perturbation(noise, 8.0, seed=3).reshape(bilayer, bilayer.mesh.p.T) if noise else None
-    body = body_of(bilayer, X=X)
-    return Dynamics(body, [Contact(), Symmetry()], steps_per_unit=180 * body.crossing)
-
-
 def clearance(run):
     """Least height [mm] of the upper surface's nodes over the highest node of the lower one, both nearly flat."""
     z = run.state.x[: run.body.n_surface, 2]
@@ -76,7 +64,7 @@ def clearance(run):
 @hard_case("solver", "two bodies of folds meeting head on", guard="contact", without=made.no_contact,
            peers="BrainGrowth: the search visits 3 of 27 cells, 11 to 89 % of the pairs (measured)")  # fmt: skip
 def test_folds_that_meet_head_on(holds):
-    run = facing(7.2, 8.0, noise=0.1)
+    run = made.facing(7.2, 8.0, noise=0.1)
     run.grow_to(1.44)
     holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=2)
     healthy(holds, run, leave=["volume_drift"])                         # walls that can't give way are pressed together
@@ -86,7 +74,7 @@ def test_folds_that_meet_head_on(holds):
            guard="pairs across a gap of the reference count", without=made.near_is_no_contact,
            peers="BrainGrowth: contact acts at 3 % of an edge, after faces have passed (measured)")  # fmt: skip
 def test_walls_nearer_than_an_edge(holds):
-    run = grown(facing(0.5, 4.0), 1.1)                                  # edges are 0.8 mm
+    run = grown(made.facing(0.5, 4.0), 1.1)                             # edges are 0.8 mm
     holds("clearance", clearance(run), at_least=0.0, unit="mm")
     holds("lowest J", run.state.lowest_J, at_least=0.05)
 
