@@ -146,7 +146,7 @@ def test_momentum_is_conserved_without_supports(holds):
     """Two blocks in free flight, one of them rough, that grow and collide; true inertia, no damping.
 
     Of the angular momentum only the elements' share is asked: the filter measures from the reference, which doesn't
-    turn along, and contact pushes along the normal of a triangle, whose nearest point may lie on an edge, off that line.
+    turn along, and contact pushes along a triangle's normal, whose nearest point may be on an edge, off that line.
     """
     free = dataclasses.replace(facing_patches((3.0, 3.0), 4.0, gap=0.4), planes=(), held=np.zeros(0, dtype=int))
     X = Perturbation(0.1, 4.0, seed=1).reshape(free, free.mesh.p.T)
