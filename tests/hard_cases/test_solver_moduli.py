@@ -61,8 +61,8 @@ def test_a_very_thin_cortex(holds):
            without=made.mass_of_the_volume, fails=UnstableError)  # fmt: skip
 def test_a_very_thin_cortex_folds(holds):
     T = 0.25                                                            # mm, on a core of 50
-    run = grown(start("strip", f"geometry.cortex_thickness={T}", "geometry.depth=50", "geometry.length=4",
-                      "accuracy.edge=0.1", "accuracy.elements_through_cortex=2", "material.mu_ratio=4"), 1.3)  # fmt: skip
+    thin = f"geometry.cortex_thickness={T}", "accuracy.edge=0.1", "accuracy.elements_through_cortex=2"
+    run = grown(start("strip", "geometry.depth=50", "geometry.length=4", *thin, "material.mu_ratio=4"), 1.3)
     height = float(np.ptp(run.state.x[: run.body.n_surface, 2]))
     holds("crowns over fundi, in thicknesses of the cortex", height / T, at_least=1)
     healthy(holds, run)
