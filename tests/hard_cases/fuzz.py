@@ -8,7 +8,6 @@ import argparse
 import faulthandler
 import json
 import os
-import resource
 import sys
 import tempfile
 import time
@@ -19,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from hard_cases.made_files import MEMORY, samples, verdict
+from hard_cases.made_files import MEMORY, resource, samples, verdict
 
 SLOWEST = 10            # seconds that a small file may take
 NUMBERS = [b"-1", b"0", b"99999999999", b"1e999", b"nan", b"1" * 5000, b"2147483648", b"-0", b"0x10", b"true", b"null",

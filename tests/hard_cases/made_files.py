@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import signal
 import struct
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from made_measures import made_measures
 from made_simulations import made_simulation
 from made_surfaces import FOOTER, FORMATS
@@ -37,6 +37,21 @@ from morphofold.sim.meshes.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Regions, Surface
+
+
+class Elsewhere:
+    """Stands for ``resource`` on systems that have none: a test that asks it for anything is skipped."""
+
+    def __getattr__(self, name):
+        if name.startswith("_"):                                        # as pytest asks of all names in a module
+            raise AttributeError(name)
+        pytest.skip(f"needs Linux: there is no resource.{name} on {sys.platform}")
+
+
+try:
+    import resource
+except ImportError:                                                     # Windows
+    resource = Elsewhere()  # type: ignore[assignment]
 
 MEMORY = 2 * 2**30      # what a file may make a reader take [bytes]
 SECONDS = 20            # of processor time, far above what any of the small files takes
@@ -226,6 +241,12 @@ class Hang(BaseException):
     """A reader took too long."""
 
 
+def needs_linux() -> None:
+    """Skips a test of child processes that are short of something, off Linux."""
+    if sys.platform != "linux":
+        pytest.skip(f"needs Linux: fork, /proc, timers and limits of a process, not {sys.platform}")
+
+
 def verdict(sample: Sample) -> str:
     """What a reader says of a file: "" if it reads it, or its refusal, seen to be one line. Anything else is raised."""
     try:
@@ -242,6 +263,7 @@ def verdict(sample: Sample) -> str:
 
 def compared(sample: Sample, raw: bytes, whole: object) -> str:
     """How a reader takes other bytes: "refused", "same" as ``whole``, "different", "slow", or what it raised."""
+    needs_linux()
     kept = sample.path.read_bytes()
     sample.path.write_bytes(raw)
 
@@ -285,6 +307,7 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
     AssertionError
         If the child was killed, or raised.
     """
+    needs_linux()
     ours, theirs = os.pipe()
     child = os.fork()
     if child == 0:
@@ -314,7 +337,6 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
     return told, taken
 
 
-
 def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) -> bool:
     """Whether a child process that is killed before its k-th step on files got that far; works to the end otherwise.
 
@@ -323,6 +345,7 @@ def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) ->
     Steps are what Python tells its audit hooks: opening, moving, making and removing. What a file was given before and
     is not flushed is lost with the process, as it is in a real one.
     """
+    needs_linux()
     child = os.fork()
     if child == 0:
         steps = [0]

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 
+import meshio
 import numpy as np
 from scipy.sparse import csr_matrix
 from skfem import MeshHex
@@ -11,15 +12,18 @@ from morphofold.sim.body import Body, SurfaceFilter
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.perturbation import Perturbation
+from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import kernels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.kernels import WIDTH
 from morphofold.sim.geometry import build_bilayer, build_body
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
-from morphofold.sim.meshes.bilayer import bilayer_patch
+from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
 from morphofold.sim.run import RELAXATION
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.sim.speed import cut_bricks
 from morphofold.sim.surfaces import whole_surfaces
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
@@ -123,6 +127,44 @@ def facing_patches(size=(4.0, 4.0), depth=8.0, thickness=2.0, edge=0.8, gap=1.6,
 
 def body_of(bilayer, *, mu_cortex=1.0, kappa_ratio=50.0, law="isotropic", X=None):
     return Body(bilayer, mu_cortex=mu_cortex, mu_core=1.0, kappa_ratio=kappa_ratio, law=law, X=X)
+
+
+def shell_file(path, thickness, squash=0.0):
+    """Writes a shell in tetrahedra, 50 mm out and 25 mm in, its cortex labelled; and returns their worst aspect.
+
+    ``squash`` is how far one node in a hundred within, if it can be, is moved to the middle of a face opposite to it.
+    The aspect is the longest edge over the least height.
+    """
+    bilayer = cut_bricks(bilayer_sphere(50.0, thickness, 25.0, "full", 8, 3))
+    x, tets = bilayer.mesh.p.T.copy(), bilayer.mesh.t.T
+    inside = np.setdiff1d(np.arange(bilayer.n_surface, len(x)), bilayer.held)
+    for node in inside[::100] if squash else ():
+        star = tets[(tets == node).any(axis=1)]
+        for face in (tet[tet != node] for tet in star):
+            moved = x.copy()
+            moved[node] += squash * (x[face].mean(axis=0) - x[node])
+            if (np.linalg.det(_edges(moved, star)) * np.linalg.det(_edges(x, star)) > 0).all():
+                x = moved
+                break
+    cortex = (np.arange(len(tets)) < len(bilayer.mesh.subdomains["cortex"])).astype(int)
+    meshio.Mesh(x, [("tetra", tets)], cell_data={"layer": [cortex]}).write(path)
+    area = np.max([np.linalg.norm(np.cross(*(x[tets[:, k]] - x[tets[:, i]] for k in (j, l))), axis=1)
+                   for i, j, l in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))], axis=0)  # fmt: skip
+    pairs = [(i, j) for i in range(4) for j in range(i)]
+    longest = np.max([np.linalg.norm(x[tets[:, i]] - x[tets[:, j]], axis=1) for i, j in pairs], axis=0)
+    return float((longest * area / np.abs(np.linalg.det(_edges(x, tets)))).max())
+
+
+def _edges(x, tets):
+    return x[tets[:, 1:]] - x[tets[:, :1]]
+
+
+def facing(gap, size, noise=0.0, depth=8.0):
+    """The dynamics of two patches ``gap`` [mm] apart; perturbed by ``noise`` [mm] they fold."""
+    bilayer = facing_patches((size, size), depth, gap=gap)
+    X = Perturbation(noise, 8.0, seed=3).reshape(bilayer, bilayer.mesh.p.T) if noise else None
+    body = body_of(bilayer, X=X)
+    return Dynamics(body, [Contact(), Symmetry()], steps_per_unit=180 * body.crossing)
 
 
 # guards, taken away

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 from hard_cases.cases import hard_case
+from hard_cases.made_files import needs_linux
 
 SCRIPT = Path(__file__).with_name("fuzz.py")
 
 
 def fuzzed(seconds, seed, *words):
     """Files read and findings, of the script in a process of its own."""
+    needs_linux()
     command = [sys.executable, str(SCRIPT), "--seconds", str(seconds), "--seed", str(seed), *words]
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)

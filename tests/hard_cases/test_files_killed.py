@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import shutil
 import signal
 from contextlib import contextmanager, suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hard_cases.cases import hard_case
-from hard_cases.made_files import RADIAL, killed_at
+from hard_cases.made_files import RADIAL, killed_at, resource
 from made_measures import made_measures
 
 from morphofold.io import atomic_folder, files, read_surface, write_surface

@@ -18,9 +18,14 @@ def analysis(here):
     return write_analysis([made_measures(level=1)], here / "analysis", report=False)
 
 
+def followed(path):
+    """The end of a link, link by link: one to itself has none. Path.resolve() raised there before Python 3.13."""
+    return followed(path.parent / os.readlink(path)) if path.is_symlink() else path
+
+
 @hard_case(
     "files", "links: dangling, to themselves, to a folder of somebody else", guard="paths followed by realpath",
-    without=lambda patch: patch.setattr(paths, "refuse_overlap", lambda out, read: [p.resolve() for p in (out, *read)]),
+    without=lambda patch: patch.setattr(paths, "refuse_overlap", lambda out, read: [followed(p) for p in (out, *read)]),
     fails=(AssertionError, RuntimeError),
 )  # fmt: skip
 def test_links(holds, here, analysis, capsys):

@@ -24,9 +24,9 @@ from morphofold.io import (
     read_morph,
     read_surface,
 )
-from morphofold.io.files import existing_file
 from morphofold.sim import scene_file
 from morphofold.sim.folder_check import read_arrays
+from morphofold.sim.meshes import tetmesh
 from morphofold.sim.meshes.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene_file import load_scene
@@ -49,44 +49,63 @@ def refused(holds, what, path, raw, read, *words):
     holds(f"{what}: memory taken", taken / 2**20, at_most=LIGHT / 2**20, unit="MiB")
 
 
+def counts_believed(patch):
+    patch.setattr(freesurfer, "_check_geometry", lambda file, path: path.stat().st_size)
+    patch.setattr(freesurfer, "_is_morph", lambda head, size: True)
+    patch.setattr(freesurfer, "len", lambda things: MANY if isinstance(things, np.ndarray) else 2**40, raising=False)
+
+
+@pytest.mark.parametrize("kind", ["surface", "map", "annotation", "label"])
 @hard_case(
     "files", "a FreeSurfer surface, map, annotation or label that promises 2³¹ vertices",
     peers="nibabel: allocates what the header says (read)", guard="counts held against the size",
-    without=lambda patch: (patch.setattr(freesurfer, "_check_geometry", lambda file, path: path.stat().st_size),
-                           patch.setattr(freesurfer, "decoding", existing_file)),
-    fails=(AssertionError, TypeError),
+    without=counts_believed,
 )  # fmt: skip
-def test_freesurfer(known, holds, tmp_path):
+def test_freesurfer(kind, known, holds, tmp_path):
     raw = known["lh.white"].path.read_bytes()
     at = raw.index(b"\n\n") + 2
     much = struct.pack(">i", MANY)
-    refused(holds, "surface", tmp_path / "lh.white", raw[:at] + much + much + raw[at + 8 :], read_surface, "need")
-    refused(holds, "map", tmp_path / "lh.k", b"\xff\xff\xff" + struct.pack(">3i", MANY, 1, 1) + raw, read_morph, "need")
-    refused(holds, "annotation", tmp_path / "a.annot", much + raw, read_annotation, "vertices need")
-    label = f"#!ascii\n{MANY}\n0 1 2 3 4\n".encode()
-    refused(holds, "label", tmp_path / "a.label", label, lambda path: read_label(path, 42), "promises")
+    name, damaged, read, word = {
+        "surface": ("lh.white", raw[:at] + much + much + raw[at + 8 :], read_surface, "need"),
+        "map": ("lh.k", b"\xff\xff\xff" + struct.pack(">3i", MANY, 1, 1) + raw, read_morph, "need"),
+        "annotation": ("a.annot", much + raw, read_annotation, "vertices need"),
+        "label": ("a.label", f"#!ascii\n{MANY}\n0 1 2 3 4\n".encode(), lambda path: read_label(path, 42), "promises"),
+    }[kind]
+    refused(holds, kind, tmp_path / name, damaged, read, word)
 
 
 LEGACY = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET {}\nPOINTS\t{} float\n0 0 0 1 0 0 0 1 0\n{}\t{} {}\n3 0 1 2\n"
 PLY = "ply\nformat {} 1.0\nelement\tvertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-
-
-@hard_case(
+polygons_promise = hard_case(
     "files", "a VTP, VTK or PLY that promises 2³¹ points or faces",
     peers="VTK: ends the process (measured)", guard="counts held against the size",
-    without=lambda patch: patch.setattr(polygons, "_check_vtk", lambda raw: None),
+    without=lambda patch: [patch.setattr(polygons, f"_check_{name}", lambda raw, *counts: None)
+                           for name in ("counts", "vtk", "ply")],
 )  # fmt: skip
-def test_polygons(known, holds, tmp_path):
+
+
+@pytest.mark.parametrize(("name", "word"), [
+    ("Points", "promises 21474836"), ("Polys", "promises 21474836"), ("Components", f"{MANY} components")
+])  # fmt: skip
+@polygons_promise
+def test_vtp(name, word, known, holds, tmp_path):
     raw = known["a.vtp"].path.read_bytes()
-    for name in ("Points", "Polys", "Components"):
-        much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
-        refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, "a surface in VTK format")
-    for n, m, size in ((MANY, 1, 4), (3, MANY, 4), (3, 1, MANY)):
-        text = LEGACY.format("POLYDATA", n, "POLYGONS", m, size).encode()
-        refused(holds, "POINTS, POLYGONS", tmp_path / "a.vtk", text, read_surface, f"promises {MANY}")
-    for form in ("ascii", "binary_little_endian"):
-        text = PLY.format(form, MANY) + "property list uchar int vertex_indices\nend_header\n0 0 0\n"
-        refused(holds, "element vertex", tmp_path / "a.ply", text.encode(), read_surface, f"promises {MANY}")
+    much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
+    refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, word)
+
+
+@pytest.mark.parametrize(("n", "m", "size"), [(MANY, 1, 4), (3, MANY, 4), (3, 1, MANY)])
+@polygons_promise
+def test_legacy_vtk(n, m, size, holds, tmp_path):
+    text = LEGACY.format("POLYDATA", n, "POLYGONS", m, size).encode()
+    refused(holds, f"POINTS {n}, POLYGONS {m} {size}", tmp_path / "a.vtk", text, read_surface, f"promises {MANY}")
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+@polygons_promise
+def test_ply(form, holds, tmp_path):
+    text = PLY.format(form, MANY) + "property list uchar int vertex_indices\nend_header\n0 0 0\n"
+    refused(holds, f"element vertex, {form}", tmp_path / "a.ply", text.encode(), read_surface, f"promises {MANY}")
 
 
 def _gifti(data, dims):
@@ -109,31 +128,48 @@ def tetrahedra(path):
 
 def unbounded(patch):
     patch.setattr(gifti, "MAX_UNPACKED", 2**40)
-    patch.setattr(polygons, "check_blocks", lambda raw: None)
+    for module in (polygons, tetmesh):
+        patch.setattr(module, "check_blocks", lambda raw: None)
+
+
+def _vtk_bomb(kind):
+    """A mesh whose one array unpacks to 1 GiB."""
+    block = zlib.compress(bytes(2**24))
+    head = base64.b64encode(struct.pack("<67I", 64, 2**24, 0, *[len(block)] * 64))
+    return (
+        f'<VTKFile type="{kind}" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><{kind}><Piece '
+        'NumberOfPoints="9" NumberOfCells="1" NumberOfPolys="1"><Points><DataArray type="Float32" '
+        'NumberOfComponents="3" format="binary">'
+    ).encode() + head + base64.b64encode(64 * block) + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
+
+
+def _gifti_bomb(n=2**29):
+    return _gifti(_zeros(n), f'Dimensionality="1" Dim0="{n // 4}"')
+
+
+def _spaces(n=2**29):
+    return gzip.compress(b"<GIFTI>" + bytes(2**20)) + _zeros(n, zlib.compressobj(wbits=31))
+
+
+UNPACKS = "its arrays unpack to 1073741824 bytes"
+BOMBS = {
+    "GIFTI": ("a.shape.gii", _gifti_bomb, read_morph, "of 134217728 values is empty or too large"),
+    "compressed GIFTI": ("a.gii.gz", _spaces, read_morph, "unpacks to more than 256 MiB"),
+    "VTU": ("a.vtu", lambda: _vtk_bomb("UnstructuredGrid"), read_surface, UNPACKS),
+    "VTU of tetrahedra": ("a.vtu", lambda: _vtk_bomb("UnstructuredGrid"), tetrahedra, UNPACKS),
+    "VTP": ("a.vtp", lambda: _vtk_bomb("PolyData"), read_surface, UNPACKS),
+}
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", BOMBS)
 @hard_case(
     "files", "a GIFTI, VTU or VTP of 1 MB that unpacks to 512 MiB or 1 GiB",
     peers="nibabel, meshio, VTK: unpack it (measured)", guard="bounds for what is unpacked", without=unbounded,
 )  # fmt: skip
-def test_bombs(holds, tmp_path):
-    n = 2**29
-    data = _zeros(n)
-    refused(holds, "GIFTI", tmp_path / "a.shape.gii", _gifti(data, f'Dimensionality="1" Dim0="{n // 4}"'), read_morph)
-    spaces = gzip.compress(b"<GIFTI>" + bytes(2**20)) + _zeros(n, zlib.compressobj(wbits=31))
-    refused(holds, "compressed GIFTI", tmp_path / "a.gii.gz", spaces, read_morph, "unpacks to more than 256 MiB")
-    block = zlib.compress(bytes(2**24))
-    head = base64.b64encode(struct.pack("<67I", 64, 2**24, 0, *[len(block)] * 64))
-    for kind, name in (("UnstructuredGrid", "a.vtu"), ("PolyData", "a.vtp")):
-        text = (
-            f'<VTKFile type="{kind}" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><{kind}><Piece '
-            'NumberOfPoints="9" NumberOfCells="1" NumberOfPolys="1"><Points><DataArray type="Float32" '
-            'NumberOfComponents="3" format="binary">'
-        ).encode() + head + base64.b64encode(64 * block) + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
-        refused(holds, name, tmp_path / name, text, read_surface, "its arrays unpack to 1073741824 bytes")
-        if name == "a.vtu":
-            refused(holds, "VTU of tetrahedra", tmp_path / name, text, tetrahedra, "its arrays unpack to 1073741824")
+def test_bombs(kind, holds, tmp_path):
+    name, make, read, word = BOMBS[kind]
+    refused(holds, kind, tmp_path / name, make(), read, word)
 
 
 @hard_case(
@@ -146,20 +182,19 @@ def test_dimensions(holds, tmp_path):
     refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000 dimensions")
 
 
+@pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
     "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",
     without=lambda patch: patch.setattr(zipfile.ZipFile, "infolist", lambda self: []),
 )  # fmt: skip
-def test_checkpoint(holds, tmp_path):
-    like = {"x": np.zeros((10, 3))}
-    for n, zeros in ((5 * 2**24, 5 * 2**27), (2**40, 2**24)):
-        out = io.BytesIO()
-        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file, file.open("x.npy", "w", force_zip64=True) as x:
-            np.lib.format.write_array_header_1_0(x, {"descr": "<f8", "fortran_order": False, "shape": (n,)})
-            for _ in range(0, zeros, 2**24):
-                x.write(bytes(2**24))
-        read = lambda path: read_arrays(path, like)
-        refused(holds, f"{n:,} numbers", tmp_path / "a.npz", out.getvalue(), read, "needs 240")
+def test_checkpoint(n, zeros, holds, tmp_path):
+    like, out = {"x": np.zeros((10, 3))}, io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file, file.open("x.npy", "w", force_zip64=True) as x:
+        np.lib.format.write_array_header_1_0(x, {"descr": "<f8", "fortran_order": False, "shape": (n,)})
+        for _ in range(0, zeros, 2**24):
+            x.write(bytes(2**24))
+    read = lambda path: read_arrays(path, like)
+    refused(holds, f"{n:,} numbers", tmp_path / "a.npz", out.getvalue(), read, "needs 240")
 
 
 @hard_case(

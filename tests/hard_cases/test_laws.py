@@ -63,18 +63,18 @@ def test_the_filter_hardly_holds_a_turn(holds):
 def test_units_change_nothing_but_units(holds):
     """A folded strip with walls in contact; powers of two change no digit, others only the last ones."""
     plain = strip()
-    plain.grow_to(2.0)
+    plain.grow_to(1.8)
     holds("nodes in contact", plain.state.record["effects"]["contact"]["pairs"], at_least=1)
     for length, modulus in ((2.0**-10, 2.0**20), (2.0**10, 1.0)):
         run = strip(length, modulus)
-        run.grow_to(2.0)
+        run.grow_to(1.8)
         holds.equal(f"positions, {length:.3g} and {modulus:.3g} times", digest(run.state.x / length),
                     digest(plain.state.x))  # fmt: skip
         energy = run.state.record["strain_energy"] / (length**3 * modulus)
         holds.equal(f"energy, {length:.3g} and {modulus:.3g} times", energy, plain.state.record["strain_energy"])
     for length, modulus in ((1e-3, 1e6), (1e3, 1.0)):
         run = strip(length, modulus)
-        run.grow_to(2.0)
+        run.grow_to(1.8)
         apart = float(np.abs(run.state.x / length - plain.state.x).max())
         holds(f"nodes apart, {length:g} and {modulus:g} times", apart, at_most=1e-3 * 2.5, unit="mm")
 
@@ -91,11 +91,25 @@ def test_the_work_of_growth_is_strain_kinetic_and_damped_energy(holds):
     holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=1)
 
 
+MESHES = (9.82, 2), (6.55, 3)           # edges along the surface [mm], layers of the cortex
+
+
+def settled(law, g, edge, layers):
+    """Elements of an octant at rest at growth g, and the reference volumes of its cortex."""
+    run = at_rest(start(*OCTANT, "effects={}", f"growth.law={law}", "material.kappa_ratio=20", f"accuracy.edge={edge}",
+                        f"accuracy.elements_through_cortex={layers}"), g)  # fmt: skip
+    return run.body.elements, run.body.elements.volume[: run.body.elements.n_cortex]
+
+
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
 @hard_case("laws", "volume of the cortex follows det G", guard="growth scales the volume that pressure is measured by",
            without=made_laws.volume_not_grown,
            peers="FetalFoldSim: depth is measured anew each step, material flows in and out (read)")  # fmt: skip
 def test_the_volume_of_the_cortex_follows_det_G(law, holds):
+    """Of the compression there are two meshes, one two thirds of the other in all lengths of the cortex: second order.
+
+    A chord of length e lies e^2 / 8R within its circle, here along two directions: the bound is the sum over R.
+    """
     run = start(*OCTANT, "effects={}", f"growth.law={law}", "material.kappa_ratio=20")
     elements, g = run.body.elements, 1.2
     ungrown = elements.volume[: elements.n_cortex]
@@ -104,13 +118,18 @@ def test_the_volume_of_the_cortex_follows_det_G(law, holds):
     det = ungrown.sum() / (elements.state()["volume_ratio"][: elements.n_cortex] / ungrown * ungrown**2).sum()
     holds(f"det G of the kernel off, {law}", abs(det / volume(g, law) - 1), at_most=1e-12)
     holds(f"grown volume off, {law}", abs(run.body.grown_volumes().sum() / (det * ungrown.sum()) - 1), at_most=1e-12)
-    run.body.grow(1.0)
-    run = at_rest(run, g)
     exact = radial_equilibrium(g, 3 / 50, law=law, kappa_ratio=20.0)
     R = np.linspace(47 / 50, 1, 401)
     J = np.average(exact.at(R, "cortex").J, weights=R**2)
-    found = 1 - float(np.average(elements.state()["volume_ratio"][: elements.n_cortex], weights=ungrown))
-    holds(f"compression 1 - J off the exact one, {law}", abs(found / (1 - J) - 1), at_most=0.05)
+    errors = []
+    for edge, layers in MESHES:
+        elements, ungrown = settled(law, g, edge, layers)
+        found = 1 - float(np.average(elements.state()["volume_ratio"][: elements.n_cortex], weights=ungrown))
+        errors.append(abs(found / (1 - J) - 1))
+        holds(f"compression 1 - J off the exact one, {law}, edges of {edge} mm", errors[-1],
+              at_most=(edge / 50) ** 2 / 4)  # fmt: skip
+    holds(f"order of it in the edge, {law}", float(np.log(errors[0] / errors[1]) / np.log(MESHES[0][0] / MESHES[1][0])),
+          at_least=1.8)  # fmt: skip
 
 
 @hard_case("laws", "volume of a folded cortex: what is lacking is compressed", guard="the pressure's modulus",
@@ -124,7 +143,11 @@ def test_the_drift_of_a_folded_cortex_is_inverse_to_its_bulk_modulus(holds):
 @hard_case("laws", "momentum without supports", guard="contact pushes back", without=made_laws.no_reaction,
            peers="BrainGrowth: a scatter race, forces off by up to 5 times the largest (measured)")  # fmt: skip
 def test_momentum_is_conserved_without_supports(holds):
-    """Two blocks in free flight, one of them rough, that grow and collide; true inertia, no damping."""
+    """Two blocks in free flight, one of them rough, that grow and collide; true inertia, no damping.
+
+    Of the angular momentum only the elements' share is asked: the filter measures from the reference, which doesn't
+    turn along, and contact pushes along a triangle's normal, whose nearest point may be on an edge, off that line.
+    """
     free = dataclasses.replace(facing_patches((3.0, 3.0), 4.0, gap=0.4), planes=(), held=np.zeros(0, dtype=int))
     X = Perturbation(0.1, 4.0, seed=1).reshape(free, free.mesh.p.T)
     body = body_of(free, X=X)
@@ -133,23 +156,26 @@ def test_momentum_is_conserved_without_supports(holds):
     run.state.v[lower, 2] = 1e-3
     run.state.v[lower, 0] = 2e-4
     run._measure()
-    seen, most, pairs = [], 0.0, 0
+    linear, most, pairs = [], 0.0, 0
 
     def look(state):
         nonlocal most, pairs
         mass = body.mass[:, None] * run.effects[1]._dt
-        seen.append([(mass * state.v).sum(axis=0), np.cross(state.x, mass * state.v).sum(axis=0)])
+        linear.append((mass * state.v).sum(axis=0))
         most = max(most, float(np.abs(mass * state.v).sum()))
         pairs = max(pairs, state.record["effects"]["contact"]["pairs"])
 
     look(run.state)
     run.grow_to(1.15, look)
-    linear = np.array([p for p, _ in seen])
     holds("nodes in contact", pairs, at_least=1)
-    holds("momentum off, over the sum of its sizes", float(np.abs(linear - linear[0]).max()) / most, at_most=1e-10)
+    holds("momentum off, over the sum of its sizes", float(np.abs(np.subtract(linear, linear[0])).max()) / most,
+          at_most=1e-10)  # fmt: skip
     for name, force in (("elements", body.forces(run.state.x)), ("the filter", body.filter.forces(run.state.x))):
         holds(f"sum of the forces of {name}, over the sum of their sizes",
               float(np.abs(force.sum(axis=0)).max() / np.abs(force).sum()), at_most=1e-12)  # fmt: skip
+    moments = np.cross(run.state.x, body.forces(run.state.x))
+    holds("sum of the moments of the elements' forces, over the sum of their sizes",
+          float(np.abs(moments.sum(axis=0)).max() / np.abs(moments).sum()), at_most=1e-12)  # fmt: skip
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])

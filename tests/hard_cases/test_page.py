@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hard_cases import made_files
 from hard_cases.cases import GROUPS, Holds, hard_case
 
 HERE = Path(__file__).resolve().parent
@@ -61,6 +62,15 @@ def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
     told = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False).stdout
     assert ends in told.splitlines()[-1]
     assert ("nothing broke without the guard (a limit)" in told) == (bound == 10)
+
+
+@pytest.mark.parametrize("use", [
+    lambda: made_files.in_child(str), lambda: made_files.killed_at(1, str), lambda: made_files.Elsewhere().getrlimit,
+])  # fmt: skip
+def test_what_needs_linux_is_skipped_elsewhere(use, monkeypatch):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(pytest.skip.Exception, match=r"needs Linux: .* darwin"):
+        use()
 
 
 def marked(file):

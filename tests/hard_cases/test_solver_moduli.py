@@ -1,5 +1,6 @@
 """Moduli, thickness and growth laws at their ends: the smooth state is known, the folded one has to be healthy."""
 
+import numpy as np
 import pytest
 from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
@@ -49,11 +50,22 @@ def test_a_cortex_far_stiffer_than_its_core(mu_ratio, holds):
     healthy(holds, run)
 
 
-@hard_case("solver", "T/C = 1/200", guard="the mass is of the stiffness, not of the volume",
+@hard_case("solver", "T/C = 1/200, before it folds", guard="the mass is of the stiffness, not of the volume",
            without=made.mass_of_the_volume, fails=UnstableError,
            peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
 def test_a_very_thin_cortex(holds):
     smooth(holds, 1.1, "geometry.cortex_thickness=0.25", "material.mu_ratio=4")
+
+
+@hard_case("solver", "T/C = 1/200, folded", guard="the mass is of the stiffness, not of the volume",
+           without=made.mass_of_the_volume, fails=UnstableError)  # fmt: skip
+def test_a_very_thin_cortex_folds(holds):
+    T = 0.25                                                            # mm, on a core of 50
+    thin = f"geometry.cortex_thickness={T}", "accuracy.edge=0.1", "accuracy.elements_through_cortex=2"
+    run = grown(start("strip", "geometry.depth=50", "geometry.length=4", *thin, "material.mu_ratio=4"), 1.3)
+    height = float(np.ptp(run.state.x[: run.body.n_surface, 2]))
+    holds("crowns over fundi, in thicknesses of the cortex", height / T, at_least=1)
+    healthy(holds, run)
 
 
 @hard_case("solver", "T/C = 1/5", guard="the mass is measured anew every 12 steps", without=made.mass_of_the_first_step,
@@ -84,12 +96,29 @@ def test_a_cortex_that_shrinks(holds):
     holds.says("a scene", str(error.value), "growth.final", "greater than or equal to 1", "0.8")
 
 
+def three_times(holds):
+    """A cortex three times as long."""
+    run = grown(start(*STRIP, "growth.final=3", "geometry.length=24"), 3.0)
+    healthy(holds, run, leave=["volume_drift"])                         # 27 times the volume presses: see the laws
+
+
 @hard_case("solver", "growth to g = 3", guard="the mass is measured anew every 12 steps",
            without=made.mass_of_the_first_step, fails=(AssertionError, UnstableError),
            peers=FIXED_STEP)  # fmt: skip
 def test_growth_to_three(holds):
-    run = grown(start(*STRIP, "growth.final=3", "geometry.length=24"), 3.0)
-    healthy(holds, run, leave=["volume_drift"])                         # 27 times the volume presses: see the laws
+    three_times(holds)
+
+
+@pytest.mark.slow
+@hard_case("solver", "growth to g = 3, walls pressed together", guard="contact", without=made.no_contact)
+def test_growth_to_three_keeps_walls_apart(holds):
+    three_times(holds)
+
+
+@pytest.mark.slow
+@hard_case("solver", "growth to g = 3, no saw-teeth", guard="the filter", without=made.no_filter)
+def test_growth_to_three_keeps_the_surface_smooth(holds):
+    three_times(holds)
 
 
 @hard_case("solver", "growth ten times too fast", guard="growth waits for balance", without=made.no_waiting,
