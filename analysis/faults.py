@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh
-from morphofold.surface import Cortex
+from morphofold.surface import Cortex, PerVertex
 
-WARNINGS = ("simulation", "mesh", "crossing", "curvature_scale")    # notes that a command tells, too
+WARNINGS = ("simulation", "mesh", "crossing", "thickness_file", "curvature_scale")  # notes that a command tells, too
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -87,6 +87,25 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             f"of them vertex {crossed[0]}, at {_place(cortex, crossed[0])}: thickness there is a distance without sign."
         )
     return notes
+
+
+def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:
+    """The thickness (N,) [mm] that came with the surfaces, and the note ``thickness_file`` on its gaps.
+
+    NaN outside the cortex, and where it is no positive number: FreeSurfer writes 0 where nothing was measured, and the
+    mask holds no vertex at which white and pial coincide.
+    """
+    given = np.asarray(cortex.maps["thickness"], dtype=np.float64)
+    known = np.isfinite(given) & (given > 0)
+    notes = {}
+    if len(gaps := np.flatnonzero(mask & ~known)):
+        zeros, within = np.count_nonzero(given[gaps] == 0), np.count_nonzero(mask)
+        notes["thickness_file"] = (
+            f"The thickness that came with the surfaces is no positive number at {len(gaps)} of {within} vertices of "
+            f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0, the first of them vertex {gaps[0]}, at "
+            f"{_place(cortex, gaps[0])}: the means of it leave them out."
+        )
+    return np.where(mask & known, given, np.nan), notes
 
 
 def _place(cortex: Cortex, vertex: int) -> str:

@@ -83,21 +83,34 @@ def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     holds.says("analyze", told, "are the same surface")
 
 
-@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="means are of what is known",
-           without=lambda patch: patch.setattr(regions, "_known", lambda values, at: values[at]))  # fmt: skip
-def test_a_thickness_file_with_gaps_changes_its_own_means_only(holds):
-    cortex = clean()[0]
+def as_it_stands(patch):
+    """The file's numbers are taken at their word."""
+    patch.setattr(faults, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {}))
+
+
+@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="no number, no thickness",
+           without=as_it_stands)  # fmt: skip
+def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds, tmp_path, capsys):
+    cortex, unknown = clean()[0], np.zeros(2562, dtype=bool)
     north = cortex.pial.verts[:, 2] > 0
     given = np.where(north, 2.5, 3.5)
-    given[np.flatnonzero(north)[:100]] = np.nan
-    parts = Regions(north.astype(np.int64), ("south", "north"), np.zeros((2, 3), dtype=np.uint8))
-    found = measure(replace(cortex, maps={"thickness": given}, regions=parts))
+    gaps = np.flatnonzero(north)[:100]
+    given[gaps[:60]], given[gaps[60:]], unknown[gaps] = np.nan, 0.0, True
+    parts = Regions(north.astype(np.int64), ("south", "north"), np.array([[9, 9, 9], [8, 8, 8]], dtype=np.uint8))
+    whole = replace(cortex, maps={"thickness": given}, regions=parts)
+    found = measure(whole)
     hold_all(holds, found, bent=1e-9, lines=1e-9, width=1e-9)
     rows = {row["region"]: row for row in found.regions}
     for name, true in (("north", 2.5), ("south", 3.5)):
         holds(f"thickness of the file, {name}", abs(rows[name]["thickness_file_mm"] - true), at_most=1e-12, unit="mm")
-    unknown = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
-    holds.equal("unknown in the map", unknown, np.flatnonzero(np.isnan(given)).tolist())
+    nowhere = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
+    holds.equal("unknown in the map", nowhere, np.flatnonzero(unknown).tolist())
+    status, told = analyzed(tmp_path, capsys, whole)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: The thickness that came with the surfaces is no positive number at 100 of "
+               "2562 vertices of the cortex (3.9%), 40 of them 0", f"vertex {gaps[0]}, at (", "leave them out")
+    holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
+        "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
 
 
 def shell(pial, depth):
