@@ -26,8 +26,8 @@ from morphofold.analysis import (
     vertex_normals,
 )  # fmt: skip
 from morphofold.analysis.altitude import Altimeter
+from morphofold.crossings.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
-from morphofold.sim.crossings.intersection import self_intersections
 from morphofold.surface import Cortex, Regions, Surface
 
 

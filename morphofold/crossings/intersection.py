@@ -14,10 +14,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from morphofold.sim.crossings.boxes import BLOCK, BoxTree, box_tree, following, meets
-from morphofold.sim.crossings.rays import ray_hits
-from morphofold.sim.crossings.signs import plane_sign, side
-from morphofold.sim.crossings.vectors import area_vector, cross, dot, less
+from morphofold.crossings.boxes import BLOCK, BoxTree, box_tree, following, meets
+from morphofold.crossings.rays import ray_hits
+from morphofold.crossings.signs import plane_sign, side
+from morphofold.crossings.vectors import area_vector, cross, dot, less
 from morphofold.surface import Surface
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def self_intersections(surface: Surface) -> Intersections:
 
     Notes
     -----
-    Signs are exact (:mod:`morphofold.sim.crossings.signs`). Touching is no crossing: ties are decided as if the
+    Signs are exact (:mod:`morphofold.crossings.signs`). Touching is no crossing: ties are decided as if the
     vertices were displaced by next to nothing, so that an edge exactly through another edge or a vertex crosses one
     triangle there, and what then has the depth zero is left out. A surface that passes through its own mirror image
     meets it edge on edge, and is found. Two triangles folded flat on each other over a common edge touch.
