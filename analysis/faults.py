@@ -68,9 +68,10 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
-        step = float(np.spacing(np.abs(surface.verts).max().astype(np.float32)))
+        verts = _mesh.in_use(surface.verts, surface.faces)[1]
+        step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
         edge = _mesh.mean_edge_length(surface.verts, surface.faces)
-        if step > ROUGH * edge and np.array_equal(surface.verts, surface.verts.astype(np.float32)):
+        if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):
             told.append(
                 f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
                 f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "

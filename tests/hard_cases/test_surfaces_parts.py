@@ -33,6 +33,21 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
 
 
+def all_of_them(patch):
+    """Of the vertices in use, all are taken for one."""
+    patch.setattr(_mesh, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
+
+
+@hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
+           guard="rounding is that of vertices in use")  # fmt: skip
+def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp_path, capsys):
+    cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
+    status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
+    holds.equal("told to be rounded", "are rounded to" in told, False)
+
+
 def one_mean(patch):
     """Mean curvature is subtracted over all pieces at once."""
     patch.setattr(Altimeter, "_mean_curvatures", lambda self: np.full(len(self._mass), self._bent.sum() / self.area))
