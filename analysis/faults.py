@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh
+from morphofold.crossings.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex
 
-WARNINGS = ("simulation", "mesh", "crossing", "thickness_file", "curvature_scale")  # notes that a command tells, too
+#: notes that a command tells, too
+WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale")
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -90,6 +92,22 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     return notes
 
 
+def self_crossings(cortex: Cortex) -> dict[str, str]:
+    """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most."""
+    told = []
+    for surface in (cortex.white, cortex.pial):
+        found = self_intersections(surface, vertices=False)
+        if len(found):
+            deepest, among = int(found.depth.argmax()), len(found.crossed_faces(surface.faces))
+            told.append(
+                f"{surface.name} crosses itself: {among} of {len(surface.faces)} triangles, deepest at "
+                f"{_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
+            )
+    if not told:
+        return {}
+    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}
+
+
 def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:
     """The thickness (N,) [mm] that came with the surfaces, and the note ``thickness_file`` on its gaps.
 
@@ -110,5 +128,9 @@ def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex,
 
 
 def _place(cortex: Cortex, vertex: int) -> str:
-    x, y, z = cortex.white.verts[vertex]
+    return _at(cortex.white.verts[vertex])
+
+
+def _at(point: NDArray[np.float64]) -> str:
+    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -95,8 +95,8 @@ def measure(
         where that is 0, too.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
         name does not, and why it is None where it is; and, under ``mesh`` (unused vertices, pieces, borders),
-        ``crossing`` (white outside pial), ``thickness_file`` (gaps in it), ``curvature_scale``, ``cortex_mask`` and
-        ``simulation``, what to know of the input before believing the numbers.
+        ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in it), ``curvature_scale``,
+        ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
 
     Raises
     ------
@@ -131,6 +131,7 @@ def measure(
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     checks.check_surfaces(cortex)
+    said |= faults.self_crossings(cortex)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white

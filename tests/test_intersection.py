@@ -280,6 +280,20 @@ def test_an_open_surface_is_asked_for_crossings_only():
     assert len(opened.vertex) == 0 < len(found.vertex)
 
 
+def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
+    pressed = pressed_sphere(4, press=1.2, irregular=True)
+    found = self_intersections(pressed, vertices=False)
+    whole = self_intersections(pressed)
+    np.testing.assert_array_equal(found.edge, whole.edge)
+    assert len(found.vertex) == 0 < len(whole.vertex)
+    pairs = {tuple(edge) for edge in found.edge.tolist()}
+    at_edge = {
+        f for f, (a, b, c) in enumerate(pressed.faces.tolist())
+        if pairs & {tuple(sorted(ends)) for ends in ((a, b), (b, c), (c, a))}
+    }  # fmt: skip
+    assert set(found.crossed_faces(pressed.faces)) == at_edge | set(found.face)
+
+
 def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():
     found = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
     assert (len(found), len(found.vertex)) == (0, 0)                     # ipctk 1.6.1 finds none either

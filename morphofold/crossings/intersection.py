@@ -75,19 +75,27 @@ class Intersections:
         """Depth of the deepest crossing or vertex, in mean edges."""
         return self.deepest / self.mean_edge
 
+    def crossed_faces(self, faces: Indices) -> Indices:
+        """Faces of the surface (F,) that another one crosses, ascending: a crossed one, and those at the edge."""
+        key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
+        at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
+        return np.union1d(self.face, np.flatnonzero(np.any(at_edge, axis=0)))
+
     def deeper_than(self, share: float) -> int:
         """How many crossings and vertices are deeper than ``share`` mean edges."""
         least = share * self.mean_edge
         return int((self.depth > least).sum() + (self.vertex_depth > least).sum())
 
 
-def self_intersections(surface: Surface) -> Intersections:
+def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersections:
     """Edges of a surface that cross its faces, and vertices that have passed through a facing wall.
 
     Parameters
     ----------
     surface : Surface
         Closed, with outward faces. An open one has no inside: of it, only edges that cross faces are told.
+    vertices : bool
+        Whether to look for vertices, which takes three quarters of the time.
 
     Returns
     -------
@@ -114,7 +122,8 @@ def self_intersections(surface: Surface) -> Intersections:
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     _measure(verts, faces, *_rings(faces, len(verts)), edge, face, point, depth)
     kept = depth > 0
-    behind = _passed(verts, faces, _node_normals(verts, faces), *tree, mean_edge) if closed else np.zeros(len(verts))
+    asked = closed and vertices
+    behind = _passed(verts, faces, _node_normals(verts, faces), *tree, mean_edge) if asked else np.zeros(len(verts))
     vertex = np.flatnonzero(behind > 0)
     return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
 

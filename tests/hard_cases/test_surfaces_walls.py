@@ -1,5 +1,6 @@
 """White and pial in each other's way: crossing, coinciding, walls in contact and through each other; flat and round."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from morphofold.analysis import (
     vertex_areas,
     vertex_normals,
 )  # fmt: skip
+from morphofold.analysis._mesh import face_normals
 from morphofold.analysis.altitude import Altimeter
 from morphofold.crossings.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
@@ -111,6 +113,32 @@ def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds
                "2562 vertices of the cortex (3.9%), 40 of them 0", f"vertex {gaps[0]}, at (", "leave them out")
     holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
         "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
+
+
+def spiked(cortex, vertex=0, by=1.0):
+    """Pial with one vertex drawn through the body and ``by`` mm out of the face on its other side; and that face."""
+    verts = cortex.pial.verts.copy()
+    middles = verts[cortex.faces].mean(axis=1)
+    f = int((middles @ verts[vertex] / np.linalg.norm(middles, axis=1)).argmin())
+    verts[vertex] = middles[f] + by * face_normals(verts, cortex.faces)[f]
+    return replace(cortex, pial=Surface(verts, cortex.faces, "lh.pial")), f
+
+
+@hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
+           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex: {}))  # fmt: skip
+def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
+    """The faces around the tip go through one other face, and cross no more."""
+    cortex, f = spiked(clean()[0])
+    around = int((cortex.faces == 0).sum())
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, f"warning: lh.pial crosses itself: {around + 1} of 5120 triangles, deepest at (",
+               "by 1 mm. Curvature")
+    place = np.array(re.search(r"deepest at \((.*?)\)", told)[1].split(","), dtype=float)
+    off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
+    holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
+    holds.equal("white is said to cross itself", "lh.white crosses" in told, False)
+    holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
 
 def shell(pial, depth):
