@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis import _mesh
+from morphofold.analysis import _mesh, checks
 from morphofold.crossings.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex
 
@@ -62,7 +62,9 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     if pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
-        told.append(f"The surface is in {pieces} pieces, of {most} vertices: numbers are of all of them together.")
+        hollow = len(checks.cavities(cortex)) if _mesh.is_closed(cortex.faces) else 0
+        most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
+        told.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
     pair, count = _mesh.edges_and_counts(cortex.faces)
     if len(border := pair[count == 1]):
         told.append(

@@ -54,13 +54,13 @@ def split_faces(cortex, weights, count=300):
     return changed(cortex, lambda verts: np.concatenate([verts, inside(verts)]), faces)
 
 
-def with_island(cortex, at, radius=1.0):
-    """The cortex and a closed little sphere."""
+def with_island(cortex, at, *, white=0.9, pial=1.0, hollow=False):
+    """The cortex and a closed sphere; or the wall of a cavity, whose outside is within."""
     verts, faces = icosphere(1)
-    both = np.concatenate([cortex.faces, faces + cortex.n_vertices])
+    both = np.concatenate([cortex.faces, (faces[:, ::-1] if hollow else faces) + cortex.n_vertices])
     white, pial = (
         Surface(np.concatenate([s.verts, r * verts + at]), both, s.name)
-        for s, r in ((cortex.white, 0.9 * radius), (cortex.pial, radius))
+        for s, r in ((cortex.white, white), (cortex.pial, pial))
     )
     return replace(cortex, white=white, pial=pial)
 

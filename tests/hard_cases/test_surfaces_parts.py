@@ -7,7 +7,7 @@ import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_island
 
-from morphofold.analysis import _curvature, _mesh, closing, measure
+from morphofold.analysis import _curvature, _mesh, checks, closing, measure, vertex_areas
 from morphofold.analysis.altitude import Altimeter
 from morphofold.analysis.net import Net
 from morphofold.cli import analyze
@@ -69,6 +69,43 @@ def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, "GI n/a", "warning: The surface is in 2 pieces, of 2562, 42 vertices")
+
+
+@hard_case("surfaces", "a cavity: a closed piece within another, its outside within", without=lambda patch:
+           patch.setattr(checks, "cavities", lambda cortex: []), guard="what lies around a piece turned inwards",
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
+    """A sphere in white matter, with 2.5 mm of cortex around it: areas and thickness are of both pieces."""
+    cortex, whole = clean()
+    hollow = with_island(cortex, (0.0, 0.0, 0.0), white=17.5, pial=15.0, hollow=True)
+    found = measure(hollow, curvature_scale=whole.parameters["curvature_scale_mm"])
+    verts, faces = icosphere(1)
+    for name, radius in (("white", 17.5), ("pial", 15.0)):
+        gained = found.scalars[f"area_{name}_mm2"] - whole.scalars[f"area_{name}_mm2"]
+        holds(f"area gained, {name}", abs(gained / (radius**2 * vertex_areas(verts, faces).sum()) - 1), at_most=1e-9)
+    wall = slice(cortex.n_vertices, None)
+    # the triangles lie up to a twentieth of the radius inside the spheres
+    holds("thickness of the wall, of 2.5", np.abs(found.maps["cortical_thickness"][wall] / 2.5 - 1).max(), at_most=0.1)
+    holds("H of the wall, of -1/15", np.abs(-15 * found.maps["H"][wall] - 1).max(), at_most=1e-9)
+    for name in ("H", "cortical_thickness", "sulcal_depth"):
+        off = np.abs(found.maps[name][: cortex.n_vertices] - whole.maps[name]).max()
+        holds(f"change of {name} elsewhere", off, at_most=1e-9)
+    holds.equal("hinges", found.scalars["n_hinges"], whole.scalars["n_hinges"])
+    holds.equal("white is said to lie outside pial", "crossing" in found.notes, False)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "in 2 pieces, of 2562, 42 vertices (1 of them walls of cavities)")
+
+
+@pytest.mark.parametrize(("at", "white", "pial"), [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)],
+                         ids=["white within", "in no other piece"])
+@hard_case("surfaces", "what is no cavity, but inside out", guard="the volume of each piece", without=lambda patch:
+           patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
+def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, capsys, at, white, pial):
+    cortex = with_island(clean()[0], at, white=white, pial=pial, hollow=True)
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 2)
+    holds.says("analyze", told, "the piece of vertex 2562 of lh.white is inside out", "Reverse the triangles")
 
 
 def numbers_only(patch):
