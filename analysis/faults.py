@@ -11,6 +11,7 @@ from morphofold.surface import Cortex, PerVertex
 
 #: notes that a command tells, too
 WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale")
+THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -54,7 +55,7 @@ def check_edges(cortex: Cortex) -> None:
 
 
 def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
-    """Notes ``mesh``, of unused vertices, pieces, borders and rounding, and ``crossing``: white lies outside pial."""
+    """Notes ``mesh`` (vertices, pieces, borders, rounding, thin triangles), ``crossing``: white lies outside pial."""
     told = []
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
     if unused := np.count_nonzero(piece < 0):
@@ -80,6 +81,15 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
                 f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
                 f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
                 "origin before it is written."
+            )
+        corner = surface.verts[surface.faces]
+        longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+        height = 2 * _mesh.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
+        if len(thin := np.flatnonzero(height < THIN * edge)):
+            told.append(
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps, of next to no "
+                f"area, the first of them triangle {thin[0]}, at {_at(corner[thin[0], 0])}: measures bear them, other "
+                "tools may not."
             )
     notes = {"mesh": " ".join(told)} if told else {}
     apart = cortex.pial.verts - cortex.white.verts

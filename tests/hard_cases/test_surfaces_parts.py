@@ -134,7 +134,7 @@ def part(cortex, keep):
            peers="pyvista is wrong at borders (said)",
            without=lambda patch: patch.setattr(_mesh, "is_closed", lambda faces: True),
            fails=(AssertionError, ValueError))  # fmt: skip
-def test_half_a_surface_has_the_measures_of_half(holds):
+def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     cortex, whole = clean()
     z, scale = cortex.pial.verts[:, 2], whole.parameters["curvature_scale_mm"]
     half = [measure(part(cortex, keep), curvature_scale=scale) for keep in (z >= 0, z <= 0)]
@@ -150,6 +150,9 @@ def test_half_a_surface_has_the_measures_of_half(holds):
                                      / whole.scalars["median_gyral_thickness_mm"] - 1), at_most=0.05)  # fmt: skip
     hinges = sum(m.scalars["n_hinges"] for m in half)
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges"])
+    status, told = analyzed(tmp_path, capsys, half[0].cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "GI n/a", "The surface has a border of ", "edges, one at vertex", "crests end there")
 
 
 def wall_of_nothing(patch):
@@ -160,7 +163,7 @@ def wall_of_nothing(patch):
 @pytest.mark.parametrize("closed", [False, True])
 @hard_case("surfaces", "a medial wall that splits the cortex in two", guard="crests are cut at the wall",
            without=wall_of_nothing)  # fmt: skip
-def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, closed):
+def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_path, capsys, closed):
     """Told by a label, or by white and pial being one there."""
     cortex, whole = clean()
     wall = np.abs(cortex.pial.verts[:, 2]) < 8
@@ -178,6 +181,10 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, closed
     graph = m.graph
     loops = graph.number_of_edges() - graph.number_of_nodes()
     holds.equal("sum of degrees less 2", sum(degree - 2 for _, degree in graph.degree()), 2 * loops)
+    if closed:                                                          # two files have no label
+        status, told = analyzed(tmp_path, capsys, m.cortex)
+        holds.equal("exit status", status, 0)
+        holds.says("analyze", told, f"cortical thickness {m.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
@@ -206,11 +213,14 @@ def sums(patch):
 
 
 @hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="no index without a curvature", without=sums)
-def test_the_tetrahedron_has_no_curvature_and_says_so(holds):
+def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     verts, faces = np.array(SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    m = measure(Cortex(Surface(25.0 * verts, faces), Surface(30.0 * verts, faces)))
+    m = measure(Cortex(Surface(25.0 * verts, faces, "lh.white"), Surface(30.0 * verts, faces, "lh.pial")))
     holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
     for name in ("folding_index", "intrinsic_curvature_index"):
         holds.equal(name, m.scalars[name], None)
         holds.says(f"its note, {name}", m.notes[name], "No vertex of white has a curvature")
     holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)
+    status, told = analyzed(tmp_path, capsys, m.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", "The coordinates do not look like")

@@ -65,7 +65,7 @@ def everywhere(patch):
 
 @hard_case("surfaces", "zero thickness: white and pial coincide on a patch", guard="that is no cortex",
            without=everywhere)  # fmt: skip
-def test_where_white_is_pial_there_is_no_cortex(holds):
+def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     cortex, whole = clean()
     cap = cortex.pial.verts @ np.array([0.0, 0.0, 1.0]) > 35
     white = np.where(cap[:, None], cortex.pial.verts, cortex.white.verts)
@@ -74,6 +74,9 @@ def test_where_white_is_pial_there_is_no_cortex(holds):
     holds.equal("vertices without thickness", unknown, np.flatnonzero(cap).tolist())
     mean = np.mean(whole.maps["cortical_thickness"][~cap])
     holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
@@ -155,7 +158,7 @@ def nearest_of_all(patch):
 @hard_case("surfaces", "self-intersection: walls of a sulcus that pass through each other", without=nearest_of_all,
            guard="only the surface around the own partner, facing the same way, is searched",
            peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)")  # fmt: skip
-def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds):
+def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, capsys):
     """Each passes up to 0.8 beyond the other, whose white is 0.5 behind it: at 0.25 the two are in one place."""
     pial = pressed_sphere(5, press=1.5)
     cortex = shell(pial, 0.5)
@@ -164,6 +167,9 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds):
     found = cortical_thickness(cortex.white, cortex.pial, cap=None)
     holds("mean thickness, of 0.5", abs(found.mean() / 0.5 - 1), at_most=0.02)
     holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: lh.white crosses itself: ", "; lh.pial crosses itself: ", "are in doubt")
 
 
 def fitted_in_space(patch):
