@@ -1,5 +1,6 @@
 """White and pial in each other's way: crossing, coinciding, walls in contact and through each other; flat and round."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -223,11 +224,11 @@ def of_curvature(patch):
 
 
 @hard_case("surfaces", "gyri with flat crowns", guard="a net of altitude, not of curvature", without=of_curvature)
-def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
+def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_path, capsys):
     """Cut off at 3 of 8 mm above the floor, 20 mm wide there."""
     verts = known_cortex().pial.verts
     radius = np.linalg.norm(verts, axis=1, keepdims=True)
-    flat = Surface(verts * np.minimum(1, 53 / radius), clean()[0].faces)
+    flat = Surface(verts * np.minimum(1, 53 / radius), clean()[0].faces, "lh.white")
     graph = gyral_graph(flat)
     holds.equal("hinges", [data["degree"] for _, data in graph.nodes(data=True)], len(NET.nodes) * [3])
     holds.equal("crests", graph.number_of_edges(), len(NET.arcs))
@@ -236,6 +237,11 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
     at = np.array([data["position"] for _, data in graph.nodes(data=True)])
     off = cKDTree(53 * NET.nodes).query(at)[0]
     holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")     # an edge
+    thicker = Surface(flat.verts * (1 + 2.5 / np.linalg.norm(flat.verts, axis=1, keepdims=True)), flat.faces, "lh.pial")
+    status, told = analyzed(tmp_path, capsys, Cortex(flat, thicker), "--json")
+    holds.equal("exit status", status, 0)
+    found = json.loads(told)["surfaces"][0]["measures"]
+    holds.equal("analyze: hinges, crests", [found["n_hinges"], found["n_crests"]], [len(NET.nodes), len(NET.arcs)])
 
 
 def any_extremum(patch):
