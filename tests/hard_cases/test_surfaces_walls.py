@@ -208,8 +208,8 @@ def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
            guard="only the surface around the own partner, facing the same way, is searched")  # fmt: skip
 def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
     """Between surfaces a distance t apart the volume is t (A + 4 A' + A'') / 6, of white, midway and pial: areas are
-    quadratic in the distance (Steiner), so that Simpson's rule is exact. Between walls that meet at an angle a both
-    closest distances are sin(a) from the edge, and a share of a^2 / 4, less than 1 - cos(a), is not filled."""
+    quadratic in the distance (Steiner), so that Simpson's rule is exact. Between planes that meet at an angle a, at the
+    distance r from their edge: both closest distances are r sin(a), areas 1, cos(a / 2) and 1, the volume r a."""
     cortex = read_cortex(sample_path("simulated"))
     white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
     outward = [vertex_normals(verts, faces) for verts in (white, pial)]
@@ -223,9 +223,10 @@ def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
     inner, middle, outer = (vertex_areas(verts, faces) for verts in (white, (white + pial) / 2, pial))
     area = (inner + 4 * middle + outer) / 6
     volume = enclosed_volume(cortex.pial) - enclosed_volume(cortex.white)
-    aslant = np.average(1 - np.sum(outward[0] * outward[1], axis=1), weights=found * area)
-    holds("mean of 1 - cos of the angle between white and pial", aslant, at_most=0.2)
-    holds("volume filled", np.sum(found * area) / volume, at_least=1 - aslant, at_most=1.0)
+    angle = np.arccos(np.clip(np.sum(outward[0] * outward[1], axis=1), -1, 1 - 1e-12))
+    wedge = np.sin(angle) * (1 + 2 * np.cos(angle / 2)) / (3 * angle)
+    least = np.average(wedge, weights=found * area)
+    holds("volume filled", np.sum(found * area) / volume, at_least=least, at_most=1.0)
 
 
 def of_curvature(patch):
