@@ -93,7 +93,9 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     Parameters
     ----------
     surface : Surface
-        Closed, with outward faces. An open one has no inside: of it, only edges that cross faces are told.
+        Closed, with outward faces. An open one has no inside: of it, only edges that cross faces are told. Flat walls
+        that have passed through each other whole cross at their rims only, and not even there if what lies beyond both
+        rims is in one plane: on an open surface nothing tells of such walls.
     vertices : bool
         Whether to look for vertices, which takes three quarters of the time.
 
