@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh
-from morphofold.surface import Cortex, Faces, Verts
+from morphofold.crossings.boxes import box_tree
+from morphofold.crossings.rays import ray_hits
+from morphofold.surface import Cortex, Faces, Surface, Verts
 
 NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
 PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
@@ -65,11 +67,12 @@ def check_surfaces(cortex: Cortex) -> None:
 
 
 def check_sides(cortex: Cortex) -> None:
-    """Refuse closed surfaces that are inside out, or swapped."""
+    """Refuse closed surfaces that are inside out, or swapped; the walls of a cavity rightly face inwards."""
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
     inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    hollow = cavities(cortex)
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
-        for k in np.flatnonzero(volumes < 0)[:1].tolist():
+        for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
             where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise ValueError(
                 f"{cortex.name}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: its "
@@ -80,6 +83,26 @@ def check_sides(cortex: Cortex) -> None:
             f"{cortex.name}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
             f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
         )
+
+
+def cavities(cortex: Cortex) -> list[int]:
+    """Pieces of a closed cortex, numbered as by ``components``, that are walls of cavities within another piece.
+
+    Their faces are turned inwards, on both surfaces, and white lies around pial: outward is into the cavity.
+    """
+    piece = _mesh.components(cortex.n_vertices, cortex.faces)[1]
+    inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    turned = np.flatnonzero((inner < outer) & (outer < 0)).tolist()
+    return [k for k in turned if all(_within_another(s, piece, k) for s in (cortex.white, cortex.pial))]
+
+
+def _within_another(surface: Surface, piece: NDArray[np.int64], k: int) -> bool:
+    """Whether the other pieces of a closed surface wind around the first vertex of piece k."""
+    verts, others = surface.verts.copy(), surface.faces[piece[surface.faces[:, 0]] != k]
+    if len(others) == 0:
+        return False
+    tree, start, none = box_tree(verts, others), verts[int((piece == k).argmax())], np.empty(0)
+    return bool(ray_hits(verts, others, tree.bounds, tree.order, start, np.array([0.0, 0.0, 1.0]), none, none)[1] > 0)
 
 
 def check_pair(cortex: Cortex) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis import _mesh
-from morphofold.surface import Cortex
+from morphofold.analysis import _mesh, checks
+from morphofold.crossings.intersection import self_intersections
+from morphofold.surface import Cortex, PerVertex
 
-WARNINGS = ("simulation", "mesh", "crossing", "curvature_scale")    # notes that a command tells, too
+#: notes that a command tells, too
+WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale")
+THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -52,7 +55,7 @@ def check_edges(cortex: Cortex) -> None:
 
 
 def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
-    """Notes ``mesh``, of unused vertices, pieces, borders and rounding, and ``crossing``: white lies outside pial."""
+    """Notes ``mesh`` (vertices, pieces, borders, rounding, thin triangles), ``crossing``: white lies outside pial."""
     told = []
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
     if unused := np.count_nonzero(piece < 0):
@@ -60,7 +63,9 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     if pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
-        told.append(f"The surface is in {pieces} pieces, of {most} vertices: numbers are of all of them together.")
+        hollow = len(checks.cavities(cortex)) if _mesh.is_closed(cortex.faces) else 0
+        most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
+        told.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
     pair, count = _mesh.edges_and_counts(cortex.faces)
     if len(border := pair[count == 1]):
         told.append(
@@ -68,13 +73,23 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
-        step = float(np.spacing(np.abs(surface.verts).max().astype(np.float32)))
+        verts = _mesh.in_use(surface.verts, surface.faces)[1]
+        step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
         edge = _mesh.mean_edge_length(surface.verts, surface.faces)
-        if step > ROUGH * edge and np.array_equal(surface.verts, surface.verts.astype(np.float32)):
+        if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):
             told.append(
                 f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
                 f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
                 "origin before it is written."
+            )
+        corner = surface.verts[surface.faces]
+        longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+        height = 2 * _mesh.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
+        if len(thin := np.flatnonzero(height < THIN * edge)):
+            told.append(
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps, of next to no "
+                f"area, the first of them triangle {thin[0]}, at {_at(corner[thin[0], 0])}: measures bear them, other "
+                "tools may not."
             )
     notes = {"mesh": " ".join(told)} if told else {}
     apart = cortex.pial.verts - cortex.white.verts
@@ -89,6 +104,45 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     return notes
 
 
+def self_crossings(cortex: Cortex) -> dict[str, str]:
+    """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most."""
+    told = []
+    for surface in (cortex.white, cortex.pial):
+        found = self_intersections(surface, vertices=False)
+        if len(found):
+            deepest, among = int(found.depth.argmax()), len(found.crossed_faces(surface.faces))
+            told.append(
+                f"{surface.name} crosses itself: {among} of {len(surface.faces)} triangles, deepest at "
+                f"{_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
+            )
+    if not told:
+        return {}
+    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}
+
+
+def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:
+    """The thickness (N,) [mm] that came with the surfaces, and the note ``thickness_file`` on its gaps.
+
+    NaN outside the cortex, and where it is no positive number: FreeSurfer writes 0 where nothing was measured, and the
+    mask holds no vertex at which white and pial coincide.
+    """
+    given = np.asarray(cortex.maps["thickness"], dtype=np.float64)
+    known = np.isfinite(given) & (given > 0)
+    notes = {}
+    if len(gaps := np.flatnonzero(mask & ~known)):
+        zeros, within = np.count_nonzero(given[gaps] == 0), np.count_nonzero(mask)
+        notes["thickness_file"] = (
+            f"The thickness that came with the surfaces is no positive number at {len(gaps)} of {within} vertices of "
+            f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0, the first of them vertex {gaps[0]}, at "
+            f"{_place(cortex, gaps[0])}: the means of it leave them out."
+        )
+    return np.where(mask & known, given, np.nan), notes
+
+
 def _place(cortex: Cortex, vertex: int) -> str:
-    x, y, z = cortex.white.verts[vertex]
+    return _at(cortex.white.verts[vertex])
+
+
+def _at(point: NDArray[np.float64]) -> str:
+    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -91,11 +91,12 @@ def measure(
     -------
     Measures
         Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
-        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness.
+        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, NaN
+        where that is 0, too.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
         name does not, and why it is None where it is; and, under ``mesh`` (unused vertices, pieces, borders),
-        ``crossing`` (white outside pial), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the
-        input before believing the numbers.
+        ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in it), ``curvature_scale``,
+        ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
 
     Raises
     ------
@@ -130,6 +131,7 @@ def measure(
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     checks.check_surfaces(cortex)
+    said |= faults.self_crossings(cortex)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white
@@ -150,7 +152,8 @@ def measure(
     maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=cap))
     scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
     if "thickness" in cortex.maps:
-        maps["thickness_file"] = on_cortex(np.asarray(cortex.maps["thickness"], dtype=np.float64))
+        maps["thickness_file"], gaps = faults.given_thickness(cortex, mask)
+        said |= gaps
     said |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     tell("curvature", 0.3)

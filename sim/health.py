@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from morphofold.crossings.boxes import box_tree
+from morphofold.crossings.intersection import self_intersections
+from morphofold.crossings.rays import ray_hits
 from morphofold.shapes import even_directions
-from morphofold.sim.crossings.boxes import box_tree
-from morphofold.sim.crossings.intersection import self_intersections
-from morphofold.sim.crossings.rays import ray_hits
 from morphofold.sim.dynamics import restlessness
 from morphofold.surface import Surface
 
@@ -69,7 +69,7 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
 
     Rays start at the centroid of the vertices in directions of a Fibonacci lattice. A ray that meets an edge or a
     vertex counts as turned by next to nothing, the same way for all faces
-    (:func:`morphofold.sim.crossings.rays.ray_hits`), and a stretch shorter than 1e-9 of the ray, as between walls that
+    (:func:`morphofold.crossings.rays.ray_hits`), and a stretch shorter than 1e-9 of the ray, as between walls that
     touch, isn't counted.
 
     Raises

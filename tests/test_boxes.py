@@ -3,8 +3,8 @@ from functools import partial
 import numpy as np
 import pytest
 
+from morphofold.crossings.boxes import BLOCK, box_tree, following, meets, meets_ray
 from morphofold.shapes import icosphere
-from morphofold.sim.crossings.boxes import BLOCK, box_tree, following, meets, meets_ray
 
 
 def needles(rng, n):

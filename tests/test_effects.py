@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
+from morphofold.crossings.intersection import self_intersections
 from morphofold.sim.body import Body
-from morphofold.sim.crossings.intersection import self_intersections
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.bulk_viscosity import BulkViscosity

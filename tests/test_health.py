@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from made_folds import joined, pressed_sphere
 
+from morphofold.crossings.boxes import box_tree
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
-from morphofold.sim.crossings.boxes import box_tree
 from morphofold.sim.effects.contact import GAP
 from morphofold.sim.health import (
     BOUNDS,

@@ -19,7 +19,7 @@ ROOMS = {
 }
 
 # who may not be imported by whom; a name stands for itself and all below it
-GROUND = ("clock", "records", "surface", "io", "shapes", "tables", "threads")
+GROUND = ("clock", "crossings", "records", "surface", "io", "shapes", "tables", "threads")
 UPSTAIRS = ("results", "comparison", "simulation", "report", "accuracy", "forecasts", "cohort")
 FORBIDDEN = {
     **{room: ("sim", "analysis", *UPSTAIRS, "cli") for room in GROUND},

@@ -1,14 +1,16 @@
 """Self-intersection against brute force, and against shapes whose crossings are known."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from made_folds import pressed_sphere, two_spheres
 from reference_signs import displaced, rational_sign
 
+from morphofold.crossings.boxes import box_tree
+from morphofold.crossings.intersection import _crossings, _edges, self_intersections
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
-from morphofold.sim.crossings.boxes import box_tree
-from morphofold.sim.crossings.intersection import _crossings, _edges, self_intersections
 from morphofold.surface import Surface
 
 
@@ -278,6 +280,42 @@ def test_an_open_surface_is_asked_for_crossings_only():
     found, opened = self_intersections(pressed), self_intersections(Surface(pressed.verts, pressed.faces[:-1]))
     assert len(opened) == len(found) > 0
     assert len(opened.vertex) == 0 < len(found.vertex)
+
+
+def trench(half_width, *, raised=0.0, step=0.25):
+    """Two plates with a trench 3 deep between them, along y, open at its ends; negative: its flat walls have passed
+    through each other whole. One of the plates is ``raised``."""
+    a, h = half_width, raised
+    corners = np.array([[-5, 0], [-a, 0], [-a, -3], [a, -3], [a, h], [5, h]])
+    line = [np.linspace(p, q, round(np.abs(q - p).max() / step), endpoint=False) for p, q in pairwise(corners)]
+    x, z = np.concatenate([*line, corners[-1:]]).T
+    y = np.arange(0, 4, step)
+    verts = np.stack([np.repeat(x, len(y)), np.tile(y, len(x)), np.repeat(z, len(y))], axis=1)
+    number = np.arange(len(verts)).reshape(len(x), -1)
+    a, b, c, d = (number[u, v].ravel() for u in (slice(-1), slice(1, None)) for v in (slice(-1), slice(1, None)))
+    return Surface(verts, np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1)]))
+
+
+def test_flat_walls_that_passed_whole_are_found_at_their_rims_unless_these_lie_in_one_plane():
+    assert len(self_intersections(trench(0.4))) == len(self_intersections(trench(0.4, raised=0.3))) == 0
+    assert len(self_intersections(trench(-0.4))) == 0                    # plates in one plane: edges only touch them
+    rims = self_intersections(trench(-0.4, raised=0.3))
+    assert len(rims) > 0
+    assert set(np.round(rims.point[:, 2], 9)) == {0.0}                   # where the lower plate runs through a wall
+
+
+def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
+    pressed = pressed_sphere(4, press=1.2, irregular=True)
+    found = self_intersections(pressed, vertices=False)
+    whole = self_intersections(pressed)
+    np.testing.assert_array_equal(found.edge, whole.edge)
+    assert len(found.vertex) == 0 < len(whole.vertex)
+    pairs = {tuple(edge) for edge in found.edge.tolist()}
+    at_edge = {
+        f for f, (a, b, c) in enumerate(pressed.faces.tolist())
+        if pairs & {tuple(sorted(ends)) for ends in ((a, b), (b, c), (c, a))}
+    }  # fmt: skip
+    assert set(found.crossed_faces(pressed.faces)) == at_edge | set(found.face)
 
 
 def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():

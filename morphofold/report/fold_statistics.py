@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.crossings.boxes import box_tree
+from morphofold.crossings.rays import ray_hits
 from morphofold.report.fold_tables import Row
-from morphofold.sim.crossings.boxes import box_tree
-from morphofold.sim.crossings.rays import ray_hits
 from morphofold.surface import Surface
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
     """Distance (R,) [mm] from the origin to where the surface is hit last along unit directions (R, 3).
 
     That is the first hit from outside: what overhangs hides what lies below it. No hit is lost at an edge or a vertex
-    (:func:`morphofold.sim.crossings.rays.ray_hits`), so a closed surface around the origin has one in every direction.
+    (:func:`morphofold.crossings.rays.ray_hits`), so a closed surface around the origin has one in every direction.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 from skfem import MeshTet
 
-from morphofold.sim.crossings.boxes import _morton
+from morphofold.crossings.boxes import _morton
 from morphofold.sim.meshes.bilayer import Bilayer
 from morphofold.sim.meshes.descent import descend
 from morphofold.sim.meshes.tetmesh import FACES, TetMesh, read_tets

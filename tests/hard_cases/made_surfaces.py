@@ -7,7 +7,7 @@ import numpy as np
 
 from morphofold.analysis import crest_lines, measure, vertex_normals
 from morphofold.cli import main
-from morphofold.io import write_surface
+from morphofold.io import write_annotation, write_morph, write_surface
 from morphofold.ridges import regular_net, ridged_net
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Surface
@@ -54,13 +54,13 @@ def split_faces(cortex, weights, count=300):
     return changed(cortex, lambda verts: np.concatenate([verts, inside(verts)]), faces)
 
 
-def with_island(cortex, at, radius=1.0):
-    """The cortex and a closed little sphere."""
+def with_island(cortex, at, *, white=0.9, pial=1.0, hollow=False):
+    """The cortex and a closed sphere; or the wall of a cavity, whose outside is within."""
     verts, faces = icosphere(1)
-    both = np.concatenate([cortex.faces, faces + cortex.n_vertices])
+    both = np.concatenate([cortex.faces, (faces[:, ::-1] if hollow else faces) + cortex.n_vertices])
     white, pial = (
         Surface(np.concatenate([s.verts, r * verts + at]), both, s.name)
-        for s, r in ((cortex.white, 0.9 * radius), (cortex.pial, radius))
+        for s, r in ((cortex.white, white), (cortex.pial, pial))
     )
     return replace(cortex, white=white, pial=pial)
 
@@ -127,13 +127,20 @@ def refusal(cortex, **options):
 
 
 def analyzed(folder, capsys, cortex, *more, kind=""):
-    """Exit status, and what ``morphofold analyze`` prints, of files of the cortex."""
-    files = []
+    """Exit status, and what ``morphofold analyze`` prints, of files of the cortex; of a subject if it has regions."""
+    if cortex.regions:
+        for name in ("surf", "label"):
+            (folder / "S" / name).mkdir(parents=True)
+        surf, files = folder / "S" / "surf", [str(folder / "S")]
+        write_annotation(folder / "S" / "label" / "lh.aparc.annot", cortex.regions)
+        for name, values in cortex.maps.items():
+            write_morph(surf / f"lh.{name}", values, nan=np.nan)
+    else:
+        surf, files = folder, [f"--{name}={folder / f'lh.{name}{kind}'}" for name in ("white", "pial")]
     for surface in (cortex.white, cortex.pial):
-        files.append(str(folder / f"{surface.name}{kind}"))
-        write_surface(files[-1], surface)
+        write_surface(surf / f"{surface.name}{kind}", surface)
     out = folder / "out"
-    status = main(["analyze", "--white", files[0], "--pial", files[1], "-q", "--no-report", "-o", str(out), *more])
+    status = main(["analyze", *files, "-q", "--no-report", "-o", str(out), *more])
     told = capsys.readouterr()
     assert "Traceback" not in told.err
     assert out.exists() == (status == 0)

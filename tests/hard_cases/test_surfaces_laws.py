@@ -159,16 +159,18 @@ def by_edges(patch):
     patch.setattr(_curvature, "curvature", lambda verts, faces, scale=None: fitted(verts, faces))
 
 
-@examples(1, 6)
+@examples(3, 12)
 @hard_case("surfaces", "refinement of the mesh, from edges of 4 mm to 2 mm", guard="scales in mm, not in edges",
            peers="rings are no scale: libigl's radius counts edges (read)", without=by_edges)  # fmt: skip
 def test_a_finer_mesh_has_the_same_measures(holds, count):
     """At equal scales; what is cut off between vertices is (h / width)^2 / 8 of a fold, 1 % at edges of 4 mm;
-    off a depth of 0.8 mm the hull cuts h^2 / 6 R, 6 %."""
+    off a depth of 0.8 mm the hull cuts h^2 / 6 R, 6 %. Meshes so small are not thinned for a draft, whose voxels of
+    local gyrification take an eighth of the time."""
     def check(seed):
         net = NET.rotated(turned(seed))
         one, other = (
-            measure(known_cortex(level, net=net), curvature_scale=12.0, gyral_width=20.0).scalars for level in (4, 5)
+            measure(known_cortex(level, net=net), curvature_scale=12.0, gyral_width=20.0, accuracy="draft").scalars
+            for level in (4, 5)
         )
         return {name: abs(one[name] / other[name] - 1) for name in one if one[name] and name != "n_vertices"}
 

@@ -7,7 +7,7 @@ import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_island
 
-from morphofold.analysis import _curvature, _mesh, closing, measure
+from morphofold.analysis import _curvature, _mesh, checks, closing, measure, vertex_areas
 from morphofold.analysis.altitude import Altimeter
 from morphofold.analysis.net import Net
 from morphofold.cli import analyze
@@ -33,6 +33,21 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
 
 
+def all_of_them(patch):
+    """Of the vertices in use, all are taken for one."""
+    patch.setattr(_mesh, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
+
+
+@hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
+           guard="rounding is that of vertices in use")  # fmt: skip
+def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp_path, capsys):
+    cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
+    status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
+    holds.equal("told to be rounded", "are rounded to" in told, False)
+
+
 def one_mean(patch):
     """Mean curvature is subtracted over all pieces at once."""
     patch.setattr(Altimeter, "_mean_curvatures", lambda self: np.full(len(self._mass), self._bent.sum() / self.area))
@@ -54,6 +69,43 @@ def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, "GI n/a", "warning: The surface is in 2 pieces, of 2562, 42 vertices")
+
+
+@hard_case("surfaces", "a cavity: a closed piece within another, its outside within", without=lambda patch:
+           patch.setattr(checks, "cavities", lambda cortex: []), guard="what lies around a piece turned inwards",
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
+    """A sphere in white matter, with 2.5 mm of cortex around it: areas and thickness are of both pieces."""
+    cortex, whole = clean()
+    hollow = with_island(cortex, (0.0, 0.0, 0.0), white=17.5, pial=15.0, hollow=True)
+    found = measure(hollow, curvature_scale=whole.parameters["curvature_scale_mm"])
+    verts, faces = icosphere(1)
+    for name, radius in (("white", 17.5), ("pial", 15.0)):
+        gained = found.scalars[f"area_{name}_mm2"] - whole.scalars[f"area_{name}_mm2"]
+        holds(f"area gained, {name}", abs(gained / (radius**2 * vertex_areas(verts, faces).sum()) - 1), at_most=1e-9)
+    wall = slice(cortex.n_vertices, None)
+    # the triangles lie up to a twentieth of the radius inside the spheres
+    holds("thickness of the wall, of 2.5", np.abs(found.maps["cortical_thickness"][wall] / 2.5 - 1).max(), at_most=0.1)
+    holds("H of the wall, of -1/15", np.abs(-15 * found.maps["H"][wall] - 1).max(), at_most=1e-9)
+    for name in ("H", "cortical_thickness", "sulcal_depth"):
+        off = np.abs(found.maps[name][: cortex.n_vertices] - whole.maps[name]).max()
+        holds(f"change of {name} elsewhere", off, at_most=1e-9)
+    holds.equal("hinges", found.scalars["n_hinges"], whole.scalars["n_hinges"])
+    holds.equal("white is said to lie outside pial", "crossing" in found.notes, False)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "in 2 pieces, of 2562, 42 vertices (1 of them walls of cavities)")
+
+
+@pytest.mark.parametrize(("at", "white", "pial"), [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)],
+                         ids=["white within", "in no other piece"])
+@hard_case("surfaces", "what is no cavity, but inside out", guard="the volume of each piece", without=lambda patch:
+           patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
+def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, capsys, at, white, pial):
+    cortex = with_island(clean()[0], at, white=white, pial=pial, hollow=True)
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 2)
+    holds.says("analyze", told, "the piece of vertex 2562 of lh.white is inside out", "Reverse the triangles")
 
 
 def numbers_only(patch):
@@ -82,7 +134,7 @@ def part(cortex, keep):
            peers="pyvista is wrong at borders (said)",
            without=lambda patch: patch.setattr(_mesh, "is_closed", lambda faces: True),
            fails=(AssertionError, ValueError))  # fmt: skip
-def test_half_a_surface_has_the_measures_of_half(holds):
+def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     cortex, whole = clean()
     z, scale = cortex.pial.verts[:, 2], whole.parameters["curvature_scale_mm"]
     half = [measure(part(cortex, keep), curvature_scale=scale) for keep in (z >= 0, z <= 0)]
@@ -98,6 +150,9 @@ def test_half_a_surface_has_the_measures_of_half(holds):
                                      / whole.scalars["median_gyral_thickness_mm"] - 1), at_most=0.05)  # fmt: skip
     hinges = sum(m.scalars["n_hinges"] for m in half)
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges"])
+    status, told = analyzed(tmp_path, capsys, half[0].cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "GI n/a", "The surface has a border of ", "edges, one at vertex", "crests end there")
 
 
 def wall_of_nothing(patch):
@@ -108,7 +163,7 @@ def wall_of_nothing(patch):
 @pytest.mark.parametrize("closed", [False, True])
 @hard_case("surfaces", "a medial wall that splits the cortex in two", guard="crests are cut at the wall",
            without=wall_of_nothing)  # fmt: skip
-def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, closed):
+def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_path, capsys, closed):
     """Told by a label, or by white and pial being one there."""
     cortex, whole = clean()
     wall = np.abs(cortex.pial.verts[:, 2]) < 8
@@ -126,6 +181,10 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, closed
     graph = m.graph
     loops = graph.number_of_edges() - graph.number_of_nodes()
     holds.equal("sum of degrees less 2", sum(degree - 2 for _, degree in graph.degree()), 2 * loops)
+    if closed:                                                          # two files have no label
+        status, told = analyzed(tmp_path, capsys, m.cortex)
+        holds.equal("exit status", status, 0)
+        holds.says("analyze", told, f"cortical thickness {m.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
@@ -154,11 +213,14 @@ def sums(patch):
 
 
 @hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="no index without a curvature", without=sums)
-def test_the_tetrahedron_has_no_curvature_and_says_so(holds):
+def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     verts, faces = np.array(SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    m = measure(Cortex(Surface(25.0 * verts, faces), Surface(30.0 * verts, faces)))
+    m = measure(Cortex(Surface(25.0 * verts, faces, "lh.white"), Surface(30.0 * verts, faces, "lh.pial")))
     holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
     for name in ("folding_index", "intrinsic_curvature_index"):
         holds.equal(name, m.scalars[name], None)
         holds.says(f"its note, {name}", m.notes[name], "No vertex of white has a curvature")
     holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)
+    status, told = analyzed(tmp_path, capsys, m.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", "The coordinates do not look like")

@@ -10,7 +10,7 @@ from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
 from morphofold.analysis import faults, measure, measures, rays
-from morphofold.io import read_surface, write_surface
+from morphofold.io import read_cortex, read_surface, write_surface
 from morphofold.surface import Surface
 
 FAR = 1e6
@@ -58,11 +58,20 @@ def in_float16(patch):
     patch.setattr(Surface, "__post_init__", rounded)
 
 
-@hard_case("surfaces", "float32 in the file", guard="float64 from there on", without=in_float16)
-def test_single_precision_in_a_file_is_round_off_in_the_measures(holds):
-    """2^-24 of 60 mm is 4e-6 mm; over the square of the scale that is 1e-6 of curvature, and ten times that in K."""
-    found = measure(changed(clean()[0], lambda verts: verts.astype(np.float32)))
-    hold_all(holds, found, area=1e-7, bent=1e-5, lines=1e-4, width=1e-5)
+@pytest.mark.parametrize(("size", "place"), [(1.0, 0.0), (1e-3, 0.0), (1e3, 0.0), (1.0, 1000.0)],
+                         ids=["mm", "metres", "micrometres", "a metre away"])
+@hard_case("surfaces", "float32 in files of FreeSurfer, in any unit and a metre away", guard="float64 from there on",
+           without=in_float16, fails=(AssertionError, ValueError))  # fmt: skip
+def test_single_precision_in_a_file_is_round_off_in_the_measures(holds, tmp_path, size, place):
+    """2^-24 of 60 mm is 4e-6 mm; over the square of the scale that is 1e-6 of curvature, and ten times that in K.
+    All of it 16 times as much a metre away."""
+    files = {name: tmp_path / f"lh.{name}" for name in ("white", "pial")}
+    for name, surface in (("white", clean()[0].white), ("pial", clean()[0].pial)):
+        write_surface(files[name], Surface(size * surface.verts + place, surface.faces))
+    found, coarser = measure(read_cortex(**files)), 1 + place / 60
+    holds.equal("read as", found.cortex.pial.verts.dtype, np.dtype(np.float64))
+    hold_all(holds, found, unit=size, area=1e-7 * coarser, bent=1e-5 * coarser, lines=1e-4 * coarser,
+             width=1e-5 * coarser, without=() if size == 1 else ("mean_local_gyrification_index",))  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", FORMATS)

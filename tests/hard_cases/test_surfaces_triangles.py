@@ -69,6 +69,21 @@ def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(hold
     hold_all(holds, measure(split_faces(clean()[0], (1.0, 0.0, 0.0))))
 
 
+@pytest.mark.parametrize(
+    ("weights", "each"), [((1 - 2 * EPS, EPS, EPS), 2), ((0.5 - EPS / 2, 0.5 - EPS / 2, EPS), 1), ((1.0, 0.0, 0.0), 2)],
+    ids=["needles", "caps", "edges of no length"],
+)  # fmt: skip
+@hard_case("surfaces", "300 vertices within triangles, so near an edge or a corner that others have no area",
+           guard="the height of each triangle", without=lambda patch: patch.setattr(faults, "THIN", 0.0))  # fmt: skip
+def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, weights, each):
+    """Written as float32, some have exactly none."""
+    status, told = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
+    holds.equal("exit status", status, 0)
+    for name in ("lh.white", "lh.pial"):
+        holds.says("analyze", told, f"{300 * each} of 5720 triangles of {name} are needles or caps",
+                   f"the first of them triangle {5120 - 300}, at (", "measures bear them")  # fmt: skip
+
+
 def seam(cortex):
     """The upper half of the triangles with vertices of their own."""
     upper = cortex.pial.verts[cortex.faces].mean(axis=1)[:, 2] > 0
@@ -154,12 +169,15 @@ def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
 
 @hard_case("surfaces", "a piece that is inside out", guard="the volume of each piece",
            without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
-def test_a_piece_inside_out_is_refused(holds):
+def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     cortex = with_island(clean()[0], (0.0, 0.0, 0.0))
     n = clean()[0].n_vertices
     faces = np.where((cortex.faces >= n).all(axis=1)[:, None], cortex.faces[:, ::-1], cortex.faces)
-    told = refusal(changed(cortex, faces=faces))
-    holds.says("measure", told, f"the piece of vertex {n}", "is inside out", "Reverse the triangles")
+    turned = changed(cortex, faces=faces)
+    holds.says("measure", refusal(turned), f"the piece of vertex {n}", "is inside out", "Reverse the triangles")
+    status, told = analyzed(tmp_path, capsys, turned)
+    holds.equal("exit status", status, 2)
+    holds.says("analyze", told, f"the piece of vertex {n} of lh.white is inside out")
 
 
 @hard_case("surfaces", "all triangles flipped", guard="the volume of each piece",

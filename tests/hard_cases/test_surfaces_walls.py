@@ -1,5 +1,7 @@
 """White and pial in each other's way: crossing, coinciding, walls in contact and through each other; flat and round."""
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -20,14 +22,15 @@ from morphofold.analysis import (
     faults,
     gyral_graph,
     measure,
-    regions,
     thickness,
     vertex_areas,
     vertex_normals,
 )  # fmt: skip
+from morphofold.analysis._mesh import face_normals, mean_edge_length
 from morphofold.analysis.altitude import Altimeter
+from morphofold.crossings.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
-from morphofold.sim.crossings.intersection import self_intersections
+from morphofold.sim.health import enclosed_volume
 from morphofold.surface import Cortex, Regions, Surface
 
 
@@ -63,7 +66,7 @@ def everywhere(patch):
 
 @hard_case("surfaces", "zero thickness: white and pial coincide on a patch", guard="that is no cortex",
            without=everywhere)  # fmt: skip
-def test_where_white_is_pial_there_is_no_cortex(holds):
+def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     cortex, whole = clean()
     cap = cortex.pial.verts @ np.array([0.0, 0.0, 1.0]) > 35
     white = np.where(cap[:, None], cortex.pial.verts, cortex.white.verts)
@@ -72,6 +75,9 @@ def test_where_white_is_pial_there_is_no_cortex(holds):
     holds.equal("vertices without thickness", unknown, np.flatnonzero(cap).tolist())
     mean = np.mean(whole.maps["cortical_thickness"][~cap])
     holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
@@ -83,21 +89,60 @@ def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     holds.says("analyze", told, "are the same surface")
 
 
-@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="means are of what is known",
-           without=lambda patch: patch.setattr(regions, "_known", lambda values, at: values[at]))  # fmt: skip
-def test_a_thickness_file_with_gaps_changes_its_own_means_only(holds):
-    cortex = clean()[0]
+def as_it_stands(patch):
+    """The file's numbers are taken at their word."""
+    patch.setattr(faults, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {}))
+
+
+@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="no number, no thickness",
+           without=as_it_stands)  # fmt: skip
+def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds, tmp_path, capsys):
+    cortex, unknown = clean()[0], np.zeros(2562, dtype=bool)
     north = cortex.pial.verts[:, 2] > 0
     given = np.where(north, 2.5, 3.5)
-    given[np.flatnonzero(north)[:100]] = np.nan
-    parts = Regions(north.astype(np.int64), ("south", "north"), np.zeros((2, 3), dtype=np.uint8))
-    found = measure(replace(cortex, maps={"thickness": given}, regions=parts))
+    gaps = np.flatnonzero(north)[:100]
+    given[gaps[:60]], given[gaps[60:]], unknown[gaps] = np.nan, 0.0, True
+    parts = Regions(north.astype(np.int64), ("south", "north"), np.array([[9, 9, 9], [8, 8, 8]], dtype=np.uint8))
+    whole = replace(cortex, maps={"thickness": given}, regions=parts)
+    found = measure(whole)
     hold_all(holds, found, bent=1e-9, lines=1e-9, width=1e-9)
     rows = {row["region"]: row for row in found.regions}
     for name, true in (("north", 2.5), ("south", 3.5)):
         holds(f"thickness of the file, {name}", abs(rows[name]["thickness_file_mm"] - true), at_most=1e-12, unit="mm")
-    unknown = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
-    holds.equal("unknown in the map", unknown, np.flatnonzero(np.isnan(given)).tolist())
+    nowhere = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
+    holds.equal("unknown in the map", nowhere, np.flatnonzero(unknown).tolist())
+    status, told = analyzed(tmp_path, capsys, whole)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: The thickness that came with the surfaces is no positive number at 100 of "
+               "2562 vertices of the cortex (3.9%), 40 of them 0", f"vertex {gaps[0]}, at (", "leave them out")
+    holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
+        "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
+
+
+def spiked(cortex, vertex=0, by=1.0):
+    """Pial with one vertex drawn through the body and ``by`` mm out of the face on its other side; and that face."""
+    verts = cortex.pial.verts.copy()
+    middles = verts[cortex.faces].mean(axis=1)
+    f = int((middles @ verts[vertex] / np.linalg.norm(middles, axis=1)).argmin())
+    verts[vertex] = middles[f] + by * face_normals(verts, cortex.faces)[f]
+    return replace(cortex, pial=Surface(verts, cortex.faces, "lh.pial")), f
+
+
+@hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
+           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex: {}))  # fmt: skip
+def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
+    """The faces around the tip go through one other face, and cross no more."""
+    cortex, f = spiked(clean()[0])
+    around = int((cortex.faces == 0).sum())
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, f"warning: lh.pial crosses itself: {around + 1} of 5120 triangles, deepest at (",
+               "by 1 mm. Curvature")
+    place = np.array(re.search(r"deepest at \((.*?)\)", told)[1].split(","), dtype=float)
+    off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
+    holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
+    holds.equal("white is said to cross itself", "lh.white crosses" in told, False)
+    holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
 
 def shell(pial, depth):
@@ -114,7 +159,7 @@ def nearest_of_all(patch):
 @hard_case("surfaces", "self-intersection: walls of a sulcus that pass through each other", without=nearest_of_all,
            guard="only the surface around the own partner, facing the same way, is searched",
            peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)")  # fmt: skip
-def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds):
+def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, capsys):
     """Each passes up to 0.8 beyond the other, whose white is 0.5 behind it: at 0.25 the two are in one place."""
     pial = pressed_sphere(5, press=1.5)
     cortex = shell(pial, 0.5)
@@ -123,6 +168,9 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds):
     found = cortical_thickness(cortex.white, cortex.pial, cap=None)
     holds("mean thickness, of 0.5", abs(found.mean() / 0.5 - 1), at_most=0.02)
     holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
+    status, told = analyzed(tmp_path, capsys, cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: lh.white crosses itself: ", "; lh.pial crosses itself: ", "are in doubt")
 
 
 def fitted_in_space(patch):
@@ -159,15 +207,26 @@ def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
 @hard_case("surfaces", "a simulated surface with sulcal walls in contact", without=nearest_of_all,
            guard="only the surface around the own partner, facing the same way, is searched")  # fmt: skip
 def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
-    """What lies between white and pial is the thickness over the surface midway, to first order in its curvature."""
+    """Between surfaces a distance t apart the volume is t (A + 4 A' + A'') / 6, of white, midway and pial: areas are
+    quadratic in the distance (Steiner), so that Simpson's rule is exact. Between planes that meet at an angle a, at the
+    distance r from their edge: both closest distances are r sin(a), areas 1, cos(a / 2) and 1, the volume r a."""
     cortex = read_cortex(sample_path("simulated"))
+    white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
+    outward = [vertex_normals(verts, faces) for verts in (white, pial)]
+    edge = mean_edge_length(pial, faces)
+    i, j = cKDTree(pial).query_pairs(0.2 * edge, output_type="ndarray").T
+    facing = np.sum(outward[1][i] * outward[1][j], axis=1) < -0.5       # contact acts from 0.2 edges on
+    holds("vertices of pial in contact with one of another wall", len(np.union1d(i[facing], j[facing])), at_least=100)
     found = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    linked = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
+    linked = np.linalg.norm(pial - white, axis=1)
     holds("thickness less the way to the own partner", (found - linked).max(), at_most=1e-12, unit="mm")
-    volume = regions.gray_volumes(cortex).sum()
-    middle = Surface((cortex.white.verts + cortex.pial.verts) / 2, cortex.faces)
-    filled = np.sum(found * vertex_areas(middle.verts, middle.faces))
-    holds("volume filled", filled / volume, at_least=0.85, at_most=1.0)
+    inner, middle, outer = (vertex_areas(verts, faces) for verts in (white, (white + pial) / 2, pial))
+    area = (inner + 4 * middle + outer) / 6
+    volume = enclosed_volume(cortex.pial) - enclosed_volume(cortex.white)
+    angle = np.arccos(np.clip(np.sum(outward[0] * outward[1], axis=1), -1, 1 - 1e-12))
+    wedge = np.sin(angle) * (1 + 2 * np.cos(angle / 2)) / (3 * angle)
+    least = np.average(wedge, weights=found * area)
+    holds("volume filled", np.sum(found * area) / volume, at_least=least, at_most=1.0)
 
 
 def of_curvature(patch):
@@ -176,11 +235,11 @@ def of_curvature(patch):
 
 
 @hard_case("surfaces", "gyri with flat crowns", guard="a net of altitude, not of curvature", without=of_curvature)
-def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
+def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_path, capsys):
     """Cut off at 3 of 8 mm above the floor, 20 mm wide there."""
     verts = known_cortex().pial.verts
     radius = np.linalg.norm(verts, axis=1, keepdims=True)
-    flat = Surface(verts * np.minimum(1, 53 / radius), clean()[0].faces)
+    flat = Surface(verts * np.minimum(1, 53 / radius), clean()[0].faces, "lh.white")
     graph = gyral_graph(flat)
     holds.equal("hinges", [data["degree"] for _, data in graph.nodes(data=True)], len(NET.nodes) * [3])
     holds.equal("crests", graph.number_of_edges(), len(NET.arcs))
@@ -189,6 +248,11 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
     at = np.array([data["position"] for _, data in graph.nodes(data=True)])
     off = cKDTree(53 * NET.nodes).query(at)[0]
     holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")     # an edge
+    thicker = Surface(flat.verts * (1 + 2.5 / np.linalg.norm(flat.verts, axis=1, keepdims=True)), flat.faces, "lh.pial")
+    status, told = analyzed(tmp_path, capsys, Cortex(flat, thicker), "--json")
+    holds.equal("exit status", status, 0)
+    found = json.loads(told)["surfaces"][0]["measures"]
+    holds.equal("analyze: hinges, crests", [found["n_hinges"], found["n_crests"]], [len(NET.nodes), len(NET.arcs)])
 
 
 def any_extremum(patch):

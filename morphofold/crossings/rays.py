@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from morphofold.sim.crossings.boxes import BLOCK, following, meets_ray
-from morphofold.sim.crossings.signs import ASIDE, plane_sign
-from morphofold.sim.crossings.vectors import cross, dot, less
+from morphofold.crossings.boxes import BLOCK, following, meets_ray
+from morphofold.crossings.signs import ASIDE, plane_sign
+from morphofold.crossings.vectors import cross, dot, less
 
 
 @njit(cache=True)
