@@ -18,6 +18,9 @@ from pathlib import Path
 MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
 MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)    # of a write; Python doesn't say to which file
+_ROOM = 2**20           # bytes by which a file can't grow where it was cut for want of room
+
 StrPath = str | os.PathLike[str]
 
 
@@ -108,19 +111,47 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
     check_place(path)
     temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name}")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        with _naming(path, temporary):
+            yield temporary
+            os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def read_back(path: StrPath) -> Iterator[None]:
-    """Around a look at what a library has just written: numpy's ``tofile`` doesn't tell of a full disk."""
+def _naming(path: Path, temporary: Path) -> Iterator[None]:
+    """Make the system's errors name ``path``, or a file in it, where they name what is temporary, or a full disk."""
     try:
         yield
-    except ValueError as error:
-        raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, or writing failed", os.fspath(path)) from error
+    except OSError as error:
+        named = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else ""
+        inside = os.path.relpath(named, temporary) if named else "."
+        if error.errno is None or inside.startswith("..") or not (named or error.errno in _FULL):
+            raise
+        raise OSError(error.errno, error.strerror, os.path.normpath(path / inside)) from error
+
+
+@contextmanager
+def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
+    """Around what a library writes and a look at it: numpy's ``tofile`` cuts files, or tells no cause, at a full disk.
+
+    Raises
+    ------
+    OSError
+        The system's own, of ``path``, if the file can't grow; else one that says what the library did.
+    """
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        with _naming(Path(path), temporary), temporary.open("ab") as file:
+            file.write(bytes(_ROOM))
+            file.flush()
+            os.fsync(file.fileno())
+        told = " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
+        what = "what was written can't be read, though there is room"
+        raise OSError(f"{path}: {what} ({told}). Write it again, or in another format.") from error
 
 
 @contextmanager
@@ -145,11 +176,12 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
     try:
         temporary.mkdir()
-        yield temporary
-        (temporary / MARKER).write_text(
-            "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
-            "Delete this file to keep the folder.\n", encoding="utf-8",
-        )  # fmt: skip
+        with _naming(out, temporary):
+            yield temporary
+            (temporary / MARKER).write_text(
+                "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
+                "Delete this file to keep the folder.\n", encoding="utf-8",
+            )  # fmt: skip
         refuse_foreign(out)
         _move_onto(temporary, out)
     except BaseException:

@@ -14,12 +14,20 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import RADIAL, killed_at
 from made_measures import made_measures
 
-from morphofold.io import atomic_folder, files, read_surface, write_surface
+from morphofold.io import (
+    atomic_folder,
+    files,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import folder_lock
 from morphofold.sim.run import simulate
-from morphofold.surface import Surface
+from morphofold.surface import Regions, Surface
 
 NO_RESTART = "BrainGrowth, FetalFoldSim: no restart (read)"
 NAMES = ("lh.white", "a.gii", "a.ply", "a.vtk", "a.vtp")
@@ -120,36 +128,89 @@ def test_killed_run(holds, tmp_path):
 
 def unread(patch):
     for module in ("freesurfer", "polygons"):
-        patch.setattr(f"morphofold.io.{module}.read_back", lambda path: suppress(ValueError))
+        patch.setattr(f"morphofold.io.{module}.read_back", lambda path, temporary: suppress(ValueError))
+
+
+def writers(folder):
+    """What writes a thing by the name of its file or folder, from a size: surfaces, maps, regions, an analysis."""
+    surface, values = (lambda r: Surface(*icosphere(2, r))), (lambda r: np.linspace(0, r, 162))
+    colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
+    halves = lambda r: Regions(np.arange(162) // r % 2, ("front", "back"), colours)
+    found = {name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES}
+    found |= {name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")}
+    found["lh.k.shape.gii"] = lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r))
+    found["lh.a.annot"] = lambda r: write_annotation(folder / "lh.a.annot", halves(r))
+    measures = lambda r: [made_measures(name=f"{r}", level=1)]
+    found["analysis"] = lambda r: write_analysis(measures(r), folder / "analysis", report=False)
+    return found
+
+
+@contextmanager
+def room_for(size):
+    """No file may grow beyond a size [bytes], as at a full disk."""
+    limit, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, ignored)
 
 
 @hard_case(
-    "files", "a disk that is full after each 200 bytes", peers="numpy's tofile, and so nibabel and meshio: cut files "
-    "in silence (measured)", guard="a look at what was written", without=unread,
+    "files", "a disk that is full after each fifth of a surface, map, annotation, or a file of an analysis",
+    peers="numpy's tofile, and so nibabel and meshio: cut files in silence (measured)",
+    guard="a look at what was written", without=unread,
     fails=(AssertionError, ValueError),
 )  # fmt: skip
 def test_full_disk(holds, tmp_path):
-    old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
-    limit, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    refused = sound = tried = 0
-    try:
-        for name in NAMES:
-            write_surface(tmp_path / name, old)
-            for size in range(0, 1000, 200):
-                resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+    tried, told = 0, []
+    known = writers(tmp_path)
+    for name, write in known.items():
+        path = tmp_path / name
+        write(1)
+        before = state(tmp_path)
+        most = max(p.stat().st_size for p in (path, *path.rglob("*")) if p.is_file())
+        for size in range(0, most, most // 5 + 1):
+            with room_for(size):
                 try:
-                    write_surface(tmp_path / name, new)
-                except OSError:
-                    refused += 1
-                finally:
-                    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-                sound += abs(read_surface(tmp_path / name).verts).max() < 1.5
-                tried += 1
-    finally:
-        signal.signal(signal.SIGXFSZ, ignored)
-    holds("writes refused, share", refused / tried, at_least=1)
-    holds("the old surface found, share", sound / tried, at_least=1)
-    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(NAMES))
+                    write(2)
+                except OSError as error:
+                    told.append((error.errno, tmp_path / name, Path(error.filename)))
+            tried += 1
+            assert state(tmp_path) == before, f"{name} is another one, full after {size} bytes"
+    holds("writes refused, share", len(told) / tried, at_least=1)
+    holds("the old one found", tried, at_least=5 * len(known))
+    aside = [told for code, path, named in told if code != errno.EFBIG or not named.is_relative_to(path)]
+    holds("refusals that name another cause, or another place than the one to write", len(aside), at_most=0)
+    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(known))
+
+
+@contextmanager
+def full_if_unread(path):
+    try:
+        yield
+    except ValueError as error:
+        raise OSError(errno.ENOSPC, "No space left on device", os.fspath(path)) from error
+
+
+@hard_case(
+    "files", "a package that writes, at a disk with room, what can't be read back",
+    guard="a full disk is told of where a file can't grow", without=lambda patch: patch.setattr(
+        "morphofold.io.freesurfer.read_back", lambda path, temporary: full_if_unread(path)),
+    fails=AssertionError,
+)  # fmt: skip
+def test_not_a_full_disk(holds, tmp_path, monkeypatch):
+    import nibabel.freesurfer
+
+    monkeypatch.setattr(nibabel.freesurfer, "write_geometry", lambda path, *args: Path(path).write_bytes(b"surface"))
+    path = tmp_path / "lh.white"
+    with pytest.raises(OSError, match="written") as caught:
+        write_surface(path, Surface(*icosphere(1)))
+    told = str(caught.value)
+    holds.says("refusal", told.replace(str(path), path.name), "lh.white: what was written can't be read", "though there is room")
+    holds("lines, and temporary names in them", len(told.splitlines()) + told.count("/."), at_most=1)
+    holds.equal("left", os.listdir(tmp_path), [])
 
 
 @hard_case(
