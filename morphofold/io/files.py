@@ -204,12 +204,18 @@ def _move_onto(new: Path, out: Path) -> None:
         except OSError:
             if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
                 raise
-    old = out.with_name(f"{new.name}.old")
     if _exchange(new, out):
+        try:
+            refuse_foreign(out, found=new)                              # somebody's may have come after the last look
+        except BaseException:
+            _exchange(new, out)
+            raise
         shutil.rmtree(new)
         return
+    old = out.with_name(f"{new.name}.old")
     os.replace(out, old)
     try:
+        refuse_foreign(out, found=old)
         os.replace(new, out)
     except BaseException:
         os.replace(old, out)
@@ -230,16 +236,20 @@ def _exchange(one: Path, other: Path) -> bool:
     return done == 0
 
 
-def refuse_foreign(out: Path) -> None:
-    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write."""
-    if os.path.islink(os.path.realpath(out)):
+def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
+    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write.
+
+    ``found`` is where it was moved to, by default nowhere.
+    """
+    found = found or out
+    if os.path.islink(os.path.realpath(found)):
         raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
-    if not out.exists():
+    if not found.exists():
         return
-    if not out.is_dir():
+    if not found.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
-    names = sorted(p.name for p in out.iterdir())
-    if names and not _ours(out):
+    names = sorted(p.name for p in found.iterdir())
+    if names and not _ours(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."

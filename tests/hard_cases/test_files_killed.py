@@ -207,8 +207,8 @@ def test_not_a_full_disk(holds, tmp_path, monkeypatch):
     path = tmp_path / "lh.white"
     with pytest.raises(OSError, match="written") as caught:
         write_surface(path, Surface(*icosphere(1)))
-    told = str(caught.value)
-    holds.says("refusal", told.replace(str(path), path.name), "lh.white: what was written can't be read", "though there is room")
+    told = str(caught.value).replace(str(path), path.name)
+    holds.says("refusal", told, "lh.white: what was written can't be read", "though there is room")
     holds("lines, and temporary names in them", len(told.splitlines()) + told.count("/."), at_most=1)
     holds.equal("left", os.listdir(tmp_path), [])
 
@@ -230,7 +230,7 @@ def test_two_runs(holds, tmp_path):
 
 @hard_case(
     "files", "a folder that somebody writes while we do", guard="a second look",
-    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out: None),
+    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out, found=None: None),
 )  # fmt: skip
 def test_foreign_folder(holds, tmp_path):
     out, told = tmp_path / "out", ""
@@ -245,9 +245,55 @@ def test_foreign_folder(holds, tmp_path):
     holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
 
 
+def comes_within(name, patch, out):
+    """Somebody's folder comes to ``out`` right before we move anything there."""
+    move = getattr(files, name)
+
+    def late(*paths):
+        patch.setattr(files, name, move)
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        (out / "thesis.txt").write_text("theirs")
+        return move(*paths)
+
+    patch.setattr(files, name, late)
+
+
 @hard_case(
-    "files", "two analyses into one new folder at once", guard="names exchanged in one step",
-    without=lambda patch: patch.setattr(files, "_exchange", lambda one, other: _fails()), fails=OSError,
+    "files", "a folder that somebody puts in the place of ours after we looked", guard="a look at what we got for ours",
+    without=lambda patch: patch.setattr(
+        files, "refuse_foreign", lambda out, found=None, look=files.refuse_foreign: found or look(out)),
+)  # fmt: skip
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchanges):
+    if not exchanges:
+        monkeypatch.setattr(files, "_exchange", lambda one, other: False)
+    for begin in ("empty", "ours"):
+        out, told = tmp_path / begin, ""
+        with atomic_folder(out) as folder:
+            (folder / "a.txt").write_text("old")
+        if begin == "empty":
+            shutil.rmtree(out)
+        with monkeypatch.context() as patch:
+            comes_within("_move_onto", patch, out)
+            try:
+                with atomic_folder(out) as folder:
+                    (folder / "a.txt").write_text("ours")
+            except FileExistsError as error:
+                told = str(error)
+        holds.says("refusal", told.replace(str(tmp_path), ""), f"/{begin}: morphofold did not write", "thesis.txt")
+        holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
+    holds.equal("left beside", sorted(os.listdir(tmp_path)), ["empty", "ours"])
+
+
+def look_and_move(new, out):
+    """As if nobody else could make ``out`` between a look and a move."""
+    os.replace(new, out)
+
+
+@hard_case(
+    "files", "two analyses into one new folder at once", guard="a folder that came meanwhile is exchanged",
+    without=lambda patch: patch.setattr(files, "_move_onto", look_and_move), fails=OSError,
 )  # fmt: skip
 def test_two_analyses(holds, tmp_path):
     with atomic_folder(tmp_path / "out") as one:
@@ -256,9 +302,3 @@ def test_two_analyses(holds, tmp_path):
             (other / "a.txt").write_text("other")
     holds.equal("the last one is there", (tmp_path / "out" / "a.txt").read_text(), "one")
     holds.equal("left beside", os.listdir(tmp_path), ["out"])
-
-
-def _fails():
-    raise OSError(errno.ENOTEMPTY, "Directory not empty")
-
-
