@@ -6,6 +6,7 @@ import ctypes
 import difflib
 import errno
 import json
+import math
 import os
 import secrets
 import shutil
@@ -14,11 +15,15 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from xml.etree.ElementTree import ParseError
+from xml.parsers.expat import ExpatError, errors
 
 MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
+MOST_PACKED = 2000      # bytes of arrays from one of a file, twice of what zlib can do
 MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)    # of a write; Python doesn't say to which file
+_EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
 _ROOM = 2**20           # bytes by which a file can't grow where it was cut for want of room
 
 StrPath = str | os.PathLike[str]
@@ -69,15 +74,43 @@ def _what_is_there(path: Path) -> str:
 
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
-    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``."""
+    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``.
+
+    Where memory did not suffice for what the file may hold, it may be whole: that is a ``MemoryError``, with its place.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # remarks on optional parts of the format
             yield
     except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
+        wanted = _array_wanted(error)
+        if wanted and wanted > MOST_PACKED * path.stat().st_size:                  # no file of this size unpacks to that
+            error = ValueError(f"it promises an array of {wanted / 2**30:.3g} GiB")
+        elif _wants_memory(error):
+            raise MemoryError(
+                f"{path}: memory did not suffice to read {what}. Close other programs, or take a computer with more."
+            ) from error
         told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
         reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
         raise ValueError(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+
+
+def _array_wanted(error: BaseException) -> float:
+    """Bytes of the array for which numpy found no memory; 0 for any other error."""
+    shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
+    if not isinstance(error, MemoryError) or shape is None or dtype is None:
+        return 0.0
+    return float(math.prod(shape)) * float(dtype.itemsize)
+
+
+def _wants_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it came of, is a lack of memory; expat tells of it by a code of its own."""
+    while error is not None:
+        expat = isinstance(error, (ExpatError, ParseError)) and error.code == _EXPAT_WANTS_MEMORY
+        if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def looks_like_text(head: bytes) -> bool:

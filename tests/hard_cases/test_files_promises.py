@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphofold.io import (
+    files,
     freesurfer,
     gifti,
     polygons,
@@ -146,6 +147,19 @@ def test_bombs(holds, tmp_path):
 def test_dimensions(holds, tmp_path):
     raw = _gifti(zlib.compress(bytes(12)), f'Dimensionality="{10**11}" Dim0="3"')
     refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000 dimensions")
+
+
+@hard_case(
+    "files", "a sound map that needs more memory than there is", guard="a lack of memory is no damage",
+    without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False), fails=AssertionError,
+)  # fmt: skip
+def test_little_memory(holds, tmp_path):
+    path, n = tmp_path / "lh.thickness", 2**24
+    path.write_bytes(b"\xff\xff\xff" + struct.pack(">3i", n, 1, 1) + bytes(4 * n))
+    with pytest.raises(AssertionError) as caught:
+        in_child(lambda: verdict(Sample(path, lambda: read_morph(path))), memory=2**26)
+    told = str(caught.value).replace(str(path), path.name)
+    holds.says("error", told, "MemoryError: lh.thickness: memory did not suffice", "Close other programs")
 
 
 @hard_case(
