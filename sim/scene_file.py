@@ -16,8 +16,13 @@ from morphofold.sim.scene import SHAPES, Scene
 from morphofold.sim.scene_words import Problem, Source, as_toml, blamed, explain, root_problems
 
 MOST_PROBLEMS = 20      # that are told of one scene
+#: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
+_SAID = re.compile(
+    r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
+    r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""", re.DOTALL,
+)  # fmt: skip
 #: a dotted key of more than 32 parts, of which tomllib would keep every beginning
-_DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){32}""")
+_DEEP = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
 
 
 def scene_names() -> list[str]:
@@ -101,7 +106,7 @@ def _parsed(source: Source) -> dict[str, Any]:
 
 
 def _loads(text: str) -> dict[str, Any]:
-    if _DEEP.search(text):
+    if _DEEP.search(_SAID.sub("s", text)):
         raise RecursionError("a key of too many parts")
     return tomllib.loads(text)
 

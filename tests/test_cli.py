@@ -272,6 +272,15 @@ def test_a_full_disk_is_told_without_a_name_it_does_not_have(capsys, monkeypatch
     refused(capsys, ["scenes"], "morphofold scenes: No space left on device")
 
 
+@pytest.mark.parametrize("words", ["", "Unable to allocate 7.45 GiB for an array"])
+def test_a_lack_of_memory_is_told_in_one_line(capsys, monkeypatch, words):
+    def large(args):
+        raise MemoryError(words)
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", large)
+    refused(capsys, ["scenes"], words or "memory did not suffice", "Close other programs, or ask for less.")
+
+
 def test_scenes_lists_every_scene_with_its_effects(capsys):
     assert main(["scenes", "--json"]) == 0
     scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}

@@ -1,12 +1,15 @@
 """Files and folders are written whole or not at all."""
 
+import errno
 import os
 import shutil
+from xml.parsers.expat import ExpatError
 
 import pytest
 
 import morphofold.io.files as files_module
 from morphofold.io import atomic_file, atomic_folder, sample_path, write_surface
+from morphofold.io.files import decoding
 
 
 def interrupt_while_writing(path):
@@ -25,6 +28,27 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_writing_into_a_folder_that_is_not_there_is_refused(tmp_path, rough):
     with pytest.raises(FileNotFoundError, match=r"no such folder to write lh.white into"):
         write_surface(tmp_path / "no" / "lh.white", rough)
+
+
+def expat_error(code):
+    error = ExpatError("out of memory: line 1, column 0")
+    error.code = code
+    return error
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory"), expat_error(1)])
+def test_a_lack_of_memory_is_no_damage(tmp_path, error):
+    def reads_within():
+        try:
+            raise error
+        except Exception as cause:
+            raise RuntimeError("a package's own words") from cause
+
+    with pytest.raises(MemoryError, match=r"a.gii: memory did not suffice to read GIFTI. Close other programs"):
+        with decoding(tmp_path / "a.gii", "GIFTI"):
+            reads_within()
+    with pytest.raises(ValueError, match="damaged"), decoding(tmp_path / "a.gii", "GIFTI"):
+        raise expat_error(3)
 
 
 def write_folder(out, content="new"):

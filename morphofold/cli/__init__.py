@@ -83,6 +83,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             where = f"{error.filename}: " if error.filename is not None else ""
             return _fail(args.command, f"{where}{error.strerror}. Name another place to read or write.", 2)
         return _fail(args.command, error, 2)
+    except MemoryError as error:
+        if args.debug:
+            raise
+        told = str(error) or "memory did not suffice"                   # numpy says how much it wanted
+        more = "" if told.endswith(".") else ". Close other programs, or ask for less."
+        return _fail(args.command, f"{told}{more}", 2)
     except Exception as error:
         if args.debug:
             raise

@@ -6,6 +6,7 @@ import ctypes
 import difflib
 import errno
 import json
+import math
 import os
 import secrets
 import shutil
@@ -14,9 +15,16 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from xml.etree.ElementTree import ParseError
+from xml.parsers.expat import ExpatError, errors
 
 MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
+MOST_PACKED = 2000      # bytes of arrays from one of a file, twice of what zlib can do
 MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)    # of a write; Python doesn't say to which file
+_EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
+_ROOM = 2**20           # bytes by which a file can't grow where it was cut for want of room
 
 StrPath = str | os.PathLike[str]
 
@@ -66,15 +74,43 @@ def _what_is_there(path: Path) -> str:
 
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
-    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``."""
+    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``.
+
+    Where memory did not suffice for what the file may hold, it may be whole: that is a ``MemoryError``, with its place.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # remarks on optional parts of the format
             yield
     except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
+        wanted = _array_wanted(error)
+        if wanted and wanted > MOST_PACKED * path.stat().st_size:      # no file of this size unpacks to that
+            error = ValueError(f"it promises an array of {wanted / 2**30:.3g} GiB")
+        elif _wants_memory(error):
+            raise MemoryError(
+                f"{path}: memory did not suffice to read {what}. Close other programs, or take a computer with more."
+            ) from error
         told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
         reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
         raise ValueError(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+
+
+def _array_wanted(error: BaseException) -> float:
+    """Bytes of the array for which numpy found no memory; 0 for any other error."""
+    shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
+    if not isinstance(error, MemoryError) or shape is None or dtype is None:
+        return 0.0
+    return float(math.prod(shape)) * float(dtype.itemsize)
+
+
+def _wants_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it came of, is a lack of memory; expat tells of it by a code of its own."""
+    while error is not None:
+        expat = isinstance(error, (ExpatError, ParseError)) and error.code == _EXPAT_WANTS_MEMORY
+        if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def looks_like_text(head: bytes) -> bool:
@@ -108,19 +144,47 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
     check_place(path)
     temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name}")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        with _naming(path, temporary):
+            yield temporary
+            os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
 @contextmanager
-def read_back(path: StrPath) -> Iterator[None]:
-    """Around a look at what a library has just written: numpy's ``tofile`` doesn't tell of a full disk."""
+def _naming(path: Path, temporary: Path) -> Iterator[None]:
+    """Make the system's errors name ``path``, or a file in it, where they name what is temporary, or a full disk."""
     try:
         yield
-    except ValueError as error:
-        raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}, or writing failed", os.fspath(path)) from error
+    except OSError as error:
+        named = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else ""
+        inside = os.path.relpath(named, temporary) if named else "."
+        if error.errno is None or inside.startswith("..") or not (named or error.errno in _FULL):
+            raise
+        raise OSError(error.errno, error.strerror, os.path.normpath(path / inside)) from error
+
+
+@contextmanager
+def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
+    """Around what a library writes and a look at it: numpy's ``tofile`` cuts files, or tells no cause, at a full disk.
+
+    Raises
+    ------
+    OSError
+        The system's own, of ``path``, if the file can't grow; else one that says what the library did.
+    """
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        with _naming(Path(path), temporary), temporary.open("ab") as file:
+            file.write(bytes(_ROOM))
+            file.flush()
+            os.fsync(file.fileno())
+        told = " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
+        what = "what was written can't be read, though there is room"
+        raise OSError(f"{path}: {what} ({told}). Write it again, or in another format.") from error
 
 
 @contextmanager
@@ -145,11 +209,12 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
     try:
         temporary.mkdir()
-        yield temporary
-        (temporary / MARKER).write_text(
-            "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
-            "Delete this file to keep the folder.\n", encoding="utf-8",
-        )  # fmt: skip
+        with _naming(out, temporary):
+            yield temporary
+            (temporary / MARKER).write_text(
+                "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
+                "Delete this file to keep the folder.\n", encoding="utf-8",
+            )  # fmt: skip
         refuse_foreign(out)
         _move_onto(temporary, out)
     except BaseException:
@@ -172,12 +237,18 @@ def _move_onto(new: Path, out: Path) -> None:
         except OSError:
             if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
                 raise
-    old = out.with_name(f"{new.name}.old")
     if _exchange(new, out):
+        try:
+            refuse_foreign(out, found=new)                              # somebody's may have come after the last look
+        except BaseException:
+            _exchange(new, out)
+            raise
         shutil.rmtree(new)
         return
+    old = out.with_name(f"{new.name}.old")
     os.replace(out, old)
     try:
+        refuse_foreign(out, found=old)
         os.replace(new, out)
     except BaseException:
         os.replace(old, out)
@@ -198,16 +269,20 @@ def _exchange(one: Path, other: Path) -> bool:
     return done == 0
 
 
-def refuse_foreign(out: Path) -> None:
-    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write."""
-    if os.path.islink(os.path.realpath(out)):
+def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
+    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write.
+
+    ``found`` is where it was moved to, by default nowhere.
+    """
+    found = found or out
+    if os.path.islink(os.path.realpath(found)):
         raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
-    if not out.exists():
+    if not found.exists():
         return
-    if not out.is_dir():
+    if not found.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
-    names = sorted(p.name for p in out.iterdir())
-    if names and not _ours(out):
+    names = sorted(p.name for p in found.iterdir())
+    if names and not _ours(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."

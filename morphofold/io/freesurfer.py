@@ -96,8 +96,8 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
     import nibabel.freesurfer as fs
 
     with atomic_file(path) as temporary:
-        fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
-        with read_back(path):
+        with read_back(path, temporary):
+            fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
             read_geometry(temporary)
 
 
@@ -153,8 +153,8 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
     import nibabel.freesurfer as fs
 
     with atomic_file(path) as temporary:
-        fs.write_morph_data(os.fspath(temporary), values)
-        with read_back(path):
+        with read_back(path, temporary):
+            fs.write_morph_data(os.fspath(temporary), values)
             read_curv(temporary)
 
 
@@ -163,8 +163,8 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     from nibabel.freesurfer.mghformat import MGHImage
 
     with atomic_file(path) as temporary:
-        MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
-        with read_back(path), decoding(temporary, "MGH"):
+        with read_back(path, temporary):
+            MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
             MGHImage.from_filename(os.fspath(temporary)).get_fdata()
 
 
@@ -267,8 +267,8 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
         raise ValueError(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     with atomic_file(path) as temporary:
-        fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
-        with read_back(path):
+        with read_back(path, temporary):
+            fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
             read_annotation(temporary)
 
 

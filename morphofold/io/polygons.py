@@ -202,6 +202,6 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             import meshio
 
             mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-            importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)
-            with read_back(path):
+            with read_back(path, temporary):
+                importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)
                 read_meshio(temporary, kind[1:])

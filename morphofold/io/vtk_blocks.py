@@ -3,56 +3,112 @@
 from __future__ import annotations
 
 import base64
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+from xml.parsers import expat
 
 import numpy as np
 
 MAX_UNPACKED = 2**29    # bytes of all arrays together
 MAX_COUNT = 2**24       # points and cells: VTK takes about 30 bytes for each
-_COUNTS = re.compile(rb"""\sNumberOf(?!Components)\w+\s*=\s*["']\s*([^"']*)["']""")
-_WIDTHS = re.compile(rb"""\sNumberOfComponents\s*=\s*["']\s*([^"']*)["']""")
-_INLINE = re.compile(rb"""<DataArray\s[^>]*format\s*=\s*["']binary["'][^>]*>\s*""", re.IGNORECASE)
-_OFFSETS = re.compile(rb"""<DataArray\s[^>]*offset\s*=\s*["'](\d+)["']""", re.IGNORECASE)
-_APPENDED = re.compile(rb"""<AppendedData\s[^>]*encoding\s*=\s*["'](\w+)["'][^>]*>\s*_""", re.IGNORECASE)
+_ROWS = {"Points": "Points", "PointData": "Points"}     # the count that an array has a row for; else of its own name
+_WHOLE = 24             # letters of base64 that hold the longest beginning of an array
+_LINE = 1000            # letters that are looked through for these
+
+
+class _Tag(NamedTuple):
+    """A beginning of an element: its name, that of the element around it, its attributes, first letters within."""
+
+    name: str
+    around: str
+    said: Mapping[str, str]
+    text: list[str]
 
 
 def check_blocks(raw: bytes) -> None:
     """Raise ``ValueError`` unless counts, and the sizes to which arrays are said to unpack, are within bounds.
 
-    Uncompressed, each counted thing takes at least a byte; zlib packs a thousand into one.
+    Unpacked, each number takes at least a byte; zlib packs a thousand into one.
     """
-    packed = b"compressor" in raw[:1024]
-    counts = [int(match[1]) for match in _COUNTS.finditer(raw)]
-    widths = [int(match[1]) for match in _WIDTHS.finditer(raw)]
-    most = min(MAX_COUNT, (1032 if packed else 1) * len(raw))
-    if min(counts, default=0) < 0 or sum(counts) > most:
+    tags, end = _tags(raw)
+    file = next((tag.said for tag in tags if tag.name == "VTKFile"), {})
+    packed = "compressor" in file
+    room = (1032 if packed else 1) * len(raw)
+    counts = [int(n) for tag in tags for key, n in tag.said.items() if _is_count(key)]
+    if min(counts, default=0) < 0 or sum(counts) > min(MAX_COUNT, room):
         raise ValueError(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
-    if widths and not 1 <= min(widths) <= max(widths) <= 9:
-        raise ValueError(f"an array has {max(widths)} components; there are 1 to 9")
-    size = sum(_sizes(raw, packed))
+    numbers = sum(_numbers(tags))
+    if numbers > min(MAX_UNPACKED, room):
+        raise ValueError(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
+    size = sum(_sizes(raw, tags, end, packed, file))
     if size > MAX_UNPACKED:
         raise ValueError(f"its arrays unpack to {size} bytes, at most {MAX_UNPACKED}")
 
 
-def _sizes(raw: bytes, packed: bool) -> Iterator[int]:
+def _is_count(key: str) -> bool:
+    return key.startswith("NumberOf") and key != "NumberOfComponents"
+
+
+class _Appended(Exception):
+    """Behind this tag is no XML."""
+
+
+def _tags(raw: bytes) -> tuple[list[_Tag], int]:
+    """The elements before appended data, and where the tag of these begins (else the end of the file)."""
+    tags: list[_Tag] = []
+    around: list[str] = []
+    parser = expat.ParserCreate()
+
+    def start(name: str, said: dict[str, str]) -> None:
+        tags.append(_Tag(name, around[-1] if around else "", said, []))
+        around.append(name)
+        if name == "AppendedData":
+            raise _Appended(parser.CurrentByteIndex)
+
+    def text(letters: str) -> None:
+        if sum(map(len, tags[-1].text)) < _WHOLE:
+            tags[-1].text.append("".join(letters[:_LINE].split()))
+
+    parser.StartElementHandler, parser.CharacterDataHandler = start, text
+    parser.EndElementHandler = lambda name: around.pop()
+    try:
+        parser.Parse(raw, True)
+    except _Appended as at:
+        return tags, int(at.args[0])
+    return tags, len(raw)
+
+
+def _numbers(tags: list[_Tag]) -> Iterator[int]:
+    """How many numbers each array has at least, as components and counts say."""
+    counts: dict[str, int] = {}
+    for tag in tags:
+        if tag.name == "Piece":
+            counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.said.items() if _is_count(key)}
+            counts["CellData"] = sum(n for key, n in counts.items() if key != "Points")
+        elif tag.name == "DataArray":
+            width = int(tag.said.get("NumberOfComponents", 1))
+            if width < 0:
+                raise ValueError(f"an array has {width} components")
+            rows = tag.said.get("NumberOfTuples", counts.get(_ROWS.get(tag.around, tag.around), 0))
+            yield width * max(int(rows), 1)
+
+
+def _sizes(raw: bytes, tags: list[_Tag], end: int, packed: bool, file: Mapping[str, str]) -> Iterator[int]:
     """Bytes of each binary array as its beginning says: its length, or the number of blocks and their size."""
-    start = raw[:1024]
-    order, width = ">" if b"BigEndian" in start else "<", 8 if b"UInt64" in start else 4
+    order = ">" if file.get("byte_order") == "BigEndian" else "<"
+    width = 8 if file.get("header_type") == "UInt64" else 4
     letters = {(4, False): 8, (8, False): 12, (4, True): 16, (8, True): 24}[width, packed]     # of base64, to be whole
 
     def size(head: bytes) -> int:
         numbers = np.frombuffer(head, f"{order}u{width}", count=2 if packed else 1).tolist()
         return int(np.prod(numbers, dtype=object))
 
-    def in_text(at: int) -> int:
-        return size(base64.b64decode(raw[at : at + letters]))
-
-    for match in _INLINE.finditer(raw):
-        yield in_text(match.end())
-    appended = _APPENDED.search(raw)
-    if appended is None:
-        return
-    for match in _OFFSETS.finditer(raw, 0, appended.start()):
-        at = appended.end() + int(match[1])
-        yield size(raw[at : at + 16]) if appended[1].lower() == b"raw" else in_text(at)
+    first = raw.find(b"_", raw.find(b">", end)) + 1
+    for tag in tags:
+        form = tag.said.get("format", "").lower()
+        if tag.name == "DataArray" and form == "binary":
+            yield size(base64.b64decode("".join(tag.text)[:letters]))
+        elif tag.name == "DataArray" and form == "appended":
+            at = first + int(tag.said.get("offset", 0))
+            is_raw = tags[-1].said.get("encoding") == "raw"
+            yield size(raw[at : at + 16] if is_raw else base64.b64decode(raw[at : at + letters]))

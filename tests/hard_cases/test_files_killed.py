@@ -13,12 +13,20 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import RADIAL, killed_at, resource
 from made_measures import made_measures
 
-from morphofold.io import atomic_folder, files, read_surface, write_surface
+from morphofold.io import (
+    atomic_folder,
+    files,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import folder_lock
 from morphofold.sim.run import simulate
-from morphofold.surface import Surface
+from morphofold.surface import Regions, Surface
 
 NO_RESTART = "BrainGrowth, FetalFoldSim: no restart (read)"
 NAMES = ("lh.white", "a.gii", "a.ply", "a.vtk", "a.vtp")
@@ -119,36 +127,89 @@ def test_killed_run(holds, tmp_path):
 
 def unread(patch):
     for module in ("freesurfer", "polygons"):
-        patch.setattr(f"morphofold.io.{module}.read_back", lambda path: suppress(ValueError))
+        patch.setattr(f"morphofold.io.{module}.read_back", lambda path, temporary: suppress(ValueError))
+
+
+def writers(folder):
+    """What writes a thing by the name of its file or folder, from a size: surfaces, maps, regions, an analysis."""
+    surface, values = (lambda r: Surface(*icosphere(2, r))), (lambda r: np.linspace(0, r, 162))
+    colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
+    halves = lambda r: Regions(np.arange(162) // r % 2, ("front", "back"), colours)
+    found = {name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES}
+    found |= {name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")}
+    found["lh.k.shape.gii"] = lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r))
+    found["lh.a.annot"] = lambda r: write_annotation(folder / "lh.a.annot", halves(r))
+    measures = lambda r: [made_measures(name=f"{r}", level=1)]
+    found["analysis"] = lambda r: write_analysis(measures(r), folder / "analysis", report=False)
+    return found
+
+
+@contextmanager
+def room_for(size):
+    """No file may grow beyond a size [bytes], as at a full disk."""
+    limit, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, ignored)
 
 
 @hard_case(
-    "files", "a disk that is full after each 200 bytes", peers="numpy's tofile, and so nibabel and meshio: cut files "
-    "in silence (measured)", guard="a look at what was written", without=unread,
+    "files", "a disk that is full after each fifth of a surface, map, annotation, or a file of an analysis",
+    peers="numpy's tofile, and so nibabel and meshio: cut files in silence (measured)",
+    guard="a look at what was written", without=unread,
     fails=(AssertionError, ValueError),
 )  # fmt: skip
 def test_full_disk(holds, tmp_path):
-    old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
-    limit, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    refused = sound = tried = 0
-    try:
-        for name in NAMES:
-            write_surface(tmp_path / name, old)
-            for size in range(0, 1000, 200):
-                resource.setrlimit(resource.RLIMIT_FSIZE, (size, limit[1]))
+    tried, told = 0, []
+    known = writers(tmp_path)
+    for name, write in known.items():
+        path = tmp_path / name
+        write(1)
+        before = state(tmp_path)
+        most = max(p.stat().st_size for p in (path, *path.rglob("*")) if p.is_file())
+        for size in range(0, most, most // 5 + 1):
+            with room_for(size):
                 try:
-                    write_surface(tmp_path / name, new)
-                except OSError:
-                    refused += 1
-                finally:
-                    resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-                sound += abs(read_surface(tmp_path / name).verts).max() < 1.5
-                tried += 1
-    finally:
-        signal.signal(signal.SIGXFSZ, ignored)
-    holds("writes refused, share", refused / tried, at_least=1)
-    holds("the old surface found, share", sound / tried, at_least=1)
-    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(NAMES))
+                    write(2)
+                except OSError as error:
+                    told.append((error.errno, tmp_path / name, Path(error.filename)))
+            tried += 1
+            assert state(tmp_path) == before, f"{name} is another one, full after {size} bytes"
+    holds("writes refused, share", len(told) / tried, at_least=1)
+    holds("the old one found", tried, at_least=5 * len(known))
+    aside = [told for code, path, named in told if code != errno.EFBIG or not named.is_relative_to(path)]
+    holds("refusals that name another cause, or another place than the one to write", len(aside), at_most=0)
+    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(known))
+
+
+@contextmanager
+def full_if_unread(path):
+    try:
+        yield
+    except ValueError as error:
+        raise OSError(errno.ENOSPC, "No space left on device", os.fspath(path)) from error
+
+
+@hard_case(
+    "files", "a package that writes, at a disk with room, what can't be read back",
+    guard="a full disk is told of where a file can't grow", without=lambda patch: patch.setattr(
+        "morphofold.io.freesurfer.read_back", lambda path, temporary: full_if_unread(path)),
+    fails=AssertionError,
+)  # fmt: skip
+def test_not_a_full_disk(holds, tmp_path, monkeypatch):
+    import nibabel.freesurfer
+
+    monkeypatch.setattr(nibabel.freesurfer, "write_geometry", lambda path, *args: Path(path).write_bytes(b"surface"))
+    path = tmp_path / "lh.white"
+    with pytest.raises(OSError, match="written") as caught:
+        write_surface(path, Surface(*icosphere(1)))
+    told = str(caught.value).replace(str(path), path.name)
+    holds.says("refusal", told, "lh.white: what was written can't be read", "though there is room")
+    holds("lines, and temporary names in them", len(told.splitlines()) + told.count("/."), at_most=1)
+    holds.equal("left", os.listdir(tmp_path), [])
 
 
 @hard_case(
@@ -168,7 +229,7 @@ def test_two_runs(holds, tmp_path):
 
 @hard_case(
     "files", "a folder that somebody writes while we do", guard="a second look",
-    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out: None),
+    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out, found=None: None),
 )  # fmt: skip
 def test_foreign_folder(holds, tmp_path):
     out, told = tmp_path / "out", ""
@@ -183,9 +244,55 @@ def test_foreign_folder(holds, tmp_path):
     holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
 
 
+def comes_within(name, patch, out):
+    """Somebody's folder comes to ``out`` right before we move anything there."""
+    move = getattr(files, name)
+
+    def late(*paths):
+        patch.setattr(files, name, move)
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        (out / "thesis.txt").write_text("theirs")
+        return move(*paths)
+
+    patch.setattr(files, name, late)
+
+
 @hard_case(
-    "files", "two analyses into one new folder at once", guard="names exchanged in one step",
-    without=lambda patch: patch.setattr(files, "_exchange", lambda one, other: _fails()), fails=OSError,
+    "files", "a folder that somebody puts in the place of ours after we looked", guard="a look at what we got for ours",
+    without=lambda patch: patch.setattr(
+        files, "refuse_foreign", lambda out, found=None, look=files.refuse_foreign: found or look(out)),
+)  # fmt: skip
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchanges):
+    if not exchanges:
+        monkeypatch.setattr(files, "_exchange", lambda one, other: False)
+    for begin in ("empty", "ours"):
+        out, told = tmp_path / begin, ""
+        with atomic_folder(out) as folder:
+            (folder / "a.txt").write_text("old")
+        if begin == "empty":
+            shutil.rmtree(out)
+        with monkeypatch.context() as patch:
+            comes_within("_move_onto", patch, out)
+            try:
+                with atomic_folder(out) as folder:
+                    (folder / "a.txt").write_text("ours")
+            except FileExistsError as error:
+                told = str(error)
+        holds.says("refusal", told.replace(str(tmp_path), ""), f"/{begin}: morphofold did not write", "thesis.txt")
+        holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
+    holds.equal("left beside", sorted(os.listdir(tmp_path)), ["empty", "ours"])
+
+
+def look_and_move(new, out):
+    """As if nobody else could make ``out`` between a look and a move."""
+    os.replace(new, out)
+
+
+@hard_case(
+    "files", "two analyses into one new folder at once", guard="a folder that came meanwhile is exchanged",
+    without=lambda patch: patch.setattr(files, "_move_onto", look_and_move), fails=OSError,
 )  # fmt: skip
 def test_two_analyses(holds, tmp_path):
     with atomic_folder(tmp_path / "out") as one:
@@ -194,9 +301,3 @@ def test_two_analyses(holds, tmp_path):
             (other / "a.txt").write_text("other")
     holds.equal("the last one is there", (tmp_path / "out" / "a.txt").read_text(), "one")
     holds.equal("left beside", os.listdir(tmp_path), ["out"])
-
-
-def _fails():
-    raise OSError(errno.ENOTEMPTY, "Directory not empty")
-
-

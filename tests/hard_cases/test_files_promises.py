@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_files import MEMORY, SCENE, Sample, in_child, samples, verdict
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from morphofold.io import (
+    files,
     freesurfer,
     gifti,
     polygons,
@@ -184,6 +187,19 @@ def test_dimensions(holds, tmp_path):
 
 @pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
+    "files", "a sound map that needs more memory than there is", guard="a lack of memory is no damage",
+    without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False), fails=AssertionError,
+)  # fmt: skip
+def test_little_memory(holds, tmp_path):
+    path, n = tmp_path / "lh.thickness", 2**24
+    path.write_bytes(b"\xff\xff\xff" + struct.pack(">3i", n, 1, 1) + bytes(4 * n))
+    with pytest.raises(AssertionError) as caught:
+        in_child(lambda: verdict(Sample(path, lambda: read_morph(path))), memory=2**26)
+    told = str(caught.value).replace(str(path), path.name)
+    holds.says("error", told, "MemoryError: lh.thickness: memory did not suffice", "Close other programs")
+
+
+@hard_case(
     "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",
     without=lambda patch: patch.setattr(zipfile.ZipFile, "infolist", lambda self: []),
 )  # fmt: skip
@@ -211,6 +227,40 @@ def test_scenes(holds, tmp_path):
     told, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
     holds("lines told", len(told.splitlines()), at_least=1, at_most=21)
     holds("memory taken", taken / 2**20, at_most=MEMORY / 2**20, unit="MiB")
+
+
+PARTS = st.sampled_from(["a", "b-1", '"a b"', "'+'", '"#"', "'\"'", r'"\\"', r'"\""', '""'])
+SAID = st.sampled_from([
+    "# {}", "x = 1 # '{}", 'x = "{}"', "x = '{}'", 'x = """\n{}""\n{}"""""', "x = '''\n{}''''", '# """', "",
+])  # fmt: skip
+KEYS = st.sampled_from(["{} = 1", "[{}]", "[[{}]]", "y = {{{} = 1}}"])
+
+
+def is_taken(text):
+    """Whether tomllib is given a text, which it has to understand then."""
+    try:
+        return scene_file._loads(text) is not None
+    except RecursionError:
+        return False
+
+
+@hard_case(
+    "files", "a key of up to 2,000 parts, in quotes or not, beside comments and texts with as many dots",
+    guard="strings and comments left out",
+    without=lambda patch: patch.setattr(scene_file, "_SAID", re.compile("(?!)")),
+)  # fmt: skip
+def test_deep_keys(holds):
+    right = []
+
+    @settings(deadline=None, derandomize=True, max_examples=200, database=None)
+    @given(st.lists(PARTS, min_size=1, max_size=8), st.sampled_from([1, 8, 32, 33, 40, 2000]), SAID, KEYS)
+    def both_sides(parts, count, said, key):
+        deep = " . ".join((parts * count)[:count])
+        right.append(is_taken(f"{said.format(*2 * ['a.' * 40])}\n{key.format(deep)}\n") == (count <= 32))
+        assert right[-1], (said, key, count)
+
+    both_sides()
+    holds("keys of at most 32 parts taken, of more refused, share", sum(right) / len(right), at_least=1)
 
 
 @hard_case(

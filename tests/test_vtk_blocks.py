@@ -1,0 +1,65 @@
+"""What VTK's XML promises is taken from the tags that say it, and bounded by what the bytes may hold."""
+
+import re
+
+import numpy as np
+import pytest
+
+from morphofold.io import read_surface
+from morphofold.io.vtk_blocks import check_blocks
+from morphofold.shapes import icosphere
+
+
+def written(path, *, appended, zlib, wide, components=20, kind=np.uint64):
+    """A sphere with so many components at each point, as VTK writes it; ``wide`` headers have 8 bytes."""
+    import pyvista
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    verts, faces = icosphere(1)
+    mesh = pyvista.PolyData.from_regular_faces(verts, faces)
+    mesh.point_data["a"] = np.ones((len(verts), components), dtype=kind)
+    mesh.cell_data["b"] = np.ones((len(faces), 3), dtype=np.uint8)
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(mesh)
+    writer.SetFileName(str(path))
+    writer.SetDataModeToAppended() if appended else writer.SetDataModeToBinary()
+    if not zlib:
+        writer.SetCompressorTypeToNone()
+    writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+    assert writer.Write()
+    return verts, faces
+
+
+@pytest.mark.parametrize("appended", [False, True])
+@pytest.mark.parametrize("zlib", [False, True])
+@pytest.mark.parametrize("wide", [False, True])
+def test_twenty_components_of_any_number_are_read_whatever_the_headers(tmp_path, appended, zlib, wide):
+    path = tmp_path / "a.vtp"
+    verts, faces = written(path, appended=appended, zlib=zlib, wide=wide)
+    assert b'type="UInt64"' in path.read_bytes()[:1024]
+    got = read_surface(path)
+    np.testing.assert_allclose(got.verts, verts, atol=1e-6)
+    np.testing.assert_array_equal(got.faces, faces)
+
+
+@pytest.mark.parametrize("appended", [False, True])
+@pytest.mark.parametrize("old", [b'"a" NumberOfComponents="20"', b'NumberOfPoints="42"', b'NumberOfPolys="80"'])
+def test_more_numbers_than_the_bytes_hold_are_refused(tmp_path, appended, old):
+    path = tmp_path / "a.vtp"
+    written(path, appended=appended, zlib=False, wide=False)
+    raw = path.read_bytes()
+    assert old in raw
+    for many in (10**6, 2**31 - 1):
+        with pytest.raises(ValueError, match="its header promises"):
+            check_blocks(raw.replace(old, re.sub(rb"\d+", b"%d" % many, old)))
+    check_blocks(raw)
+
+
+def test_tags_in_comments_and_brackets_in_names_hide_nothing(tmp_path):
+    path = tmp_path / "a.vtp"
+    written(path, appended=False, zlib=False, wide=False)
+    raw = path.read_bytes().replace(b'Name="a"', b'Name=">"')
+    raw = raw.replace(b"<PointData", b"<!-- <AppendedData --><PointData")
+    check_blocks(raw)
+    with pytest.raises(ValueError, match="its header promises"):
+        check_blocks(raw.replace(b'NumberOfComponents="20"', b'NumberOfComponents="999999"'))
