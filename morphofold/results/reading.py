@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import Measures
+from morphofold.io.files import put_back
 from morphofold.records import input_records
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain
@@ -27,6 +28,7 @@ def read_analysis(folder: str | Path) -> list[Measures]:
         If a file there cannot be understood; the message names it.
     """
     folder = Path(folder)
+    put_back(folder)
     path = folder / "summary.json"
     if not path.is_file() and (folder / "anat").is_dir():
         return read_subject(folder)

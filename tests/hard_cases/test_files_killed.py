@@ -84,9 +84,19 @@ def whole(path):
     return np.ptp(radius) < 1e-6 and min(abs(radius[0] - 1), abs(radius[0] - 2)) < 1e-6
 
 
+def one_at_a_time(patch):
+    """As on systems that can't exchange two names."""
+    patch.setattr(files, "_exchange", lambda one, other: False)
+
+
+def not_put_back(patch):
+    patch.setattr("morphofold.results.reading.put_back", lambda out: None)
+    patch.setattr(files, "put_back", lambda out: None)
+
+
 @hard_case(
     "files", "a writer that replaces an analysis killed before each of its steps", guard="names exchanged in one step",
-    without=lambda patch: patch.setattr(files, "_exchange", lambda one, other: False), fails=(AssertionError, OSError),
+    without=lambda patch: (one_at_a_time(patch), not_put_back(patch)), fails=(AssertionError, OSError),
 )  # fmt: skip
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux alone exchanges two names in one step")
 def test_killed_folder(holds, tmp_path):
@@ -101,6 +111,100 @@ def test_killed_folder(holds, tmp_path):
         kills, k = kills + 1, k + 1
     holds("kills", kills, at_least=50)
     holds.equal("found after them", names, {"old", "new"})
+
+
+@pytest.mark.slow
+@hard_case(
+    "files", "a writer killed before each of its steps where names can't be exchanged, then a reader and a writer",
+    guard="the old folder put back", without=not_put_back, fails=OSError,
+)  # fmt: skip
+def test_killed_between_two_names(holds, tmp_path, monkeypatch):
+    one_at_a_time(monkeypatch)
+    out, kills, names, beside, k = tmp_path / "out", 0, set(), 0, 1
+    old, new = (made_measures(name=name, level=1) for name in ("old", "new"))
+    write_analysis([old], out, report=False)
+    while killed_at(k, lambda: write_analysis([new], out, report=False)):
+        names |= {found.cortex.name for found in read_analysis(out)}
+        write_analysis([old], out, report=False)
+        beside = max(beside, len(os.listdir(tmp_path)) - 1)
+        kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=50)
+    holds.equal("found after them", names, {"old", "new"})
+    holds("left beside after a kill and one more write", beside, at_most=0)
+
+
+def write_words(out, words):
+    with atomic_folder(out) as folder:
+        (folder / "deep").mkdir()
+        for name in ("a.txt", "deep/b.txt"):
+            (folder / name).write_text(words)
+
+
+@hard_case(
+    "files", "what killed writers of a folder leave beside it", guard="the next writer removes what nobody has locked",
+    without=lambda patch: patch.setattr(files, "_sweep", lambda out: None),
+)  # fmt: skip
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_left_beside(holds, tmp_path, monkeypatch, exchanges):
+    if not exchanges:
+        one_at_a_time(monkeypatch)
+    out, kills, words, beside, k = tmp_path / "out", 0, set(), 0, 1
+    write_words(out, "old")
+    while killed_at(k, lambda: write_words(out, "new")):
+        files.put_back(out)
+        words.add(tuple((out / name).read_text() for name in ("a.txt", "deep/b.txt")))
+        write_words(out, "old")
+        beside = max(beside, len(os.listdir(tmp_path)) - 1)
+        kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=10)
+    holds.equal("found after them", words, {("old", "old"), ("new", "new")})
+    holds("left beside after a kill and one more write", beside, at_most=0)
+
+
+@hard_case(
+    "files", "a writer of a folder that begins and ends while another writes it", guard="a lock on what is written",
+    without=lambda patch: patch.setattr(files, "_locked", lambda folder: os.open(folder, os.O_RDONLY)),
+    fails=(AssertionError, OSError),
+)  # fmt: skip
+@pytest.mark.parametrize("exchanges", [True, False])
+def test_a_living_writer_is_left_alone(holds, tmp_path, monkeypatch, exchanges):
+    if not exchanges:
+        one_at_a_time(monkeypatch)
+    out = tmp_path / "out"
+    with atomic_folder(out) as one:
+        (one / "a.txt").write_text("one")
+        for word in ("other", "third"):
+            with atomic_folder(out) as other:
+                (other / "a.txt").write_text(word)
+        holds.equal("the last to end is there", (out / "a.txt").read_text(), "third")
+        holds.equal("what the first had written", os.listdir(one) and (one / "a.txt").read_text(), "one")
+    holds.equal("the first when it ended", (out / "a.txt").read_text(), "one")
+    holds.equal("left beside", os.listdir(tmp_path), ["out"])
+
+
+@hard_case(
+    "files", "a reader that puts the old folder back while its writer lives, where names can't be exchanged",
+    guard="the writer moves it away once more",
+    without=not_put_back, fails=(AssertionError, OSError),
+)  # fmt: skip
+def test_put_back_meanwhile(holds, tmp_path, monkeypatch):
+    one_at_a_time(monkeypatch)
+    out, replace, seen = tmp_path / "out", os.replace, []
+    with atomic_folder(out) as folder:
+        (folder / "a.txt").write_text("old")
+
+    def read_between(source, target):
+        if Path(target) == out and Path(source).suffix != ".old" and not seen:
+            files.put_back(out)
+            seen.append((out / "a.txt").read_text() if out.exists() else "nothing")
+        replace(source, target)
+
+    with atomic_folder(out) as folder:
+        (folder / "a.txt").write_text("new")
+        monkeypatch.setattr(files.os, "replace", read_between)
+    holds.equal("the reader found", seen, ["old"])
+    holds.equal("there at the end", (out / "a.txt").read_text(), "new")
+    holds.equal("left beside", os.listdir(tmp_path), ["out"])
 
 
 def grow(out):
