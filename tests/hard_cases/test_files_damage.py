@@ -7,15 +7,17 @@ import re
 import warnings
 import zipfile
 
+import numpy as np
 import pytest
 from hard_cases.cases import hard_case
-from hard_cases.made_files import Sample, compared, samples, verdict
+from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
 from morphofold.io import freesurfer, gifti, polygons, read_surface
 from morphofold.results import summary
 from morphofold.sim import folder_check
 from morphofold.sim.meshes import tetmesh
+from morphofold.sim.scene import MeshFile
 
 LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
 SURFACES = (*FORMATS, "a.stl", "text.ply", "text.stl", "text.vtk", "lh.quads", "raw.gii")
@@ -42,7 +44,8 @@ def every_tenth(known, names):
     found = {}
     for name, sample in chosen(known, names).items():
         raw, whole = sample.path.read_bytes(), sample.read()
-        for cut in range(0, len(raw) if len(raw) < 5000 else 2000, 10):
+        inside = range(0) if len(raw) < 5000 else range(2000, len(raw) - 1000)
+        for cut in sorted({*range(0, len(raw), 10), *range(len(raw) - 1, 0, -10)[:20]} - set(inside)):
             found.setdefault(compared(sample, raw[:cut], whole), []).append((name, cut))
     return found
 
@@ -136,6 +139,39 @@ def test_texts_cut_within_a_line(known, holds):
             silent += wrong and not told
     holds("faces or points that were not there, in silence", silent, at_most=0)
     holds("cuts warned of", warned, at_least=1)
+
+
+@hard_case(
+    "files", "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
+    peers="meshio: reads what is left of a number (measured)",
+    guard="a warning", without=lambda patch: patch.setattr(tetmesh, "_warn_of_no_end", nothing),
+)  # fmt: skip
+def test_tetrahedra_cut_within_a_line(holds, tmp_path):
+    import meshio
+
+    points, tets = np.array([[0, 0, 0], [10, 0, 0], [0, 20, 0], [0, 0, 30], [9, 9, 9.0]]), [[0, 1, 2, 3], [1, 2, 3, 4]]
+    silent = warned = 0
+    for name in ("a.inp", "a.su2", "a.f3grid", "a.post"):
+        path = tmp_path / name
+        meshio.Mesh(points, [("tetra", np.array(tets))]).write(path)
+        whole, raw = body(path), path.read_bytes()
+        for cut in range(len(raw) // 2, len(raw)):
+            path.write_bytes(raw[:cut])
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                try:
+                    got = body(path)
+                except (ValueError, OSError):
+                    continue
+            warned += bool(told)
+            silent += not told and raw[cut - 1 : cut] != b"\n" and not same(got, whole)
+    holds("cut within a line and read as another body, in silence", silent, at_most=0)
+    holds("cuts warned of", warned, at_least=1)
+
+
+def body(path):
+    found = tetmesh.read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0))
+    return found.points, found.tets
 
 
 def unguarded_libraries(patch):
