@@ -133,6 +133,8 @@ def check_place(path: Path) -> None:
     """Refuse a name that no file can be written to."""
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
+    if path.exists() and not path.is_file():                            # which a move would put a file in place of
+        raise ValueError(f"{path}: is a device or a pipe; name a file to write.")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from morphofold.io import sample_path
-from morphofold.io.files import decoding, existing_file
+from morphofold.io.files import decoding, existing_file, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
@@ -134,6 +135,7 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         mesh = _meshio(path)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
+    _warn_of_no_end(path)
     counts: dict[str, int] = {}
     for block in mesh.cells:
         counts[block.type] = counts.get(block.type, 0) + len(block.data)
@@ -154,6 +156,16 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         named = f"{tets.min()} to {tets.max()}"
         raise ValueError(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
     return points, tets, None if geometry.label is None else _labelled(geometry, mesh)
+
+
+def _warn_of_no_end(path: Path) -> None:
+    """Of a text that stops within a line a part is a whole one, too: its last number may be 1 of 162."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+        file.seek(max(path.stat().st_size - 64, 0))
+        end = file.read()
+    if looks_like_text(head) and looks_like_text(end) and not (end[-1:].isspace() or end.endswith(b">")):
+        warnings.warn(f"{path}: its last line has no end; was it cut? Then its last number is wrong.", stacklevel=4)
 
 
 def _labelled(geometry: MeshFile, mesh: Any) -> Bools:

@@ -16,13 +16,12 @@ from made_measures import made_measures
 from morphofold.io import (
     atomic_folder,
     files,
-    read_surface,
     write_annotation,
     write_gifti_map,
     write_morph,
     write_surface,
 )
-from morphofold.results import read_analysis, write_analysis
+from morphofold.results import read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim import folder_lock
 from morphofold.sim.run import simulate
@@ -48,40 +47,56 @@ def writers_in_place(patch):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
 
 
+@contextmanager
+def folder_again(path):
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir(parents=True)
+    yield path
+
+
 def state(folder):
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+def writers(folder):
+    """What writes a thing by the name of its file or folder, from a size: surfaces, maps, regions, an analysis."""
+    surface, values = (lambda r: Surface(*icosphere(2, r))), (lambda r: np.linspace(0, r, 162))
+    colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
+    halves = lambda r: Regions(np.arange(162) // r % 2, ("front", "back"), colours)
+    found = {name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES}
+    found |= {name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")}
+    found["lh.k.shape.gii"] = lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r))
+    found["lh.a.annot"] = lambda r: write_annotation(folder / "lh.a.annot", halves(r))
+    measures = lambda r: [made_measures(name=f"{r}", level=1)]
+    found["analysis"] = lambda r: write_analysis(measures(r), folder / "analysis", report=False)
+    return found
+
+
 @hard_case(
-    "files", "a writer of a surface killed before each step, and within writes",
+    "files", "a writer of a surface, map or annotation killed before each step, and within writes",
     peers="nibabel, trimesh, meshio: write in place (read)",
     guard="a file beside, moved when whole", without=writers_in_place,
 )  # fmt: skip
 def test_killed_file(holds, tmp_path):
-    old, new = (Surface(*icosphere(1, radius)) for radius in (1.0, 2.0))
     kills = lost = 0
-    for name in NAMES:
-        path, write = tmp_path / name, lambda name=name: write_surface(tmp_path / name, new)
-        write_surface(path, old)
-        for size in (0, 100, 300, 600, 1000):
-            assert killed_at(0, write, size=size)
-            lost += not whole(path)
+    known = {name: write for name, write in writers(tmp_path).items() if name != "analysis"}
+    for name, write in known.items():
+        path, whole = tmp_path / name, []
+        for size in (2, 1):
+            write(size)
+            whole.append(path.read_bytes())
+        for share in range(5):
+            assert killed_at(0, lambda write=write: write(2), size=share * len(whole[0]) // 5)
+            lost += path.read_bytes() not in whole
             kills += 1
         k = 1
-        while killed_at(k, write):
-            lost += not whole(path)
+        while killed_at(k, lambda write=write: write(2)):
+            lost += path.read_bytes() not in whole
             kills, k = kills + 1, k + 1
-    holds("neither the old surface nor the new one found", lost, at_most=0)
-    holds("kills", kills, at_least=5 * len(NAMES))
-
-
-def whole(path):
-    """Whether a sphere of radius 1 or 2 is there."""
-    try:
-        radius = np.linalg.norm(read_surface(path).verts, axis=1)
-    except (ValueError, OSError):
-        return False
-    return np.ptp(radius) < 1e-6 and min(abs(radius[0] - 1), abs(radius[0] - 2)) < 1e-6
+    holds("neither the old file nor the new one found", lost, at_most=0)
+    holds("kills", kills, at_least=5 * len(known))
+    beside = len(os.listdir(tmp_path)) - len(known)
+    holds("left beside, for each kill", beside / kills, at_most=1)
 
 
 def one_at_a_time(patch):
@@ -138,6 +153,28 @@ def write_words(out, words):
         (folder / "deep").mkdir()
         for name in ("a.txt", "deep/b.txt"):
             (folder / name).write_text(words)
+
+
+@pytest.mark.slow
+@hard_case(
+    "files", "a writer of a subject of a BIDS dataset killed before each of its steps",
+    guard="a folder beside, moved when whole", fails=(AssertionError, OSError, ValueError),
+    without=lambda patch: patch.setattr("morphofold.results.bids.atomic_folder", folder_again),
+)  # fmt: skip
+def test_killed_dataset(holds, tmp_path):
+    out, kills, names, beside, k = tmp_path / "bids", 0, set(), 0, 1
+    old, new = (made_measures(name=name, level=1) for name in ("old", "new"))
+    place = write_dataset([old], out, "one", report=False)
+    there = set(os.listdir(out))
+    while killed_at(k, lambda: write_dataset([new], out, "one", report=False)):
+        names |= {found.cortex.name for found in read_analysis(place)}
+        write_dataset([old], out, "one", report=False)
+        beside = max(beside, len({p for p in os.listdir(out) if p.startswith(".sub-")}))
+        kills, k = kills + 1, k + 1
+    holds("kills", kills, at_least=50)
+    holds.equal("found after them", names, {"old", "new"})
+    holds("folders left beside after a kill and one more write", beside, at_most=0)
+    holds("files left beside, for each kill", len(set(os.listdir(out)) - there) / kills, at_most=1)
 
 
 @hard_case(
@@ -232,20 +269,6 @@ def test_killed_run(holds, tmp_path):
 def unread(patch):
     for module in ("freesurfer", "polygons"):
         patch.setattr(f"morphofold.io.{module}.read_back", lambda path, temporary: suppress(ValueError))
-
-
-def writers(folder):
-    """What writes a thing by the name of its file or folder, from a size: surfaces, maps, regions, an analysis."""
-    surface, values = (lambda r: Surface(*icosphere(2, r))), (lambda r: np.linspace(0, r, 162))
-    colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
-    halves = lambda r: Regions(np.arange(162) // r % 2, ("front", "back"), colours)
-    found = {name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES}
-    found |= {name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")}
-    found["lh.k.shape.gii"] = lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r))
-    found["lh.a.annot"] = lambda r: write_annotation(folder / "lh.a.annot", halves(r))
-    measures = lambda r: [made_measures(name=f"{r}", level=1)]
-    found["analysis"] = lambda r: write_analysis(measures(r), folder / "analysis", report=False)
-    return found
 
 
 @contextmanager

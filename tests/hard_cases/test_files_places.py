@@ -1,6 +1,9 @@
 """Links, folders in place of files, places that may not be read or written: one line, exit 2, nothing written."""
 
+import contextlib
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -8,9 +11,11 @@ from commands import refused
 from hard_cases.cases import hard_case
 from made_measures import made_measures
 
-from morphofold.cli import paths
+from morphofold.cli import main, paths
 from morphofold.io import files
 from morphofold.results import write_analysis
+
+NOBODY = 65534          # the number of a user who owns nothing
 
 
 @pytest.fixture
@@ -74,3 +79,86 @@ def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
         refused(capsys, ["simulate", "radial", "-q", "-o", "new"], "Permission denied")
     holds.equal("what was there", (theirs / "thesis.txt").read_text(), "mine")
     holds.equal("in the folder", sorted(os.listdir(here)), before)
+
+
+@pytest.fixture
+def anyones():
+    """A folder that every user may enter: those of pytest are its own user's."""
+    with tempfile.TemporaryDirectory() as name:
+        os.chmod(name, 0o755)
+        yield Path(name)
+
+
+@contextlib.contextmanager
+def as_nobody():
+    """Without the rights of root, if this is root."""
+    if os.geteuid():
+        yield
+        return
+    os.setegid(NOBODY)
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(0)
+
+
+def all_allowed(patch):
+    patch.setattr(os, "seteuid", lambda number: None)
+
+
+@hard_case(
+    "files", "files and folders of mode 000, and an output folder of mode 555, to a user who is not root",
+    guard="the system's rights", without=all_allowed,
+)  # fmt: skip
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="modes are of POSIX")
+def test_modes(holds, anyones, unguarded, capsys):
+    if unguarded and os.getuid():
+        raise AssertionError("without root there is no way around the modes")
+    analysis = write_analysis([made_measures(level=1)], anyones / "analysis", report=False)
+    for path in (anyones / "shut.white", anyones / "lh.pial"):
+        shutil.copyfile(analysis / "surf" / f"lh.{path.suffix[1:]}", path)
+    for name in ("closed", "fixed"):
+        shutil.copytree(analysis, anyones / name)
+    for argv in (["analyze", "no"], ["analyze", str(analysis), "--dry-run"], ["simulate", "no"], ["compare", "a=no"]):
+        main([*argv, "-q"])                                             # imports: nobody may not read all packages
+    capsys.readouterr()
+    kept = sorted(p.relative_to(anyones) for p in anyones.rglob("*"))
+    modes = {"shut.white": 0, "closed": 0, "fixed": 0o555}
+    try:
+        for name, mode in modes.items():
+            (anyones / name).chmod(mode)
+        at = lambda *names: [str(anyones / name) for name in names]
+        pair = [*at("shut.white"), *at("lh.pial")]
+        for argv in (
+            ["analyze", "--white", pair[0], "--pial", pair[1], "--hemi", "lh"], ["analyze", *at("closed")],
+            ["analyze", *at("analysis"), "-o", *at("fixed/new")], ["simulate", "radial", "-o", *at("fixed/new")],
+            ["compare", "a=" + at("closed")[0]],
+        ):  # fmt: skip
+            with as_nobody():
+                code = main([*argv, "-q"])
+            told = capsys.readouterr().err
+            holds.says(argv[0], told.replace(str(anyones), ""), "Permission denied")
+            holds.equal("code, lines", (code, len(told.strip().splitlines())), (2, 1))
+    finally:
+        for name in modes:
+            (anyones / name).chmod(0o755)
+    holds.equal("in the folders", sorted(p.relative_to(anyones) for p in anyones.rglob("*")), kept)
+
+
+@hard_case(
+    "files", "a pipe or a device as the name of a file to write", guard="no move onto what is no file",
+    without=lambda patch: patch.setattr(files, "check_place", lambda path: None), fails=pytest.fail.Exception,
+)  # fmt: skip
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
+def test_devices(holds, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(ValueError, match="is a device or a pipe") as caught, files.atomic_file(pipe) as temporary:
+        temporary.write_text("a")
+    holds.says("refusal", str(caught.value).replace(str(tmp_path), ""), "/pipe: is a device", "name a file to write")
+    holds.equal("still a pipe", pipe.is_fifo(), True)
+    if os.path.exists("/dev/full"):
+        with pytest.raises(ValueError, match="is a device or a pipe"):
+            files.check_place(Path("/dev/full"))
