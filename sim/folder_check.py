@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.io import read_cortex, sample_path
-from morphofold.io.files import MARKER, decoding, existing_file
+from morphofold.io.files import decoding, existing_file
+from morphofold.io.folders import MARKER
 from morphofold.sim.scene import MeshFile, Radial, Scene
 
 ANEW = "to grow anew from the start"

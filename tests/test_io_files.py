@@ -7,7 +7,7 @@ from xml.parsers.expat import ExpatError
 
 import pytest
 
-import morphofold.io.files as files_module
+import morphofold.io.folders as folders
 from morphofold.io import atomic_file, atomic_folder, sample_path, write_surface
 from morphofold.io.files import decoding
 
@@ -113,8 +113,8 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
             raise OSError("disk full")
         replace(source, target)
 
-    monkeypatch.setattr(files_module, "_exchange", lambda one, other: False)        # as on a system that cannot
-    monkeypatch.setattr(files_module.os, "replace", fail_once)
+    monkeypatch.setattr(folders, "_exchange", lambda one, other: False)        # as on a system that cannot
+    monkeypatch.setattr(folders.os, "replace", fail_once)
     with pytest.raises(OSError, match="disk full"):
         write_folder(out, "second")
     assert os.listdir(tmp_path) == ["out"]

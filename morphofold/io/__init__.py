@@ -1,7 +1,8 @@
 """Files in and out: surfaces, per-vertex maps, regions and whole cortices."""
 
 from morphofold.io.cortices import read_cortex
-from morphofold.io.files import atomic_file, atomic_folder, refuse_foreign
+from morphofold.io.files import atomic_file
+from morphofold.io.folders import atomic_folder, refuse_foreign
 from morphofold.io.freesurfer import (
     flip_curvature_sign,
     read_annotation,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import Measures
-from morphofold.io.files import put_back
+from morphofold.io.folders import put_back
 from morphofold.records import input_records
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain

@@ -15,7 +15,7 @@ from made_measures import made_measures
 
 from morphofold.io import (
     atomic_folder,
-    files,
+    folders,
     write_annotation,
     write_gifti_map,
     write_morph,
@@ -101,12 +101,12 @@ def test_killed_file(holds, tmp_path):
 
 def one_at_a_time(patch):
     """As on systems that can't exchange two names."""
-    patch.setattr(files, "_exchange", lambda one, other: False)
+    patch.setattr(folders, "_exchange", lambda one, other: False)
 
 
 def not_put_back(patch):
     patch.setattr("morphofold.results.reading.put_back", lambda out: None)
-    patch.setattr(files, "put_back", lambda out: None)
+    patch.setattr(folders, "put_back", lambda out: None)
 
 
 @hard_case(
@@ -179,7 +179,7 @@ def test_killed_dataset(holds, tmp_path):
 
 @hard_case(
     "files", "what killed writers of a folder leave beside it", guard="the next writer removes what nobody has locked",
-    without=lambda patch: patch.setattr(files, "_sweep", lambda out: None),
+    without=lambda patch: patch.setattr(folders, "_sweep", lambda out: None),
 )  # fmt: skip
 @pytest.mark.parametrize("exchanges", [True, False])
 def test_left_beside(holds, tmp_path, monkeypatch, exchanges):
@@ -188,7 +188,7 @@ def test_left_beside(holds, tmp_path, monkeypatch, exchanges):
     out, kills, words, beside, k = tmp_path / "out", 0, set(), 0, 1
     write_words(out, "old")
     while killed_at(k, lambda: write_words(out, "new")):
-        files.put_back(out)
+        folders.put_back(out)
         words.add(tuple((out / name).read_text() for name in ("a.txt", "deep/b.txt")))
         write_words(out, "old")
         beside = max(beside, len(os.listdir(tmp_path)) - 1)
@@ -200,7 +200,7 @@ def test_left_beside(holds, tmp_path, monkeypatch, exchanges):
 
 @hard_case(
     "files", "a writer of a folder that begins and ends while another writes it", guard="a lock on what is written",
-    without=lambda patch: patch.setattr(files, "_locked", lambda folder: os.open(folder, os.O_RDONLY)),
+    without=lambda patch: patch.setattr(folders, "_locked", lambda folder: os.open(folder, os.O_RDONLY)),
     fails=(AssertionError, OSError),
 )  # fmt: skip
 @pytest.mark.parametrize("exchanges", [True, False])
@@ -232,13 +232,13 @@ def test_put_back_meanwhile(holds, tmp_path, monkeypatch):
 
     def read_between(source, target):
         if Path(target) == out and Path(source).suffix != ".old" and not seen:
-            files.put_back(out)
+            folders.put_back(out)
             seen.append((out / "a.txt").read_text() if out.exists() else "nothing")
         replace(source, target)
 
     with atomic_folder(out) as folder:
         (folder / "a.txt").write_text("new")
-        monkeypatch.setattr(files.os, "replace", read_between)
+        monkeypatch.setattr(folders.os, "replace", read_between)
     holds.equal("the reader found", seen, ["old"])
     holds.equal("there at the end", (out / "a.txt").read_text(), "new")
     holds.equal("left beside", os.listdir(tmp_path), ["out"])
@@ -356,7 +356,7 @@ def test_two_runs(holds, tmp_path):
 
 @hard_case(
     "files", "a folder that somebody writes while we do", guard="a second look",
-    without=lambda patch: patch.setattr(files, "refuse_foreign", lambda out, found=None: None),
+    without=lambda patch: patch.setattr(folders, "refuse_foreign", lambda out, found=None: None),
 )  # fmt: skip
 def test_foreign_folder(holds, tmp_path):
     out, told = tmp_path / "out", ""
@@ -373,27 +373,27 @@ def test_foreign_folder(holds, tmp_path):
 
 def comes_within(name, patch, out):
     """Somebody's folder comes to ``out`` right before we move anything there."""
-    move = getattr(files, name)
+    move = getattr(folders, name)
 
     def late(*paths):
-        patch.setattr(files, name, move)
+        patch.setattr(folders, name, move)
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir()
         (out / "thesis.txt").write_text("theirs")
         return move(*paths)
 
-    patch.setattr(files, name, late)
+    patch.setattr(folders, name, late)
 
 
 @hard_case(
     "files", "a folder that somebody puts in the place of ours after we looked", guard="a look at what we got for ours",
     without=lambda patch: patch.setattr(
-        files, "refuse_foreign", lambda out, found=None, look=files.refuse_foreign: found or look(out)),
+        folders, "refuse_foreign", lambda out, found=None, look=folders.refuse_foreign: found or look(out)),
 )  # fmt: skip
 @pytest.mark.parametrize("exchanges", [True, False])
 def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchanges):
     if not exchanges:
-        monkeypatch.setattr(files, "_exchange", lambda one, other: False)
+        monkeypatch.setattr(folders, "_exchange", lambda one, other: False)
     for begin in ("empty", "ours"):
         out, told = tmp_path / begin, ""
         with atomic_folder(out) as folder:
@@ -419,7 +419,7 @@ def look_and_move(new, out):
 
 @hard_case(
     "files", "two analyses into one new folder at once", guard="a folder that came meanwhile is exchanged",
-    without=lambda patch: patch.setattr(files, "_move_onto", look_and_move), fails=OSError,
+    without=lambda patch: patch.setattr(folders, "_move_onto", look_and_move), fails=OSError,
 )  # fmt: skip
 def test_two_analyses(holds, tmp_path):
     with atomic_folder(tmp_path / "out") as one:

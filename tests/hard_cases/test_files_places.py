@@ -12,7 +12,7 @@ from hard_cases.cases import hard_case
 from made_measures import made_measures
 
 from morphofold.cli import main, paths
-from morphofold.io import files
+from morphofold.io import files, folders
 from morphofold.results import write_analysis
 
 NOBODY = 65534          # the number of a user who owns nothing
@@ -57,7 +57,7 @@ def denied(*args, **options):
 @hard_case(
     "files", "inputs that are folders or may not be read, outputs that exist or may not be written",
     guard="a folder of somebody else is not replaced",
-    without=lambda patch: patch.setattr(files, "_ours", lambda out: True),
+    without=lambda patch: patch.setattr(folders, "_ours", lambda out: True),
 )  # fmt: skip
 def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
     theirs = here / "theirs"
