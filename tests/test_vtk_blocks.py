@@ -1,5 +1,6 @@
 """What VTK's XML promises is taken from the tags that say it, and bounded by what the bytes may hold."""
 
+import base64
 import re
 
 import numpy as np
@@ -63,3 +64,30 @@ def test_tags_in_comments_and_brackets_in_names_hide_nothing(tmp_path):
     check_blocks(raw)
     with pytest.raises(ValueError, match="its header promises"):
         check_blocks(raw.replace(b'NumberOfComponents="20"', b'NumberOfComponents="999999"'))
+
+
+@pytest.mark.parametrize("appended", [False, True])
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize(("word", "told"), [(0, "blocks"), (1, "unpack to"), (2, "unpack to"), (3, "blocks")])
+def test_blocks_larger_than_the_file_are_refused(tmp_path, appended, wide, word, told):
+    """Their number, their size, that of the last one, and that of the first one packed: VTK allocates what they say."""
+    path = tmp_path / "a.vtp"
+    written(path, appended=appended, zlib=True, wide=wide)
+    raw, size = path.read_bytes(), 8 if wide else 4
+    check_blocks(raw)
+    if appended:
+        at = raw.index(b"_", raw.index(b"<AppendedData")) + 1
+        changed = raw[:at] + with_word(raw[at:], word, size, b"base64" in raw)
+    else:
+        at = raw.index(b"AQAAAA")                                       # one block
+        changed = raw[:at] + with_word(raw[at:], word, size, True)
+    with pytest.raises(ValueError, match=told):
+        check_blocks(changed)
+
+
+def with_word(text, word, size, coded):
+    """An array with 2^31 in place of one of the four words that it begins with."""
+    letters = 4 * -(-4 * size // 3) if coded else 4 * size
+    head = bytearray(base64.b64decode(text[:letters]) if coded else text[:letters])
+    head[word * size : (word + 1) * size] = (2**31).to_bytes(size, "little")
+    return (base64.b64encode(head) if coded else bytes(head)) + text[letters:]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
 from xml.parsers import expat
 
 import numpy as np
@@ -12,17 +12,17 @@ import numpy as np
 MAX_UNPACKED = 2**29    # bytes of all arrays together
 MAX_COUNT = 2**24       # points and cells: VTK takes about 30 bytes for each
 _ROWS = {"Points": "Points", "PointData": "Points"}     # the count that an array has a row for; else of its own name
-_WHOLE = 24             # letters of base64 that hold the longest beginning of an array
-_LINE = 1000            # letters that are looked through for these
+_LINE = 1000            # letters of white space, at most, before an array
 
 
-class _Tag(NamedTuple):
-    """A beginning of an element: its name, that of the element around it, its attributes, first letters within."""
+@dataclass
+class _Tag:
+    """A beginning of an element: its name, that of the element around it, its attributes, where its text begins."""
 
     name: str
     around: str
     said: Mapping[str, str]
-    text: list[str]
+    text: int | None = None
 
 
 def check_blocks(raw: bytes) -> None:
@@ -41,8 +41,9 @@ def check_blocks(raw: bytes) -> None:
     if numbers > min(MAX_UNPACKED, room):
         raise ValueError(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
     size = sum(_sizes(raw, tags, end, packed, file))
-    if size > MAX_UNPACKED:
-        raise ValueError(f"its arrays unpack to {size} bytes, at most {MAX_UNPACKED}")
+    most = MAX_UNPACKED if packed else min(MAX_UNPACKED, len(raw))
+    if size > most:
+        raise ValueError(f"its arrays unpack to {size} bytes, at most {most}")
 
 
 def _is_count(key: str) -> bool:
@@ -60,14 +61,14 @@ def _tags(raw: bytes) -> tuple[list[_Tag], int]:
     parser = expat.ParserCreate()
 
     def start(name: str, said: dict[str, str]) -> None:
-        tags.append(_Tag(name, around[-1] if around else "", said, []))
+        tags.append(_Tag(name, around[-1] if around else "", said))
         around.append(name)
         if name == "AppendedData":
             raise _Appended(parser.CurrentByteIndex)
 
     def text(letters: str) -> None:
-        if sum(map(len, tags[-1].text)) < _WHOLE:
-            tags[-1].text.append("".join(letters[:_LINE].split()))
+        if tags[-1].text is None:
+            tags[-1].text = parser.CurrentByteIndex
 
     parser.StartElementHandler, parser.CharacterDataHandler = start, text
     parser.EndElementHandler = lambda name: around.pop()
@@ -94,21 +95,30 @@ def _numbers(tags: list[_Tag]) -> Iterator[int]:
 
 
 def _sizes(raw: bytes, tags: list[_Tag], end: int, packed: bool, file: Mapping[str, str]) -> Iterator[int]:
-    """Bytes of each binary array as its beginning says: its length, or the number of blocks and their size."""
+    """Bytes of each binary array as its beginning says: its length, or the number of blocks and their sizes."""
     order = ">" if file.get("byte_order") == "BigEndian" else "<"
     width = 8 if file.get("header_type") == "UInt64" else 4
-    letters = {(4, False): 8, (8, False): 12, (4, True): 16, (8, True): 24}[width, packed]     # of base64, to be whole
 
-    def size(head: bytes) -> int:
-        numbers = np.frombuffer(head, f"{order}u{width}", count=2 if packed else 1).tolist()
-        return int(np.prod(numbers, dtype=object))
+    def words(at: int, count: int, is_raw: bool) -> list[int]:
+        """The first numbers of an array's beginning, which is packed into text by itself."""
+        size = count * width
+        letters = 4 * -(-size // 3)
+        text = b"" if is_raw else b"".join(raw[at : at + _LINE + letters].split())[:letters]
+        head = raw[at : at + size] if is_raw else base64.b64decode(text)
+        return np.frombuffer(head, f"{order}u{width}", count=count).tolist()
+
+    def size(at: int, is_raw: bool = False) -> int:
+        if not packed:
+            return words(at, 1, is_raw)[0]
+        blocks, each, last = words(at, 3, is_raw)
+        if blocks > len(raw) or sum(words(at, 3 + blocks, is_raw)[3:]) > len(raw):
+            raise ValueError(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
+        return max(blocks * each, last)
 
     first = raw.find(b"_", raw.find(b">", end)) + 1
     for tag in tags:
         form = tag.said.get("format", "").lower()
         if tag.name == "DataArray" and form == "binary":
-            yield size(base64.b64decode("".join(tag.text)[:letters]))
+            yield size(len(raw) if tag.text is None else tag.text)
         elif tag.name == "DataArray" and form == "appended":
-            at = first + int(tag.said.get("offset", 0))
-            is_raw = tags[-1].said.get("encoding") == "raw"
-            yield size(raw[at : at + 16] if is_raw else base64.b64decode(raw[at : at + letters]))
+            yield size(first + int(tag.said.get("offset", 0)), tags[-1].said.get("encoding") == "raw")
