@@ -101,7 +101,7 @@ def _array_wanted(error: BaseException) -> float:
 def _wants_memory(error: BaseException | None) -> bool:
     """Whether an error, or one that it came of, is a lack of memory; expat tells of it by a code of its own."""
     while error is not None:
-        expat = isinstance(error, (ExpatError, ParseError)) and error.code == _EXPAT_WANTS_MEMORY
+        expat = isinstance(error, (ExpatError, ParseError)) and getattr(error, "code", 0) == _EXPAT_WANTS_MEMORY
         if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
             return True
         error = error.__cause__ or error.__context__

@@ -185,7 +185,6 @@ def test_dimensions(holds, tmp_path):
     refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000 dimensions")
 
 
-@pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
     "files", "a sound map that needs more memory than there is", guard="a lack of memory is no damage",
     without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False), fails=AssertionError,
@@ -199,6 +198,7 @@ def test_little_memory(holds, tmp_path):
     holds.says("error", told, "MemoryError: lh.thickness: memory did not suffice", "Close other programs")
 
 
+@pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
     "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",
     without=lambda patch: patch.setattr(zipfile.ZipFile, "infolist", lambda self: []),
