@@ -111,6 +111,22 @@ def test_ply(form, holds, tmp_path):
     refused(holds, f"element vertex, {form}", tmp_path / "a.ply", text.encode(), read_surface, f"promises {MANY}")
 
 
+@pytest.mark.parametrize(("word", "what"), [(2, "unpack to"), (3, "larger than the file")])
+@hard_case(
+    "files", "a VTP whose array has a block of 2 GiB, packed or not (found by fuzzing)",
+    peers="VTK: ends the process (measured)", guard="sizes of blocks held against the file",
+    without=lambda patch: patch.setattr(polygons, "check_blocks", lambda raw: None),
+)  # fmt: skip
+def test_vtk_blocks(word, what, known, holds, tmp_path):
+    """The third word of an array is the size of its last block, the fourth that of its first one packed."""
+    raw = known["a.vtp"].path.read_bytes()
+    at = raw.index(b"AQAAAA")                                           # of a single block
+    words = list(struct.unpack("<4I", base64.b64decode(raw[at : at + 24])))
+    words[word] = 2**31
+    damaged = raw[:at] + base64.b64encode(struct.pack("<4I", *words)) + raw[at + 24 :]
+    refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, what)
+
+
 def _gifti(data, dims):
     return (
         '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
