@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import decoding, existing_file
-from morphofold.io.folders import MARKER
 from morphofold.sim.scene import MeshFile, Radial, Scene
 
 ANEW = "to grow anew from the start"
@@ -110,13 +109,9 @@ def _kinds(record: Mapping[str, Any]) -> dict[str, type]:
 # stages ------------------------------------------------------------------------------------------------------
 
 
-def _files(folder: Path) -> list[Path]:
-    return [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != MARKER]
-
-
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of each file in a folder and below, by its path from there."""
-    return {p.relative_to(folder).as_posix(): _sha256(p) for p in _files(folder)}
+    return {p.relative_to(folder).as_posix(): _sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def read_stage(out: Path, g: float) -> dict[str, Any]:

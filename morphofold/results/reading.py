@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import Measures
-from morphofold.io.folders import put_back
+from morphofold.io.folders import moved_away
 from morphofold.records import input_records
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain
@@ -28,12 +28,11 @@ def read_analysis(folder: str | Path) -> list[Measures]:
         If a file there cannot be understood; the message names it.
     """
     folder = Path(folder)
-    put_back(folder)
     path = folder / "summary.json"
     if not path.is_file() and (folder / "anat").is_dir():
         return read_subject(folder)
     if not path.is_file():
-        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote."
+        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote." + moved_away(folder)
         if folder.is_dir():
             what = "holds no summary.json"
             if (folder / "surf").is_dir():
