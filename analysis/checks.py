@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh
 from morphofold.crossings.boxes import box_tree
-from morphofold.crossings.rays import ray_hits
+from morphofold.crossings.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
@@ -92,17 +92,30 @@ def cavities(cortex: Cortex) -> list[int]:
     """
     piece = _mesh.components(cortex.n_vertices, cortex.faces)[1]
     inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
-    turned = np.flatnonzero((inner < outer) & (outer < 0)).tolist()
-    return [k for k in turned if all(_within_another(s, piece, k) for s in (cortex.white, cortex.pial))]
+    hollow = np.flatnonzero((inner < outer) & (outer < 0))
+    for surface in (cortex.white, cortex.pial):
+        hollow = _within_others(surface, piece, hollow)
+    return hollow.tolist()
 
 
-def _within_another(surface: Surface, piece: NDArray[np.int64], k: int) -> bool:
-    """Whether the other pieces of a closed surface wind around the first vertex of piece k."""
-    verts, others = surface.verts.copy(), surface.faces[piece[surface.faces[:, 0]] != k]
-    if len(others) == 0:
-        return False
-    tree, start, none = box_tree(verts, others), verts[int((piece == k).argmax())], np.empty(0)
-    return bool(ray_hits(verts, others, tree.bounds, tree.order, start, np.array([0.0, 0.0, 1.0]), none, none)[1] > 0)
+def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the pieces asked for that lie within others: the rest of a closed surface winds around a vertex of it.
+
+    The rest is the whole without the own piece, so one tree of boxes does for all pieces.
+    """
+    if len(asked) == 0:
+        return asked
+    verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays of compiled code
+    of_face = piece[faces[:, 0]]
+    by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
+    tree, up, none = box_tree(verts, faces), np.array([0.0, 0.0, 1.0]), np.empty(0)
+    rest = []
+    for k in asked:
+        own = faces[by_piece[begin[k] : begin[k + 1]]]
+        start = verts[own[0, 0]]
+        whole = ray_hits(verts, faces, tree.bounds, tree.order, start, up, none, none)[1]
+        rest.append(whole - ray_winding(verts, own, start, up))
+    return asked[np.array(rest) > 0]
 
 
 def check_pair(cortex: Cortex) -> None:

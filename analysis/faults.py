@@ -104,16 +104,22 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     return notes
 
 
-def self_crossings(cortex: Cortex) -> dict[str, str]:
-    """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most."""
+def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
+    """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most.
+
+    Of crossings and triangles, those with a vertex in the cortex, ``mask`` (N,): thickness and curvature are maps of
+    it, and FreeSurfer closes the medial wall without care for them.
+    """
     told = []
     for surface in (cortex.white, cortex.pial):
+        inside = np.any(mask[surface.faces], axis=1)
         found = self_intersections(surface, vertices=False)
+        found = found.at(np.flatnonzero(mask[found.edge].any(axis=1) | inside[found.face]))
         if len(found):
-            deepest, among = int(found.depth.argmax()), len(found.crossed_faces(surface.faces))
+            deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
             told.append(
-                f"{surface.name} crosses itself: {among} of {len(surface.faces)} triangles, deepest at "
-                f"{_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
+                f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
+                f"deepest at {_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
     if not told:
         return {}

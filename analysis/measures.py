@@ -131,7 +131,7 @@ def measure(
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     checks.check_surfaces(cortex)
-    said |= faults.self_crossings(cortex)
+    said |= faults.self_crossings(cortex, mask)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white

@@ -8,7 +8,7 @@ deep.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit, prange
@@ -74,6 +74,11 @@ class Intersections:
     def deepest_share(self) -> float:
         """Depth of the deepest crossing or vertex, in mean edges."""
         return self.deepest / self.mean_edge
+
+    def at(self, crossings: Indices) -> Intersections:
+        """The same, with these crossings only, by their numbers."""
+        some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
+        return replace(self, **some)
 
     def crossed_faces(self, faces: Indices) -> Indices:
         """Faces of the surface (F,) that another one crosses, ascending: a crossed one, and those at the edge."""

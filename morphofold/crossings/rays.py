@@ -52,6 +52,16 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
 
 
 @njit(cache=True)
+def ray_winding(verts, faces, origin, direction):
+    """The winding that ``ray_hits`` gives, of few faces: each is looked at, so they need no tree."""
+    winding = 0
+    for f in range(len(faces)):
+        i, j, l = faces[f]
+        winding += _ray_sign(verts[i], verts[j], verts[l], origin, direction)
+    return winding
+
+
+@njit(cache=True)
 def _ray_sign(a, b, c, origin, direction):
     """1 if the ray leaves through the front of the triangle abc, -1 if it comes in, 0 if it misses it."""
     turn = _edge_sign(a, b, origin, direction)

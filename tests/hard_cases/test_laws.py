@@ -140,9 +140,10 @@ def test_the_drift_of_a_folded_cortex_is_inverse_to_its_bulk_modulus(holds):
     holds("10 times the drift at κ/μ = 500 over that at 50", 10 * lost[1] / lost[0], at_least=0.75, at_most=1.25)
 
 
-@hard_case("laws", "momentum without supports", guard="contact pushes back", without=made_laws.no_reaction,
+@hard_case("laws", "linear momentum without supports", guard="contact pushes back",
+           without=made_laws.no_reaction,
            peers="BrainGrowth: a scatter race, forces off by up to 5 times the largest (measured)")  # fmt: skip
-def test_momentum_is_conserved_without_supports(holds):
+def test_linear_momentum_is_conserved_without_supports(holds):
     """Two blocks in free flight, one of them rough, that grow and collide; true inertia, no damping.
 
     Of the angular momentum only the elements' share is asked: the filter measures from the reference, which doesn't

@@ -222,7 +222,7 @@ def course(run, threads):
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 @pytest.mark.parametrize(("name", "g"), [*QUICK, *(pytest.param(*at, marks=pytest.mark.slow) for at in LONG)])
-@hard_case("solver", "1 and 2 threads", guard="sums have one order", without=order_of_threads,
+@hard_case("solver", "1 and 2 threads", guard="sums have one order (another one injected)", without=order_of_threads,
            peers="BrainGrowth: 20 of 60 repeats differ, by up to 5 times the largest force (measured)")  # fmt: skip
 def test_one_and_two_threads_take_the_same_steps(name, g, holds):
     """In every hard case of the solver, from growth g on."""

@@ -11,6 +11,7 @@ from morphofold.analysis import _curvature, _mesh, checks, closing, measure, ver
 from morphofold.analysis.altitude import Altimeter
 from morphofold.analysis.net import Net
 from morphofold.cli import analyze
+from morphofold.crossings.boxes import box_tree
 from morphofold.ridges import SOLIDS
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Surface
@@ -106,6 +107,46 @@ def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, ca
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, "the piece of vertex 2562 of lh.white is inside out", "Reverse the triangles")
+
+
+def a_tree_each(patch):
+    """The pieces are looked at one by one, each with a tree of all the faces."""
+    together = checks._within_others
+    patch.setattr(checks, "_within_others", lambda surface, piece, asked: asked[
+        [len(together(surface, piece, asked[n : n + 1])) > 0 for n in range(len(asked))]])  # fmt: skip
+
+
+def with_cavities(cortex, at):
+    """The cortex and small cavities in its white matter, icosahedra."""
+    verts, faces = icosphere(0)
+    n = cortex.n_vertices + len(verts) * np.arange(len(at))
+    both = np.concatenate([cortex.faces, (n[:, None, None] + faces[:, ::-1]).reshape(-1, 3)])
+    walls = {r: (at[:, None, :] + r * verts).reshape(-1, 3) for r in (1.0, 0.7)}
+    white, pial = (
+        Surface(np.concatenate([s.verts, walls[r]]), both, s.name) for s, r in ((cortex.white, 1), (cortex.pial, 0.7))
+    )
+    return replace(cortex, white=white, pial=pial)
+
+
+@hard_case("surfaces", "500 pieces turned inwards", guard="one tree of boxes does for all of them", without=a_tree_each)
+def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds, tmp_path, capsys, monkeypatch):
+    """In a grid of 3 mm; then the last one is put, smaller, into the first one, where no tissue is."""
+    grid = 3.0 * np.stack(np.meshgrid(*[np.arange(-5, 6)] * 3), axis=-1).reshape(-1, 3)
+    at = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")[:500]]
+    holed, trees = with_cavities(clean()[0], at), []
+    monkeypatch.setattr(checks, "box_tree", lambda *mesh: (trees.append(1), box_tree(*mesh))[1])
+    found = measure(holed, curvature_scale=clean()[1].parameters["curvature_scale_mm"])
+    holds("trees, of two surfaces", len(trees), at_most=4)
+    verts, faces = icosphere(0)
+    for name, radius in (("white", 1.0), ("pial", 0.7)):
+        gained = found.scalars[f"area_{name}_mm2"] - clean()[1].scalars[f"area_{name}_mm2"]
+        true = 500 * radius**2 * vertex_areas(verts, faces).sum()
+        holds(f"area gained, {name}", abs(gained / true - 1), at_most=1e-9)
+    holds.says("note", found.notes["mesh"], "is in 501 pieces", "(500 of them walls of cavities)")
+    shrunk = lambda v: np.concatenate([v[:-12], at[0] + 0.3 * (v[-12:] - at[-1])])
+    status, told = analyzed(tmp_path, capsys, changed(holed, shrunk))
+    holds.equal("exit status", status, 2)
+    holds.says("analyze", told, f"the piece of vertex {holed.n_vertices - 12} of lh.white is inside out")
 
 
 def numbers_only(patch):

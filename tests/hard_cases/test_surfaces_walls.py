@@ -129,20 +129,40 @@ def spiked(cortex, vertex=0, by=1.0):
 
 
 @hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
-           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex: {}))  # fmt: skip
+           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex, mask: {}))  # fmt: skip
 def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked(clean()[0])
     around = int((cortex.faces == 0).sum())
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f"warning: lh.pial crosses itself: {around + 1} of 5120 triangles, deepest at (",
-               "by 1 mm. Curvature")
+    holds.says("analyze", told, f"warning: lh.pial crosses itself: {around + 1} of 5120 triangles of the cortex, "
+               "deepest at (", "by 1 mm. Curvature")
     place = np.array(re.search(r"deepest at \((.*?)\)", told)[1].split(","), dtype=float)
     off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
     holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
     holds.equal("white is said to cross itself", "lh.white crosses" in told, False)
     holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
+
+
+def wherever(patch):
+    """Crossings are told wherever they are."""
+    told = faults.self_crossings
+    patch.setattr(faults, "self_crossings", lambda cortex, mask: told(cortex, np.ones_like(mask)))
+
+
+@hard_case("surfaces", "self-intersections off the cortex", guard="those with a vertex in the cortex are told",
+           without=wherever)  # fmt: skip
+def test_self_intersections_off_the_cortex_are_not_told(holds):
+    """The label lacks the spike, and then the face that it goes through, too."""
+    cortex, f = spiked(clean()[0])
+    label = np.ones(cortex.n_vertices, dtype=bool)
+    label[np.unique(cortex.faces[(cortex.faces == 0).any(axis=1)])] = False
+    within = int(label[cortex.faces].any(axis=1).sum())
+    told = measure(replace(cortex, cortex=label.copy())).notes.get("self_crossing", "")
+    holds.says("note on the face", told, f"lh.pial crosses itself: 1 of {within} triangles of the cortex")
+    label[cortex.faces[f]] = False
+    holds.equal("note", measure(replace(cortex, cortex=label)).notes.get("self_crossing"), None)
 
 
 def shell(pial, depth):
