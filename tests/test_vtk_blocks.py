@@ -59,7 +59,7 @@ def test_more_numbers_than_the_bytes_hold_are_refused(tmp_path, appended, old):
 def test_tags_in_comments_and_brackets_in_names_hide_nothing(tmp_path):
     path = tmp_path / "a.vtp"
     written(path, appended=False, zlib=False, wide=False)
-    raw = path.read_bytes().replace(b'Name="a"', b'Name=">"')
+    raw = path.read_bytes().replace(b"<PointData", b'<PointData Note=">"')
     raw = raw.replace(b"<PointData", b"<!-- <AppendedData --><PointData")
     check_blocks(raw)
     with pytest.raises(ValueError, match="its header promises"):
@@ -83,6 +83,48 @@ def test_blocks_larger_than_the_file_are_refused(tmp_path, appended, wide, word,
         changed = raw[:at] + with_word(raw[at:], word, size, True)
     with pytest.raises(ValueError, match=told):
         check_blocks(changed)
+
+
+HIDDEN = {      # whether data are appended, what is replaced, by what, what is told
+    "offset with format ascii": (True, b'format="appended"', b'format="ascii"', "blocks"),
+    "offset without format": (True, b'format="appended"', b"", "blocks"),
+    "string array, appended": (True, b"DataArray", b"Array", "blocks"),
+    "string array, inline": (False, b"DataArray", b"Array", "blocks"),
+    "any name": (False, b"DataArray", b"Numbers", "blocks"),
+    "bracket in an attribute": (False, b'Name="a"', b'Name="a>AQAA"', "has a > in Name"),
+    "bracket as an entity": (False, b'Name="a"', b'Name="a&gt;"', "has a > in Name"),
+    "bracket before appended data": (True, b"<AppendedData ", b'<AppendedData a=">_" ', "has a > in a"),
+    "numbers as entities": (False, b"AQAAAA", b"&#65;QAAAA", "base64"),
+    "numbers in brackets": (False, b"AQAAAA", b"<![CDATA[AQ]]>AAAA", "base64"),
+    "offset with a line": (True, b'offset="0"', b'offset="0_0"', "no whole number"),
+    "offset below": (True, b'offset="0"', b'offset="-9"', "no whole number"),
+    "offset without data": (False, b'format="binary"', b'format="binary" offset="0"', "no appended data"),
+    "letters before data": (True, b"_AQAAAA", b"x_AQAAAA", "not begin with _"),
+}
+
+
+@pytest.mark.parametrize("how", HIDDEN)
+def test_blocks_do_not_hide(tmp_path, how):
+    """VTK goes by the offset before the format, by the type and no name, by the first bracket after a tag begins."""
+    appended, old, new, told = HIDDEN[how]
+    path = tmp_path / "a.vtp"
+    written(path, appended=appended, zlib=True, wide=False)
+    raw = path.read_bytes()
+    at = raw.index(b"AQAAAA")
+    changed = raw[:at] + with_word(raw[at:], 3, 4, True)
+    assert old in changed
+    changed = changed.replace(old, new)
+    with pytest.raises(ValueError, match=told):
+        check_blocks(changed)
+
+
+def test_numbers_in_a_point_are_times_the_points_whatever_an_array_says(tmp_path):
+    path = tmp_path / "a.vtp"
+    written(path, appended=False, zlib=False, wide=False)
+    raw = path.read_bytes()
+    many = b'NumberOfComponents="%d" NumberOfTuples="1"' % (len(raw) // 2)
+    with pytest.raises(ValueError, match="its header promises"):
+        check_blocks(raw.replace(b'NumberOfComponents="20"', many))
 
 
 def with_word(text, word, size, coded):

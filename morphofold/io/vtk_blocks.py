@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from xml.parsers import expat
 
 import numpy as np
 
-MAX_UNPACKED = 2**29    # bytes of all arrays together
+MAX_UNPACKED = 2**29    # bytes of all arrays together; of their numbers each may take 8
 MAX_COUNT = 2**24       # points and cells: VTK takes about 30 bytes for each
 _ROWS = {"Points": "Points", "PointData": "Points"}     # the count that an array has a row for; else of its own name
 _LINE = 1000            # letters of white space, at most, before an array
@@ -17,11 +18,12 @@ _LINE = 1000            # letters of white space, at most, before an array
 
 @dataclass
 class _Tag:
-    """A beginning of an element: its name, that of the element around it, its attributes, where its text begins."""
+    """A beginning of an element: its name, that of the element around it, attributes, where it and its text begin."""
 
     name: str
     around: str
     said: Mapping[str, str]
+    at: int
     text: int | None = None
 
 
@@ -30,7 +32,7 @@ def check_blocks(raw: bytes) -> None:
 
     Unpacked, each number takes at least a byte; zlib packs a thousand into one.
     """
-    tags, end = _tags(raw)
+    tags = _tags(raw)
     file = next((tag.said for tag in tags if tag.name == "VTKFile"), {})
     packed = "compressor" in file
     room = (1032 if packed else 1) * len(raw)
@@ -38,9 +40,9 @@ def check_blocks(raw: bytes) -> None:
     if min(counts, default=0) < 0 or sum(counts) > min(MAX_COUNT, room):
         raise ValueError(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
     numbers = sum(_numbers(tags))
-    if numbers > min(MAX_UNPACKED, room):
+    if numbers > min(MAX_UNPACKED // 8, room):
         raise ValueError(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
-    size = sum(_sizes(raw, tags, end, packed, file))
+    size = sum(_sizes(raw, tags, packed, file))
     most = MAX_UNPACKED if packed else min(MAX_UNPACKED, len(raw))
     if size > most:
         raise ValueError(f"its arrays unpack to {size} bytes, at most {most}")
@@ -54,17 +56,17 @@ class _Appended(Exception):
     """Behind this tag is no XML."""
 
 
-def _tags(raw: bytes) -> tuple[list[_Tag], int]:
-    """The elements before appended data, and where the tag of these begins (else the end of the file)."""
+def _tags(raw: bytes) -> list[_Tag]:
+    """The elements up to appended data, which is the last one if there are any."""
     tags: list[_Tag] = []
     around: list[str] = []
     parser = expat.ParserCreate()
 
     def start(name: str, said: dict[str, str]) -> None:
-        tags.append(_Tag(name, around[-1] if around else "", said))
+        tags.append(_Tag(name, around[-1] if around else "", said, parser.CurrentByteIndex))
         around.append(name)
         if name == "AppendedData":
-            raise _Appended(parser.CurrentByteIndex)
+            raise _Appended
 
     def text(letters: str) -> None:
         if tags[-1].text is None:
@@ -72,11 +74,9 @@ def _tags(raw: bytes) -> tuple[list[_Tag], int]:
 
     parser.StartElementHandler, parser.CharacterDataHandler = start, text
     parser.EndElementHandler = lambda name: around.pop()
-    try:
+    with contextlib.suppress(_Appended):
         parser.Parse(raw, True)
-    except _Appended as at:
-        return tags, int(at.args[0])
-    return tags, len(raw)
+    return tags
 
 
 def _numbers(tags: list[_Tag]) -> Iterator[int]:
@@ -86,15 +86,15 @@ def _numbers(tags: list[_Tag]) -> Iterator[int]:
         if tag.name == "Piece":
             counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.said.items() if _is_count(key)}
             counts["CellData"] = sum(n for key, n in counts.items() if key != "Points")
-        elif tag.name == "DataArray":
+        elif tag.around and "type" in tag.said:                         # whatever its name: VTK asks for the type alone
             width = int(tag.said.get("NumberOfComponents", 1))
             if width < 0:
                 raise ValueError(f"an array has {width} components")
-            rows = tag.said.get("NumberOfTuples", counts.get(_ROWS.get(tag.around, tag.around), 0))
-            yield width * max(int(rows), 1)
+            rows = counts.get(_ROWS.get(tag.around, tag.around), 0)
+            yield width * max(int(tag.said.get("NumberOfTuples", 0)), rows, 1)
 
 
-def _sizes(raw: bytes, tags: list[_Tag], end: int, packed: bool, file: Mapping[str, str]) -> Iterator[int]:
+def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) -> Iterator[int]:
     """Bytes of each binary array as its beginning says: its length, or the number of blocks and their sizes."""
     order = ">" if file.get("byte_order") == "BigEndian" else "<"
     width = 8 if file.get("header_type") == "UInt64" else 4
@@ -104,7 +104,7 @@ def _sizes(raw: bytes, tags: list[_Tag], end: int, packed: bool, file: Mapping[s
         size = count * width
         letters = 4 * -(-size // 3)
         text = b"" if is_raw else b"".join(raw[at : at + _LINE + letters].split())[:letters]
-        head = raw[at : at + size] if is_raw else base64.b64decode(text)
+        head = raw[at : at + size] if is_raw else base64.b64decode(text, validate=True)
         return np.frombuffer(head, f"{order}u{width}", count=count).tolist()
 
     def size(at: int, is_raw: bool = False) -> int:
@@ -115,10 +115,37 @@ def _sizes(raw: bytes, tags: list[_Tag], end: int, packed: bool, file: Mapping[s
             raise ValueError(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
         return max(blocks * each, last)
 
-    first = raw.find(b"_", raw.find(b">", end)) + 1
-    for tag in tags:
-        form = tag.said.get("format", "").lower()
-        if tag.name == "DataArray" and form == "binary":
-            yield size(len(raw) if tag.text is None else tag.text)
-        elif tag.name == "DataArray" and form == "appended":
-            yield size(first + int(tag.said.get("offset", 0)), tags[-1].said.get("encoding") == "raw")
+    for tag in tags:                                                    # VTK goes by the offset, meshio by the format
+        if "offset" in tag.said:
+            yield size(_appended(raw, tags[-1], tag.said["offset"]), tags[-1].said.get("encoding") == "raw")
+        if tag.said.get("format", "").lower() == "binary":
+            yield size(_inline(raw, tag))
+
+
+def _appended(raw: bytes, data: _Tag, offset: str) -> int:
+    """Where an array begins in appended data, whose tag is the last one."""
+    if data.name != "AppendedData":
+        raise ValueError("an array has an offset, and there are no appended data")
+    if not (offset.isascii() and offset.isdigit()):
+        raise ValueError(f"an array has the offset {offset[:20]!r}, which is no whole number")
+    end = _end(raw, data)
+    text = raw[end : end + _LINE].lstrip()
+    if not text.startswith(b"_"):
+        raise ValueError("its appended data do not begin with _")
+    return end + raw[end : end + _LINE].index(b"_") + 1 + int(offset)
+
+
+def _inline(raw: bytes, tag: _Tag) -> int:
+    """Where the text of an array begins: XML says it by the tag's end, VTK takes the first bracket for that."""
+    end = _end(raw, tag)
+    if tag.text != end:
+        raise ValueError("an array has no numbers right behind its tag")
+    return end
+
+
+def _end(raw: bytes, tag: _Tag) -> int:
+    """Where a tag ends before data: a bracket in an attribute would end it early for some readers."""
+    for key, value in tag.said.items():
+        if ">" in value:
+            raise ValueError(f"its {tag.name} before data has a > in {key}")
+    return raw.index(b">", tag.at) + 1

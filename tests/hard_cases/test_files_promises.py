@@ -127,6 +127,32 @@ def test_vtk_blocks(word, what, known, holds, tmp_path):
     refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, what)
 
 
+BLOCK = base64.b64encode(struct.pack("<4I", 1, 2**31, 2**31, 20))       # of 2 GiB
+HIDDEN = {
+    "offset, format ascii": (b'<DataArray type="Float32" format="ascii" offset="0"/>', "unpack to"),
+    "offset, no format": (b'<DataArray type="Float32" offset="0"/>', "unpack to"),
+    "an Array": (b'<Array type="Float32" format="appended" offset="0"/>', "unpack to"),
+    "bracket in an attribute": (b'<DataArray type="Float32" format="binary" Note="a>%s">AAAA</DataArray>' % BLOCK,
+                                "has a > in Note"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", HIDDEN)
+@hard_case(
+    "files", "a VTP whose block of 2 GiB is behind another format, name or bracket than it says",
+    peers="VTK: ends the process (measured)", guard="sizes of blocks read where VTK reads them",
+    without=lambda patch: patch.setattr(polygons, "check_blocks", lambda raw: None),
+)  # fmt: skip
+def test_hidden_blocks(how, holds, tmp_path):
+    array, what = HIDDEN[how]
+    raw = (
+        b'<VTKFile type="PolyData" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><PolyData><Piece '
+        b'NumberOfPoints="3" NumberOfPolys="1"><Points>' + array.replace(b"type", b'NumberOfComponents="3" type')
+        + b'</Points></Piece></PolyData><AppendedData encoding="base64">_' + BLOCK + b"</AppendedData></VTKFile>"
+    )  # fmt: skip
+    refused(holds, how, tmp_path / "a.vtp", raw, read_surface, what)
+
+
 def _gifti(data, dims):
     return (
         '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
