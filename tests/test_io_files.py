@@ -10,6 +10,8 @@ import pytest
 import morphofold.io.folders as folders
 from morphofold.io import atomic_file, atomic_folder, sample_path, write_surface
 from morphofold.io.files import decoding
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
 
 
 def interrupt_while_writing(path):
@@ -119,3 +121,27 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
         write_folder(out, "second")
     assert os.listdir(tmp_path) == ["out"]
     assert (out / "a.txt").read_text() == "first"
+
+
+def test_a_writers_own_error_is_no_fault_of_the_disk(tmp_path):
+    path = tmp_path / "lh.white"
+    wrong = Surface(*icosphere(1), geometry={"unknown": 1})
+    with pytest.raises(ValueError, match=r"lh\.white: can't be written \(.*unknown") as caught:
+        write_surface(path, wrong)
+    assert "room" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_of_inputs_and_of_other_drives_keep_their_names(tmp_path, monkeypatch):
+    """An input on a broken disk tells no name; os.path.relpath knows no way from one drive of Windows to another."""
+    def no_way(*paths):
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(os.path, "relpath", no_way)
+    for error in (OSError(errno.EIO, "Input/output error"), OSError(errno.ENOENT, "none", "/elsewhere/lh.white")):
+        with pytest.raises(OSError) as caught, atomic_file(tmp_path / "out.txt"):
+            raise error
+        assert caught.value is error
+    with pytest.raises(OSError) as caught, atomic_file(tmp_path / "out.txt") as temporary:
+        raise OSError(errno.EACCES, "Permission denied", os.fspath(temporary))
+    assert caught.value.filename == os.fspath(tmp_path / "out.txt")

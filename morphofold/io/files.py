@@ -17,7 +17,7 @@ from xml.parsers.expat import ExpatError, errors
 MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
 MOST_PACKED = 2000      # bytes of arrays from one of a file, twice of what zlib can do
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)    # of a write; Python doesn't say to which file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)       # of writes alone; Python doesn't say to which file
 _EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
 _ROOM = 2**20           # bytes by which a file can't grow where it was cut for want of room
 
@@ -154,31 +154,65 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        named = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else ""
-        inside = os.path.relpath(named, temporary) if named else "."
-        if error.errno is None or inside.startswith("..") or not (named or error.errno in _FULL):
+        by_name = isinstance(error.filename, (str, bytes, os.PathLike))
+        if error.errno is None or not (by_name or error.errno in _FULL):
             raise
-        raise OSError(error.errno, error.strerror, os.path.normpath(path / inside)) from error
+        ours = Path(os.path.abspath(temporary))
+        named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours
+        if not named.is_relative_to(ours):                              # as where it is on another drive
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
 
 
 @contextmanager
-def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
-    """Around what a library writes and a look at it: numpy's ``tofile`` cuts files, or tells no cause, at a full disk.
+def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
+    """Around what a library writes: numpy's ``tofile`` tells no cause at a full disk.
 
     Raises
     ------
     OSError
         The system's own, of ``path``, if the file can't grow; else one that says what the library did.
+    ValueError
+        The library's own, with the place: what was to be written is not as it should be.
+    """
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: can't be written ({_told(error, path, temporary)}). Take another format.") from error
+    except OSError as error:
+        if error.errno is not None:
+            raise
+        _grow(Path(path), temporary)
+        told = _told(error, path, temporary)
+        raise OSError(f"{path}: can't be written, though there is room ({told}). Write it again.") from error
+
+
+@contextmanager
+def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
+    """Around a look at what a library wrote: numpy's ``tofile`` cuts files at a full disk.
+
+    Raises
+    ------
+    OSError
+        The system's own, of ``path``, if the file can't grow; else one that says what was seen.
     """
     try:
         yield
     except (ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        with naming(Path(path), temporary), temporary.open("ab") as file:
-            file.write(bytes(_ROOM))
-            file.flush()
-            os.fsync(file.fileno())
-        told = " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
-        what = "what was written can't be read, though there is room"
-        raise OSError(f"{path}: {what} ({told}). Write it again, or in another format.") from error
+        _grow(Path(path), temporary)
+        what = f"what was written can't be read, though there is room ({_told(error, path, temporary)})"
+        raise OSError(f"{path}: {what}. Write it again, or in another format.") from error
+
+
+def _grow(path: Path, temporary: Path) -> None:
+    """Raise the system's error if the file can't grow."""
+    with naming(path, temporary), temporary.open("ab") as file:
+        file.write(bytes(_ROOM))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _told(error: Exception, path: StrPath, temporary: Path) -> str:
+    return " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())

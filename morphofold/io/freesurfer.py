@@ -16,7 +16,16 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.io.files import StrPath, atomic_file, beginning, decoding, existing_file, looks_like_text, read_back
+from morphofold.io.files import (
+    StrPath,
+    atomic_file,
+    beginning,
+    decoding,
+    existing_file,
+    looks_like_text,
+    read_back,
+    write_by_library,
+)
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
@@ -96,8 +105,9 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
     import nibabel.freesurfer as fs
 
     with atomic_file(path) as temporary:
-        with read_back(path, temporary):
+        with write_by_library(path, temporary):
             fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
+        with read_back(path, temporary):
             read_geometry(temporary)
 
 
@@ -153,8 +163,9 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
     import nibabel.freesurfer as fs
 
     with atomic_file(path) as temporary:
-        with read_back(path, temporary):
+        with write_by_library(path, temporary):
             fs.write_morph_data(os.fspath(temporary), values)
+        with read_back(path, temporary):
             read_curv(temporary)
 
 
@@ -163,8 +174,9 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     from nibabel.freesurfer.mghformat import MGHImage
 
     with atomic_file(path) as temporary:
-        with read_back(path, temporary):
+        with write_by_library(path, temporary):
             MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
+        with read_back(path, temporary):
             MGHImage.from_filename(os.fspath(temporary)).get_fdata()
 
 
@@ -267,8 +279,9 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
         raise ValueError(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     with atomic_file(path) as temporary:
-        with read_back(path, temporary):
+        with write_by_library(path, temporary):
             fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
+        with read_back(path, temporary):
             read_annotation(temporary)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text, read_back
+from morphofold.io.files import StrPath, atomic_file, decoding, looks_like_text, read_back, write_by_library
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Faces, Surface, Verts
 
@@ -202,6 +202,7 @@ def write_polygons(path: StrPath, surface: Surface) -> None:
             import meshio
 
             mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-            with read_back(path, temporary):
+            with write_by_library(path, temporary):
                 importlib.import_module(f"meshio.{kind[1:]}").write(os.fspath(temporary), mesh)
+            with read_back(path, temporary):
                 read_meshio(temporary, kind[1:])

@@ -8,6 +8,7 @@ import argparse
 import faulthandler
 import json
 import os
+import re
 import sys
 import tempfile
 import time
@@ -21,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from hard_cases.made_files import MEMORY, resource, samples, verdict
 
 SLOWEST = 10            # seconds that a small file may take
+ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 NUMBERS = [b"-1", b"0", b"99999999999", b"1e999", b"nan", b"1" * 5000, b"2147483648", b"-0", b"0x10", b"true", b"null",
            b"[]", b"{}", b'""', b"1" + b"0" * 400]  # fmt: skip
 WORDS = [0, 1, 0x7F, 0xFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x100000, 0x7FFFFFFFFFFFFFFF]
@@ -39,7 +41,7 @@ def _damage(raw, rng, other):
         return
     head = rng.random() < 0.5                                           # half of them where headers are
     at = int(rng.integers(min(len(raw), 400) if head else len(raw)))
-    kind = rng.integers(9)
+    kind = rng.integers(10)
     if kind == 0:
         raw[at] ^= 1 << int(rng.integers(8))
     elif kind == 1:
@@ -57,8 +59,20 @@ def _damage(raw, rng, other):
     elif kind == 6:
         here = int(rng.integers(len(other)))
         raw[at : at + 50] = other[here : here + int(rng.integers(1, 200))]
+    elif kind == 7 and (said := list(ATTRIBUTE.finditer(bytes(raw)))):
+        _attributes(raw, said, rng)
     else:
         _number(raw, at, rng)
+
+
+def _attributes(raw, said, rng):
+    """Exchange the values of two attributes of XML, or give one that of the other, or name it so."""
+    one, other = sorted(rng.choice(len(said), 2), reverse=True)
+    one, other, how = said[one], said[other], rng.integers(3)
+    group = 1 if how == 2 else 2
+    raw[slice(*one.span(group))] = other[group]
+    if how == 0:
+        raw[slice(*other.span(group))] = one[group]
 
 
 def _number(raw, at, rng):
