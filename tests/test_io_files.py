@@ -145,3 +145,20 @@ def test_errors_of_inputs_and_of_other_drives_keep_their_names(tmp_path, monkeyp
     with pytest.raises(OSError) as caught, atomic_file(tmp_path / "out.txt") as temporary:
         raise OSError(errno.EACCES, "Permission denied", os.fspath(temporary))
     assert caught.value.filename == os.fspath(tmp_path / "out.txt")
+
+
+def test_a_link_is_replaced_and_not_what_it_points_to(tmp_path):
+    (tmp_path / "store").write_text("theirs")
+    link = tmp_path / "out.txt"
+    link.symlink_to("store")
+    with atomic_file(link) as temporary:
+        temporary.write_text("ours")
+    assert ((tmp_path / "store").read_text(), link.read_text(), link.is_symlink()) == ("theirs", "ours", False)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows bounds whole paths, too")
+def test_a_name_of_255_bytes_is_written(tmp_path):
+    path = tmp_path / ("é" * 125 + ".txt")[-252:]
+    with atomic_file(path) as temporary:
+        temporary.write_text("ours")
+    assert (path.read_text(), len(os.fsencode(path.name))) == ("ours", 254)

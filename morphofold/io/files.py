@@ -135,11 +135,12 @@ def check_place(path: Path) -> None:
 def atomic_file(path: StrPath) -> Iterator[Path]:
     """Write a file whole or not at all: yields a temporary name beside ``path``, moved onto it on success.
 
-    The temporary name keeps the ending, so that writers which go by it still do.
+    The temporary name keeps the ending, so that writers which go by it still do. A link at ``path`` is replaced, and
+    what it points to stays as it is: it may be of a store of contents, as git-annex keeps.
     """
     path = Path(path)
     check_place(path)
-    temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name}")
+    temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name[-60:]}")    # within 255 bytes
     try:
         with naming(path, temporary):
             yield temporary

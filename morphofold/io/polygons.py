@@ -105,7 +105,7 @@ def read_pyvista(path: Path) -> tuple[Verts, Faces]:
         raw = path.read_bytes()
         _check_vtk(raw)
         mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
-        if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.n_faces_strict == 0:
+        if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
             raise ValueError("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
             raise ValueError("it holds faces that are no triangles; triangulate it first")

@@ -172,7 +172,7 @@ def _old_annotation():
     return struct.pack(">i", 42) + vertices + table
 
 
-MESHES = ("ball.vtu", "ball.msh", "ball.mesh", "ball.meshb", "ball.vtk", "ball.inp")
+MESHES = tuple(f"ball.{kind}" for kind in "vtu msh mesh meshb vtk inp mdpa tec ele".split())
 
 
 def _meshes(folder, add):
