@@ -177,6 +177,7 @@ def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds()
     assert 0 < draft.error < 0.05
 
 
+@pytest.mark.slow
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
     monkeypatch.setitem(copies.ACCURACIES, "fine", copies.Accuracy(0, 2501, 12.0))
     cortex = replace(folded_ball(2500), units="cm")     # has no local index

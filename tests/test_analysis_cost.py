@@ -53,6 +53,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert f", {longest} " in line
 
 
+@pytest.mark.slow
 def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys, plain_pictures):
     for layout in ("plain", "bids"):
         outs = []

@@ -28,6 +28,7 @@ def second(monkeypatch):
     monkeypatch.setattr(before, "_timed", lambda threads: (dict.fromkeys(MEASURING, 1.0), 1.0, 1))
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     ball = folded_ball(2500)
     (here / "in").mkdir()

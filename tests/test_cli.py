@@ -150,7 +150,10 @@ def test_the_gyral_width_of_the_net_can_be_held(here):
         assert (found == 9.0) == (width == 9.0)
 
 
-@pytest.mark.parametrize(("layout", "name"), [("plain", "standard"), ("plain", "fine"), ("bids", "fine")])
+@pytest.mark.parametrize(
+    ("layout", "name"),
+    [("plain", "standard"), *(pytest.param(layout, "fine", marks=pytest.mark.slow) for layout in ("plain", "bids"))],
+)
 def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout, name):
     file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
     common = ["analyze", str(sample_path("simulated")), "-q", "--no-report", "--layout", layout, "--name", "a"]
@@ -204,6 +207,7 @@ def test_compare_puts_two_analyses_side_by_side(here, capsys):
     assert (here / "both" / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     """Two copies of the simulated sample as stages; what is missing or was measured otherwise is measured anew."""
     for g in ("g1.80", "g2.00"):

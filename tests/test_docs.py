@@ -32,6 +32,7 @@ def test_a_row_of_creases_and_wrinkles_is_what_the_code_gives(law, T, mu_ratio, 
     assert printed == " | ".join(numbers)
 
 
+@pytest.mark.slow
 def test_the_order_turns_at_the_stiffness_ratios_that_the_text_names():
     named = re.search(r"at ratio ([\d., ]+) \(isotropic\) and\s+([\d., ]+) \(tangential\)", THEORY)
     for law, ratios in zip(("isotropic", "tangential"), named.groups()):

@@ -82,6 +82,7 @@ def test_every_picture_is_shown_by_a_page(picture):
 # --- examples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUN)
 def test_the_python_of_a_page_runs_and_prints_what_the_page_says(name, tmp_path, monkeypatch):
     """One namespace for a page; a fence of text right after Python is what it prints."""

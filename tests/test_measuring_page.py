@@ -40,6 +40,7 @@ def made_hinges():
     ]
 
 
+@pytest.mark.slow
 def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
     cortex = ball.cortex
     assert cortex.n_vertices == 4000
@@ -51,6 +52,7 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
         folded_ball(999)
 
 
+@pytest.mark.slow
 def test_every_stage_of_measure_is_timed_and_they_add_up():
     told = []
     rows = measuring_speed([1500, 1000], progress=lambda share, text: told.append((share, text)))
@@ -76,6 +78,7 @@ def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys
     assert "--vertices" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_line_per_stage_or_rows(capsys):
     assert main(["bench", "measures", "--vertices", "1000,1200", "-q", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -86,6 +89,7 @@ def test_the_command_prints_a_line_per_stage_or_rows(capsys):
     assert [line[:20].strip() for line in lines[2:]] == [*dict.fromkeys(row["stage"] for row in rows), "memory, GiB"]
 
 
+@pytest.mark.slow
 def test_crest_lines_have_the_colours_of_their_kind(ball):
     row = crest_row(ball, "ball")
     for colour in KINDS.values():
@@ -109,6 +113,7 @@ def made_pages(folder, **texts):
     return folder, speed
 
 
+@pytest.mark.slow
 def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
     folder, speed = made_pages(tmp_path / "pages")
@@ -127,6 +132,7 @@ def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatc
     assert {path.name for path in folder.iterdir()} == {"index.md", "gyral-net.md", *(f"{name}.png" for name in names)}
 
 
+@pytest.mark.slow
 def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
     gyri = gyral_thickness(ball.cortex)
     plot = section_plot.section_figure(ball.cortex, gyri)
@@ -156,6 +162,7 @@ def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
     assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
 
+@pytest.mark.slow
 def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
     folder, speed = made_pages(tmp_path / "pages", gyral_net="none\n")

@@ -22,6 +22,7 @@ def test_the_onset_lies_past_the_bifurcation_of_the_mesh_and_closes_in_as_growth
     assert 0 < late[1] < 0.7 * late[0] < 0.004
 
 
+@pytest.mark.slow
 def test_the_onset_does_not_depend_on_the_noise():
     found = [onset.onset(strip(*FINE), seed=seed) for seed in (0, 1)]
     assert found[0].g == pytest.approx(found[1].g, abs=1e-3)

@@ -101,6 +101,7 @@ def test_a_hinge_that_is_not_there_is_refused(ball):
         hinge_patch(replace(ball, graph=None), 0)
 
 
+@pytest.mark.slow
 def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
     (hinge, *_) = (h for h in hinges(ball.graph) if h.degree == 3)
     patch = hinge_patch(ball, hinge.node)

@@ -143,6 +143,7 @@ def test_the_tables_of_the_docs_have_the_columns_of_the_code():
     assert text.count(heads[2:]) == 3
 
 
+@pytest.mark.slow
 def test_what_the_page_says_of_theory_is_what_the_code_gives():
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     found = [theory.bifurcation(T / 50, 2.0, kappa_ratio=50) for T in (1, 2, 3)]

@@ -96,6 +96,7 @@ def test_shapes_are_those_of_the_tables():
         hinge_shapes(replace(m, arms=[{k: v for k, v in row.items() if k != "crest"} for row in rows]))
 
 
+@pytest.mark.slow
 def test_a_mirrored_net_and_a_net_of_another_size_have_the_same_shapes():
     """Through the whole measuring room: a ridged sphere, its mirror image, twice the size, turned."""
     ridged = ridged_net(irregular_net(12, 3, shortest=0.25), icosphere(5), 7.0)

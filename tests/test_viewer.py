@@ -332,6 +332,7 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     tab.frame()
 
 
+@pytest.mark.slow
 def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_sight(tmp_path, plain_pictures):
     one = with_net(made_measures())
     one.arms[:] = [{**one.arms[0], "arm": k, "angle_deg": 72.5 * k, "length_mm": 12.5} for k in range(5)]
@@ -386,6 +387,7 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
     assert_quiet(tab)
 
 
+@pytest.mark.slow
 def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pictures):
     """Every control of the page is used once."""
     left = with_net(made_measures("lh", info={"g": 2.0}))
@@ -402,7 +404,7 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pi
         assert_quiet(tab)
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4))])
 def test_surfaces_are_in_sight_on_the_first_screen_of_a_laptop(count, tmp_path, plain_pictures):
     """At 1280 x 720 most of the first row of surfaces is seen without scrolling, however much is remarked on."""
     surfaces = {}

@@ -106,6 +106,7 @@ def one_at_a_time(patch):
     patch.setattr(folders, "_exchange", lambda one, other: False)
 
 
+@pytest.mark.slow
 @hard_case(
     "files", "a writer that replaces an analysis killed before each of its steps", guard="names exchanged in one step",
     without=one_at_a_time, fails=(AssertionError, OSError),

@@ -104,6 +104,7 @@ def as_nobody():
         os.setegid(0)
 
 
+@pytest.mark.slow
 @hard_case(
     "files", "files and folders of mode 000, and an output folder of mode 555, to a user who is not root",
 )

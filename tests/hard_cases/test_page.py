@@ -53,6 +53,7 @@ def test_it(holds):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bound", "ends"), [(5, "2 passed"), (10, "1 failed, 1 passed")])
 def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
     shutil.copy(HERE / "conftest.py", tmp_path)
