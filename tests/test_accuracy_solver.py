@@ -180,6 +180,7 @@ def test_forces_are_timed_on_both_sides_and_agree():
     assert theirs.repeats >= 5
 
 
+@pytest.mark.slow
 def test_the_two_routes_of_the_theory_agree_far_beyond_what_meshes_reach():
     found = {p.quantity: p for p in theory_points()}
     assert found.keys() == {"radius", "onset"}

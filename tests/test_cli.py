@@ -253,6 +253,7 @@ def test_no_command_writes_over_what_it_reads(here, capsys):
     assert (here / "sim" / "stages" / "g1.90" / "stage.json").exists()
 
 
+@pytest.mark.slow
 def test_measuring_an_analysis_again_gives_the_same_numbers(here, capsys):
     stage = str(sample_path("simulated"))
     measures = []

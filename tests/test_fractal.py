@@ -32,6 +32,7 @@ def test_a_smooth_surface_has_two(shape):
     assert fractal_dimension(shape.verts, shape.faces) == pytest.approx(2, abs=0.06)
 
 
+@pytest.mark.slow
 def test_a_curtain_along_a_koch_curve_has_one_more_than_the_curve():
     verts, faces = curtain(100 * koch_curve(5), 400.0, 500)
     found = fractal_dimension(verts, faces, finest=2.0, coarsest=16.0)

@@ -182,6 +182,7 @@ def test_gyral_thickness_stays_inside_the_cortex(average):
     assert known[m.cortex.cortex].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
     """Ten ridges in the half circle of the meridian; the way from fundus to fundus goes up and down each of them."""
     cortex, _ = shapes.ridged_sphere(6, width=6.0, ridges=10, height=4.0, radius=50.0)

@@ -64,6 +64,7 @@ def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
     assert forecast(finer, threads=1).slowest > 15
 
 
+@pytest.mark.slow
 def test_edges_with_too_many_bricks_are_left_out_whatever_the_level(clockwork):
     scene = load_scene("fig6-thin", ["geometry.portion=full", "accuracy.level=draft"])
     assert scene.elements_through_cortex == 2                           # edges up to T/2 take three

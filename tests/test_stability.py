@@ -341,6 +341,7 @@ def test_a_thin_soft_cortex_wrinkles_at_the_equibiaxial_stretch_of_biot():
     assert 1 / found.g_crit == pytest.approx(0.6661, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_a_thin_stiff_cortex_wrinkles_as_a_film_on_a_soft_substrate(law):
     """Chen and Hutchinson 2004: 2 pi T (mu_f/3 mu_s)^(1/3) at (3 mu_s/mu_f)^(2/3)/6, in the limit of a stiff film."""
@@ -364,6 +365,7 @@ def test_thin_cortices_of_both_laws_wrinkle_alike():
         assert iso.wavelength == pytest.approx(tan.wavelength * iso.g_crit, rel=0.01)   # it is g times as thick
 
 
+@pytest.mark.slow
 def test_incompressible_is_the_limit_at_rate_one_over_kappa():
     limit = theory.bifurcation(0.04, 2.0).g_crit
     error = [theory.bifurcation(0.04, 2.0, kappa_ratio=k).g_crit - limit for k in (1e2, 1e3, 1e4)]

@@ -199,6 +199,7 @@ def failures_of_four(out, count):
     return sum(os.waitpid(child, 0)[1] != 0 for child in children)
 
 
+@pytest.mark.slow
 @hard_case(
     "files", "four processes that write one folder at once, over and over", guard="names exchanged in one step",
     without=one_at_a_time, fails=AssertionError,

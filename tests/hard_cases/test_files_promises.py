@@ -240,6 +240,7 @@ def test_little_memory(holds, tmp_path):
     holds.says("error", told, "MemoryError: lh.thickness: memory did not suffice", "Close other programs")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
     "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",

@@ -57,6 +57,7 @@ def test_the_filter_hardly_holds_a_turn(holds):
     holds("order in h", float(np.log2(share[0] / share[1])), at_least=2.0)
 
 
+@pytest.mark.slow
 @hard_case("laws", "lengths times 1e-3 and 1e3, moduli times 1e6", guard="contact's gap is a share of the present edge",
            without=made_laws.gap_in_mm,
            peers="BrainGrowth: the skin of contact is typed by hand, 3 % of an edge (measured)")  # fmt: skip
@@ -132,6 +133,7 @@ def test_the_volume_of_the_cortex_follows_det_G(law, holds):
           at_least=1.8)  # fmt: skip
 
 
+@pytest.mark.slow
 @hard_case("laws", "volume of a folded cortex: what is lacking is compressed", guard="the pressure's modulus",
            without=made_solver.pressure_of_fifty)  # fmt: skip
 def test_the_drift_of_a_folded_cortex_is_inverse_to_its_bulk_modulus(holds):

@@ -102,6 +102,7 @@ def three_times(holds):
     healthy(holds, run, leave=["volume_drift"])                         # 27 times the volume presses: see the laws
 
 
+@pytest.mark.slow
 @hard_case("solver", "growth to g = 3", guard="the mass is measured anew every 12 steps",
            without=made.mass_of_the_first_step, fails=(AssertionError, UnstableError),
            peers=FIXED_STEP)  # fmt: skip

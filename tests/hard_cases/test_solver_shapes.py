@@ -74,6 +74,7 @@ final = 1.2
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "T", "squash", "g"), [("thin layers", 0.6, 0.0, 1.05), ("squashed", 6.0, 0.9, 1.15)])
 @hard_case("solver", "tetrahedra of aspect 50 and more, from a file", guard="the mass is of the stiffness, not of the "
            "volume", without=made.mass_of_the_volume, fails=UnstableError,

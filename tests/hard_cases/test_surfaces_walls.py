@@ -94,6 +94,7 @@ def as_it_stands(patch):
     patch.setattr(faults, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {}))
 
 
+@pytest.mark.slow
 @hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="no number, no thickness",
            without=as_it_stands)  # fmt: skip
 def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds, tmp_path, capsys):
@@ -151,6 +152,7 @@ def wherever(patch):
     patch.setattr(faults, "self_crossings", lambda cortex, mask: told(cortex, np.ones_like(mask)))
 
 
+@pytest.mark.slow
 @hard_case("surfaces", "self-intersections off the cortex", guard="those with a vertex in the cortex are told",
            without=wherever)  # fmt: skip
 def test_self_intersections_off_the_cortex_are_not_told(holds):
@@ -176,6 +178,7 @@ def nearest_of_all(patch):
     patch.setattr(thickness, "_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
 
 
+@pytest.mark.slow
 @hard_case("surfaces", "self-intersection: walls of a sulcus that pass through each other", without=nearest_of_all,
            guard="only the surface around the own partner, facing the same way, is searched",
            peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)")  # fmt: skip
