@@ -119,6 +119,7 @@ def test_the_pair_is_parallel_and_its_partners_have_slid():
     assert (np.linalg.norm(above.verts - inner.verts, axis=1) >= GAP - 1e-9).all()
 
 
+@pytest.mark.slow
 def test_thickness_errors_fall_with_the_mesh_and_agree_with_an_exact_peer():
     pytest.importorskip("igl")
     points = measuring.thickness_over_meshes((3, 4))

@@ -141,6 +141,7 @@ def test_compare_says_what_to_do_with_a_subject_and_with_a_foreign_one_of_bids(h
     refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "anat: holds no sub-NAME_desc-morphofold_provenance.json")
 
 
+@pytest.mark.slow
 def test_the_gyral_width_of_the_net_can_be_held(here):
     for more, width in (([], None), (["--gyral-width", "9"], 9.0)):
         assert main(["analyze", str(sample_path("simulated")), "-q", "--no-report", "-o", "out", *more]) == 0

@@ -62,6 +62,7 @@ def test_lines_are_those_of_points_on_lines():
     assert rows["T = 2", "crests"]["slope"] is None                     # it has no crests
 
 
+@pytest.mark.slow
 def test_the_first_wrinkles_stand_on_a_cortex_of_the_volume_that_grew():
     scenes = [load_scene(name) for name in ("fig6-thin", "fig6-thick")]
     for scene, (t, wave) in zip(scenes, thickness_plots.onset_line(scenes), strict=True):
