@@ -158,6 +158,7 @@ def test_two_hinges_found_at_one_are_one_hit():
     assert measuring_folds.f1(np.empty((0, 3)), true, 1.0) == 0
 
 
+@pytest.mark.slow
 def test_folds_are_better_known_on_finer_meshes_and_the_fine_accuracy_is_a_finer_mesh(monkeypatch):
     monkeypatch.setitem(copies.ACCURACIES, "fine", copies.Accuracy(0, 2001, 12.0))
     points = measuring_folds.net_over_meshes((2000, 8000))

@@ -33,6 +33,7 @@ def cost_in(file):
     return json.loads(file.read_text(encoding="utf-8"), parse_constant=pytest.fail)
 
 
+@pytest.mark.slow
 def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, capsys, plain_pictures):
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))

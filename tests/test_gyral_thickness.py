@@ -184,6 +184,7 @@ def test_the_average_brain_has_the_widths_that_independent_code_found(
     assert reproduces(found.coverage, coverage, 0.01)
 
 
+@pytest.mark.slow
 def test_an_individual_has_the_widths_that_independent_code_found():
     found = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
     assert reproduces(found.median, 9.50, 0.01)

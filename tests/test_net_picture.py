@@ -46,6 +46,7 @@ def test_a_surface_without_folds_is_bare():
     assert (row.rgb == BARE).all()
 
 
+@pytest.mark.slow
 def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
     picture = net_figure([net_row(measures, "octahedron")])
     for _, colour in LEGEND:

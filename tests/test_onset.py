@@ -15,6 +15,7 @@ def strip(*settings):
     return load_scene("strip", ("output.stages=[]", *settings))
 
 
+@pytest.mark.slow
 def test_the_onset_lies_past_the_bifurcation_of_the_mesh_and_closes_in_as_growth_slows_down():
     scene = strip(*FINE)
     g_crit = statics.bifurcation_of_scene(scene, g_min=1.15).g_crit
@@ -38,6 +39,7 @@ def test_the_onset_of_a_coarse_octant_is_near_its_bifurcation_and_the_theory():
     assert found == pytest.approx(theory.bifurcation(3 / 50, 2.0, "isotropic", 50.0).g_crit, rel=0.03)
 
 
+@pytest.mark.slow
 def test_the_difference_falls_to_the_onset_and_rises_after_it():
     scene = strip(*COARSE, "effects.inertia={}", 'effects.ramp={shape = "smooth"}')     # both are left out
     found = onset.onset(scene, rate=0.5)

@@ -167,6 +167,7 @@ def test_a_caption_leaves_out_what_its_row_says():
     assert "…" in long
 
 
+@pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     monkeypatch.setattr(paper_folds, "STAGES", (1.0, 2.0))

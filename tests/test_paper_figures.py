@@ -130,6 +130,7 @@ def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
         assert crease[1, 0] == pytest.approx(2.4 ** (1 / 3), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_map_draws_creases_at_the_compressibility_of_the_wrinkles(cases):
     """They depend on the mu ratio then: the core gives way too."""
     soft = bifurcation_cases((2.0, 3.0), 50.0, (1.0, 2.0), ("tangential",), kappa_ratio=20.0, A_over_C=0.4)

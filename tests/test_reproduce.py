@@ -147,6 +147,7 @@ def test_reproduce_leaves_a_folder_of_someone_else_alone(here, grown, capsys):
     assert names(here / "reproduce") == {"thesis.txt"}
 
 
+@pytest.mark.slow
 def test_reproduce_keeps_the_figures_that_are_there(here, grown, capsys):
     for figure in ("fig3", "fig4"):
         assert main(["reproduce", figure, "-o", "out", "-q"]) == 0

@@ -179,6 +179,7 @@ def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, length, stable)
 # bifurcation
 
 
+@pytest.mark.slow
 def test_a_strip_wrinkles_as_the_large_sphere_does_at_second_order(monkeypatch):
     """One brick deep, it has the sphere's smooth state and the rolls that the flat limit starts with.
 

@@ -118,6 +118,7 @@ def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(caps
     assert [row["first"] for row in rows] == ["crease", "wrinkle"]
 
 
+@pytest.mark.slow
 def test_wrinkles_and_creases_are_compared_at_the_same_compressibility(capsys):
     """Incompressible, this surface would crease before it wrinkles; at kappa/mu = 3 it doesn't crease at all."""
     words = ("bifurcation", "--thickness", "5", "--mu-ratio", "0.6", "--law", "isotropic", "--kappa-ratio")
@@ -350,6 +351,7 @@ def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, 
     assert "mu_ratio" not in answer["parameters"]                       # it is the scene's
 
 
+@pytest.mark.slow
 def test_an_octant_is_held_against_the_even_degrees_it_has():
     """T = 3 and a cortex four times as stiff: degree 11 comes first in a quarter."""
     found = {}

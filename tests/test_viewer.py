@@ -404,7 +404,8 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pi
         assert_quiet(tab)
 
 
-@pytest.mark.parametrize("count", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4))])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2, 4])
 def test_surfaces_are_in_sight_on_the_first_screen_of_a_laptop(count, tmp_path, plain_pictures):
     """At 1280 x 720 most of the first row of surfaces is seen without scrolling, however much is remarked on."""
     surfaces = {}

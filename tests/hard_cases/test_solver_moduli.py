@@ -68,6 +68,7 @@ def test_a_very_thin_cortex_folds(holds):
     healthy(holds, run)
 
 
+@pytest.mark.slow
 @hard_case("solver", "T/C = 1/5", guard="the mass is measured anew every 12 steps", without=made.mass_of_the_first_step,
            fails=UnstableError, peers=FIXED_STEP)  # fmt: skip
 def test_a_very_thick_cortex(holds):
