@@ -21,6 +21,8 @@ COMMANDS = {
     "simulate": "grow a scene into folds",
     "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
     "compare": "put analyses side by side",
+    "cohort": "measure many subjects on several workers, and put them into tables and a page of the group",
+    "bids": "the same for a BIDS dataset, called as BIDS-Apps are",
     "theory": "radius, stress, creases and wrinkles of the growing sphere, without simulating it",
     "reproduce": "draw figures of the paper anew",
     "scenes": "list the built-in scenes",
