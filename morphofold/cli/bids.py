@@ -20,8 +20,8 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fs-subjects-dir", metavar="DIR",
-        help="where FreeSurfer's subjects lie (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS_DIR, or "
-        "BIDS_DIR itself)",
+        help="where FreeSurfer's subjects lie (default: in BIDS_DIR derivatives/freesurfer, sourcedata/freesurfer or "
+        "itself)",
     )  # fmt: skip
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
     add_measuring_args(parser)
