@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from morphofold.cohort.fleet import GiB, Fleet, Job, Lost, _shares, open_fleet
+from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
 
 pytest.importorskip("distributed", reason="needs the extra cohort")
 
@@ -40,7 +40,8 @@ def test_jobs_survive_their_workers(tmp_path):
         assert "2 workers of 1 thread, at most 1.0 GiB each; dashboard http" in fleet.words
         found = dict(fleet.run(dies_once, [Job(f"job {i}", str(tmp_path)) for i in range(8)]))
     assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}
-    assert told and all(name.startswith("job ") for name in told)
+    assert told
+    assert all(name.startswith("job ") for name in told)
 
 
 @pytest.mark.slow
@@ -49,8 +50,11 @@ def test_a_job_that_always_kills_its_worker_is_lost_and_takes_no_other_with_it()
     with open_fleet(workers=2, memory=1.0) as fleet:
         found = {job.name: outcome for job, outcome in fleet.run(ends_badly, jobs)}
     assert len(found) == len(jobs)
-    assert isinstance(found["bad"], Lost) and "3 workers died" in found["bad"].reason and "1.0 GiB" in found["bad"].reason
-    assert isinstance(found["wrong"], Lost) and "RuntimeError: no more" in found["wrong"].reason
+    assert isinstance(found["bad"], Lost)
+    assert "3 workers died" in found["bad"].reason
+    assert "1.0 GiB" in found["bad"].reason
+    assert isinstance(found["wrong"], Lost)
+    assert "RuntimeError: no more" in found["wrong"].reason
     assert all(found[f"good {i}"] == f"{i}" for i in range(20))
 
 
