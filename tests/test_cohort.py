@@ -4,6 +4,9 @@ import csv
 import json
 import os
 import shutil
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -326,3 +329,64 @@ def test_the_command_from_end_to_end(here, capsys):
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results, 1 of them from before -> ")
     assert contents(here / "out" / "group") != before
     assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
+
+
+def running(folder, out, *words):
+    """The command in a process of its own, and the processes of its workers once there are some."""
+    import psutil
+
+    command = [sys.executable, "-m", "morphofold", "cohort", str(folder), "-o", str(out), "--no-report", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    me = psutil.Process(process.pid)
+    while process.poll() is None and not any((out / "logs").glob("*.log")):
+        time.sleep(0.05)
+    return process, [p for p in me.children(recursive=True) if "spawn_main" in " ".join(p.cmdline())]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
+    import psutil
+
+    folder = tmp_path / "subjects"
+    for i in range(8):
+        write_subject(folder / f"sub-{i}", 1 + i / 40)
+    (folder / "sub-3" / "surf" / "rh.pial").write_bytes(b"no surface")
+    whole, process = tmp_path / "whole", running(folder, tmp_path / "whole", "--workers", "2")[0]
+    process.communicate()
+    assert process.returncode == 1
+
+    out = tmp_path / "out"
+    process, workers = running(folder, out, "--workers", "2")
+    assert len(workers) >= 2
+    workers[-1].kill()
+    while process.poll() is None and len(list((out / "records").glob("*.json"))) < 3:
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive                                                    # no orphan goes on
+    done = {p.name: p.stat().st_mtime_ns for p in (out / "records").glob("*.json")}
+    assert 0 < len(done) < 8
+
+    process, _ = running(folder, out, "--workers", "2")
+    told = process.communicate()[0]
+    assert "from before" in told.splitlines()[-1]
+    for name, when in done.items():                                     # what was done is not done twice
+        assert (out / "records" / name).stat().st_mtime_ns == when
+    assert contents(out / "group") == contents(whole / "group")
+    assert not [p.name for p in (out / "subjects").iterdir() if not p.name.startswith((".", "sub-"))]
+
+
+@pytest.mark.slow
+def test_two_runs_into_one_folder_are_refused(tmp_path):
+    folder = tmp_path / "subjects"
+    for i in range(4):
+        write_subject(folder / f"sub-{i}")
+    process, _ = running(folder, tmp_path / "out", "--workers", "1")
+    second, _ = running(folder, tmp_path / "out", "--workers", "1")
+    told = second.communicate()[0]
+    assert second.returncode == 2
+    assert "another run is writing here" in told
+    process.communicate()
+    assert process.returncode == 0

@@ -102,8 +102,8 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
         Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
         for name, folder in sorted(folders.items())
     ]
-    begin_cohort(out, bids=bids)
     refuse_namesakes(subjects)
+    begin_cohort(out, bids=bids)
     args.on_interrupt = " Run it again to go on."
     with alone(out):
         with open_fleet(
