@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import morphofold
 from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
 
 pytest.importorskip("distributed", reason="needs the extra cohort")
@@ -76,6 +77,20 @@ def test_results_and_jobs_do_not_pile_up():
             assert len(taken) - seen <= fleet._window()
             assert len(fleet.client.futures) <= fleet._window() + 1
     assert seen == 2000
+
+
+@pytest.mark.slow
+def test_a_cluster_that_runs_already_is_used(monkeypatch):
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
+        with open_fleet(scheduler=cluster.scheduler_address) as fleet:
+            assert fleet.words.startswith(f"2 workers at {cluster.scheduler_address}, 1 GiB each; dashboard http")
+            assert {outcome for _, outcome in fleet.run(square, [Job("a", 3)])} == {9}
+        monkeypatch.setattr(morphofold, "__version__", "99.0")
+        words = r"has morphofold .*, this is 99\.0"
+        with pytest.raises(ValueError, match=words), open_fleet(scheduler=cluster.scheduler_address):
+            pass
 
 
 def test_workers_share_what_the_machine_has(monkeypatch):

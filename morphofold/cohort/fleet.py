@@ -19,6 +19,7 @@ GiB = 2**30
 DEATHS = 3              # of workers under one job, after which it is put last
 AHEAD = 4               # jobs handed over per thread of a worker; the scheduler holds these alone
 AT_LEAST = 64           # of them
+LOOK_AGAIN = 32         # jobs after which workers are counted again: clusters grow
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,13 @@ class Fleet:
             If the scheduler is gone.
         """
         last: list[Job] = []
-        for job, outcome, died in self._run(work, jobs, self._window()):
+        for job, outcome, died in self._run(work, jobs, self._window):
             if died:
                 last.append(job)
             else:
                 yield job, outcome
         for job in last:
-            for _, outcome, _ in self._run(work, [job], 1):
+            for _, outcome, _ in self._run(work, [job], lambda: 1):
                 yield job, outcome
 
     def _window(self) -> int:
@@ -70,7 +71,7 @@ class Fleet:
         return max(AT_LEAST, AHEAD * threads)
 
     def _run(
-        self, work: Callable[[Any], Any], jobs: Iterable[Job], window: int
+        self, work: Callable[[Any], Any], jobs: Iterable[Job], window: Callable[[], int]
     ) -> Iterator[tuple[Job, Any, bool]]:
         from distributed import as_completed
 
@@ -82,13 +83,13 @@ class Fleet:
                 flying[future.key] = job
                 ended.add(future)
 
-        hand_over(window)
-        for future in ended:
+        hand_over(window())
+        for count, future in enumerate(ended, start=1):
             outcome, died = self._outcome(future)
             job = flying.pop(future.key)
             future.release()
             yield job, outcome, died
-            hand_over(1)
+            hand_over(1 if count % LOOK_AGAIN else max(1, window() - len(flying)))
 
     def _outcome(self, future: Any) -> tuple[Any, bool]:
         from distributed import CancelledError, KilledWorker
@@ -170,6 +171,7 @@ def open_fleet(
                 client = stack.enter_context(Client(scheduler, timeout="20s"))
             except (OSError, TimeoutError) as error:
                 raise ConnectionError(f"{scheduler}: no scheduler answers. Start one, or leave it out.") from error
+            _refuse_other_versions(client)
             known = client.scheduler_info(n_workers=-1)["workers"].values()
             bounds = {round(worker["memory_limit"] / GiB, 1) for worker in known if worker["memory_limit"]}
             bound = " or ".join(f"{x:g} GiB" for x in sorted(bounds)) or "what its machine has"
@@ -191,6 +193,23 @@ def open_fleet(
 
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def version_here() -> str:
+    """morphofold's version, of the process that is asked."""
+    import morphofold
+
+    return morphofold.__version__
+
+
+def _refuse_other_versions(client: Any) -> None:
+    try:
+        found = client.run(version_here)
+    except ImportError as error:
+        raise ValueError(f"its workers can't import morphofold ({error}). Install it where they run.") from error
+    other = {worker: version for worker, version in sorted(found.items()) if version != version_here()}
+    for worker, version in other.items():
+        raise ValueError(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
 
 
 def _dask() -> Any:

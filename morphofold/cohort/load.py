@@ -122,8 +122,8 @@ def text_table(loads: Sequence[Load]) -> list[str]:
     lines = []
     for one in loads:
         lines += [
-            f"{one.subjects:,} subjects, {one.workers} workers: {one.seconds:.0f} s, {one.subjects / one.seconds:.2f} a "
-            f"second; each {one.measuring / one.subjects:.3f} s of a worker and {one.overhead:.3f} s beside",
+            f"{one.subjects:,} subjects, {one.workers} workers: {one.seconds:.0f} s, {one.subjects / one.seconds:.2f} "
+            f"a second; each {one.measuring / one.subjects:.3f} s of a worker and {one.overhead:.3f} s beside",
             f"  found done {one.again:.0f} s; tables and page {one.group:.0f} s; {one.memory_GiB:.2f} GiB, a worker "
             f"{one.worker_GiB:.2f} GiB",
             f"  {one.rows:,} rows: text {one.tsv_bytes / 1e6:.1f} MB, Parquet {one.parquet_bytes / 1e6:.1f} MB; page "
