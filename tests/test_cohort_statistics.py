@@ -70,7 +70,7 @@ def test_swapping_the_sides_turns_the_sign_and_nothing_else(rng):
 
 
 def test_sides_that_do_not_differ_are_rarely_said_to_over_many_measures():
-    """Twenty measures without asymmetry, 200 times: the corrected test finds one in about 5 of 100 groups, not in 64."""
+    """Twenty measures without asymmetry, 200 times: the corrected test finds one in 5 of 100 groups, not in 64."""
     rng = np.random.default_rng(3)
     wrong = 0
     for _ in range(200):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import LINE
 from morphofold.comparison.thickness import Cloud, Point, fit_line
+from morphofold.report.quantities import RATIO
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:
@@ -93,6 +94,11 @@ class Outlier:
     robust_z: float
     median: float
 
+    @property
+    def among_alike(self) -> bool:
+        """Whether all others are alike, so that there is no robust z."""
+        return bool(np.isinf(self.robust_z))
+
 
 @dataclass(frozen=True)
 class Outliers:
@@ -127,6 +133,14 @@ class Outliers:
         for one in self.found:
             rows.setdefault(one.subject, []).append(one)
         return list(rows.values())
+
+
+def measures_of(group: Group) -> Scalars:
+    """The scalars of a group, and gyral over cortical thickness of the whole surface."""
+    cortical = group.scalars["mean_cortical_thickness_mm"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(cortical > 0, group.scalars["median_gyral_thickness_mm"] / cortical, np.nan)
+    return {**group.scalars, RATIO: ratio}
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:

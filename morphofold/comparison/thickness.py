@@ -55,7 +55,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Cloud:
-    """The thickness points of one surface, ``kind`` ``"region"``, ``"crest"``, ``"whole"``, or ``"subject"`` of a group."""
+    """Thickness points of a surface, ``kind`` ``"region"``, ``"crest"`` or ``"whole"``; of a group, ``"subject"``."""
 
     kind: str
     points: tuple[Point, ...]
