@@ -14,7 +14,7 @@ from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
 
-from morphofold.report import group_pictures
+from morphofold.report import group_page, group_pictures
 from morphofold.report.group_page import group_report
 from morphofold.results import write_analysis, write_dataset
 
@@ -93,7 +93,7 @@ def test_the_page_says_how_many_of_how_many_and_their_medians(tmp_path):
 def test_the_planted_outlier_is_named_with_its_picture(tmp_path, measured, layout):
     results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
     text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
-    said = next(words_of(f) for f in re.findall(r"<figcaption>.*?</figcaption>", text, re.S) if "<strong>" in f)
+    said = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.S))
     assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", said)
     assert "Colours: Cortical thickness" in said
     image = imread(tmp_path / "figures" / "outlier-01.png")
@@ -286,3 +286,37 @@ def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_take
     assert "9 950 more subjects in remarks.tsv" in words
     assert "4 950 more such groups" in words
     assert len((tmp_path / "10000" / "remarks.tsv").read_text(encoding="utf-8").splitlines()) == 10_001
+
+
+# --- charts
+
+
+def test_bins_of_counts_hold_as_many_whole_numbers_each(rng):
+    """Counts from 100 to 299, each once: bins of a side are level but for the last."""
+    edges = group_page._bins(np.arange(100.0, 300.0), 10_000)
+    counts = np.histogram(np.arange(100.0, 300.0), edges)[0]
+    assert set(np.diff(edges)) == {5}
+    assert set(counts[1:-1]) == {5}
+    assert len(edges) <= 49
+    assert group_page._bins(rng.standard_normal(50), 50) == 14
+
+
+def test_a_histogram_of_a_group_counts_every_subject(rng):
+    """Heights of the steps of a side, read off its picture, add up to the subjects."""
+    values = rng.uniform(2, 3, 200)
+    chart = str(group_page._chart(THICKNESS, np.column_stack([values, np.full(200, np.nan)]), group_page.BOTH[:1]))
+    path = re.search(r'class="curve" d="M([^"]+)"', chart).group(1)
+    heights = np.array([[float(v) for v in p.split(",")] for p in path.split("L")])[1:-1:2, 1]
+    ticks = re.findall(r'<text class="tick" x="47" y="([\d.]+)" text-anchor="end">(\d+)</text>', chart)
+    (y0, low), (y1, high) = [(float(y) - 3.5, int(label)) for y, label in (ticks[0], ticks[-1])]
+    counts = low + (heights - y0) / (y1 - y0) * (high - low)
+    np.testing.assert_allclose(counts, np.round(counts), atol=0.05)
+    assert 198 <= round(counts.sum()) <= 200                            # but for those beyond the percentiles
+
+
+def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):
+    text = words_of(text_of(with_outlier(30, 4, 1e4), tmp_path))
+    chart = str(group_page._chart(THICKNESS, with_outlier(30, 4, 1e4).scalars[THICKNESS], group_page.BOTH))
+    ticks = re.findall(r'text-anchor="middle">([\d.]+)</text>', chart)
+    assert max(map(float, ticks)) < 3
+    assert "1 value far beyond, not drawn." in text

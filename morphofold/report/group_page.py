@@ -58,6 +58,8 @@ PICTURES = 12
 ROWS = 200              # of failures, and of outliers
 REMARKS = 50            # subjects with remarks, and subjects under several names
 BEYOND = 10.0           # robust z of values that charts leave out
+FEWEST_DRAWN = 3        # values of a side of which a chart is drawn
+LISTED = 5              # measures that a sentence names
 STRIP = 260.0           # width of a line of the chart of asymmetry
 FILES = (
     ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
@@ -112,14 +114,15 @@ def group_report(
     said, references = methods(versions()[0][1])
     page = plots.environment().get_template("group.html").render(
         title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
-        script=Markup(script), number=plots.number, told=told_number, percent=percent, beside=beside,
+        script=Markup(script), number=plots.number, told=told_number, percent=percent, beside=beside, p_told=p_told,
         words=scalar_words, sides=SIDES, there=there, verdict=verdict(group, scalars), warnings=warnings(group),
         headlines=headlines(spread, there), charts=[charts[name] for name in CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
         strips=strips(sides), sided=sided(sides), scatters=[cloud for cloud in clouds if cloud["plot"]],
         fitted=any(line["fit"] for cloud in clouds for line in cloud["fits"]),
         outliers=far.found[:ROWS], more_outliers=len(far.found) - ROWS, outlying=outlying(far, len(by_subject)),
-        pictures=pictures, rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]}, far=FAR,
+        pictures=[one for one in pictures if one.data], others=[one for one in pictures if not one.data],
+        rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]}, far=FAR,
         failures=group.failures[:ROWS], more_failures=len(group.failures) - ROWS,
         remarks=list(group.remarks.items())[:REMARKS], n_remarks=len(group.remarks), most_remarks=REMARKS,
         same=group.same[:REMARKS], n_same=len(group.same), methods=said, references=references,
@@ -215,6 +218,8 @@ def sided(sides: Sequence[Asymmetry]) -> str:
         for row in tested if row.sided
     ]  # fmt: skip
     what = f"The sides differ in {'; '.join(found)}" if found else "No measure is told apart between the sides"
+    if len(found) > LISTED:
+        what = f"The sides differ in {len(found)} measures (filled dots)"
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
 
@@ -274,6 +279,11 @@ def headlines(spread: Sequence[Distribution], there: Sequence[Side]) -> list[dic
     return rows
 
 
+def p_told(p: float) -> str:
+    """A p-value as a page has it."""
+    return "< 0.0001" if p < 1e-4 else plots.number(p, 2)
+
+
 def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
     """The chart of asymmetry, a strip for each measure: places in pixels of the dot, the interval and the ticks."""
     if not sides:
@@ -299,13 +309,13 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     """Left and right over each other, without what lies far beyond, of which the chart says how many."""
     label, unit = scalar_words(name)
     held = np.isfinite(values)
-    if not held.any():
+    if held.sum(axis=0).max() < FEWEST_DRAWN:
         return None
     z, _ = robust_z(values[held])
     beyond = np.zeros(values.shape, dtype=bool)
     beyond[held] = np.isfinite(z) & (np.abs(z) > BEYOND)
     shown = np.where(beyond, np.nan, values)
-    bins = int(np.clip(2 * np.sqrt(held.sum(axis=0).max()), 6, 48))
+    bins = _bins(shown[np.isfinite(shown)], int(held.sum(axis=0).max()))
     series = [
         (side.name, shown[:, HEMIS.index(side.hemi)], np.ones(len(values)), side.colour, side.dash) for side in there
     ]
@@ -315,6 +325,16 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
             plural(int(beyond.sum()), "value")
         )
     return chart
+
+
+def _bins(values: NDArray[np.float64], n: int) -> int | NDArray[np.float64]:
+    """How many bins suit ``n`` values of a side, or edges between whole numbers where all values are such."""
+    most = int(np.clip(2 * np.sqrt(n), 6, 48))
+    if (values != np.round(values)).any():
+        return most
+    low, high = np.round(np.percentile(values, [0.5, 99.5])).tolist()
+    step = int(np.ceil((high - low + 1) / most))
+    return np.asarray(np.arange(low - 0.5, high + step + 0.5, step))
 
 
 def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:

@@ -93,8 +93,8 @@ class Axes:
 
 
 def histograms(
-    series: Sequence[tuple[str, np.ndarray, np.ndarray, str, str]], label: str, unit: str, bins: int = 48,
-    counted: str = "",
+    series: Sequence[tuple[str, np.ndarray, np.ndarray, str, str]], label: str, unit: str,
+    bins: int | np.ndarray = 48, counted: str = "",
 ) -> Markup | None:  # fmt: skip
     """Distributions over each other, in the same bins: area-weighted, or counts.
 
@@ -104,8 +104,8 @@ def histograms(
         NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
-    bins : int
-        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface.
+    bins : int or array
+        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or the edges of bins.
     counted : str
         What the values are of, if their number in each bin is to be drawn instead.
 
@@ -116,9 +116,12 @@ def histograms(
     ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, *_ in series if np.isfinite(v).any()]
     if not ends:
         return None
-    low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
-    wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
-    edges = np.linspace(low - wide, high + wide, bins + 1)
+    if isinstance(bins, int):
+        low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
+        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
+        edges = np.linspace(low - wide, high + wide, bins + 1)
+    else:
+        edges = bins
     curves = []
     for name, values, weights, colour, dash in series:
         known = np.isfinite(values)
