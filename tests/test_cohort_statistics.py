@@ -149,11 +149,20 @@ def test_what_differs_from_a_number_all_others_share_is_an_outlier_without_a_fin
 
 
 def test_a_number_that_half_share_and_many_do_not_has_no_outliers():
-    counts = np.zeros((40, 2))
-    counts[:15] = 1
-    found = outliers([f"s{k}" for k in range(40)], {"n_hinges_4": counts})
+    euler = np.full((40, 2), 2.0)
+    euler[:15] = 0
+    found = outliers([f"s{k}" for k in range(40)], {"euler_characteristic": euler})
     assert found.found == ()
-    assert found.divided == (("n_hinges_4", "lh"), ("n_hinges_4", "rh"))
+    assert found.divided == (("euler_characteristic", "lh"), ("euler_characteristic", "rh"))
+
+
+def test_one_hinge_more_than_the_others_have_is_no_outlier_and_ten_are():
+    """With a MAD of half a count robust z of a difference d is 1.349 d, above 3.5 from three on."""
+    counts = np.full((40, 2), 38.0)
+    counts[:4, 0] = 39, 40, 41, 48
+    found = outliers([f"s{k}" for k in range(40)], {"n_hinges": counts})
+    assert [(row.subject, row.value) for row in found.found] == [("s3", 48), ("s2", 41)]
+    assert found.found[1].robust_z == pytest.approx(3 * 0.6745 / 0.5)
 
 
 def test_differences_of_round_off_are_none(rng):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import assert_quiet, needs_browser, opened
 from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
@@ -320,3 +321,14 @@ def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):
     ticks = re.findall(r'text-anchor="middle">([\d.]+)</text>', chart)
     assert max(map(float, ticks)) < 3
     assert "1 value far beyond, not drawn." in text
+
+
+@needs_browser
+def test_a_browser_has_nothing_to_complain_of_and_a_phone_need_not_scroll_aside(tmp_path, measured):
+    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    failures = [{"subject": "x" * 60, "hemi": None, "reason": "a/" * 80, "log": "logs/x.log"}]
+    group_report(with_outlier(20, 4, 7.77, results=results, failures=failures), tmp_path)
+    with opened(tmp_path / "report.html", tmp_path / "profile", "tables") as tab:
+        assert_quiet(tab)
+        tab.call("Emulation.setDeviceMetricsOverride", width=400, height=900, deviceScaleFactor=1, mobile=True)
+        assert tab.js("document.documentElement.scrollWidth") == 400

@@ -26,6 +26,8 @@ FAR = 3.5               # robust z above which a value is an outlier
 FEWEST = 8              # values of a measure and side among which outliers are looked for
 RARE = 0.25             # share of values at most that may differ from what the others share, to be outliers
 ROUND_OFF = 1e-6        # relative; coordinates are float32, tables have seven digits
+COUNTS = "n_"           # how the names of counts begin
+HALF = 0.5              # median absolute deviation of a count at least: one more or less is no outlier
 NORMAL = 0.6745         # median absolute deviation of a normal distribution over its standard deviation
 MOST_POINTS = 400       # subjects that are points of a plot; more are put into bins
 BINS = 20
@@ -200,8 +202,9 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     """Values far from the median of their measure and side.
 
     ``robust_z = 0.6745 (x - median) / MAD`` with the median absolute deviation; above 3.5 in size it is an outlier
-    (Iglewicz and Hoaglin 1993). Where MAD is 0 to round-off, half of the values and more are alike; those that differ
-    are outliers then, if they are a quarter at most. Subjects come by the largest robust z of theirs.
+    (Iglewicz and Hoaglin 1993). MAD of counts is taken as half a count at least. Where that of other measures is 0 to
+    round-off, half of the values and more are alike; those that differ are outliers then, if they are a quarter at
+    most. Subjects come by the largest robust z of theirs.
     """
     rows: list[tuple[int, Outlier]] = []
     too_few, divided, looked_at = [], [], 0
@@ -213,7 +216,7 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
             if known.size < FEWEST:
                 too_few += [(measure, hemi)] if known.size else []
                 continue
-            z, median = robust_z(side[known])
+            z, median = robust_z(side[known], HALF if measure.startswith(COUNTS) else 0.0)
             if np.isinf(z).mean() > RARE:
                 divided.append((measure, hemi))
                 continue
@@ -230,11 +233,12 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     return Outliers(tuple(row for _, row in rows), looked_at, tuple(too_few), tuple(divided))
 
 
-def robust_z(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Robust z (N,) and median of known values (N,); where MAD is 0 to round-off, 0 and signed infinity."""
+def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[np.float64], float]:
+    """Robust z (N,) and median of known values (N,), with a MAD of ``least`` at least; 0 and signed infinity where MAD
+    is 0 to round-off."""
     median = float(np.median(values))
     apart = values - median
-    mad = float(np.median(np.abs(apart)))
+    mad = max(float(np.median(np.abs(apart))), least)
     alike = ROUND_OFF * abs(median)
     if mad > alike:
         return NORMAL * apart / mad, median

@@ -281,7 +281,7 @@ def headlines(spread: Sequence[Distribution], there: Sequence[Side]) -> list[dic
 
 def p_told(p: float) -> str:
     """A p-value as a page has it."""
-    return "< 0.0001" if p < 1e-4 else plots.number(p, 2)
+    return "< 0.001" if p < 0.001 else plots.number(p, 2)
 
 
 def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
