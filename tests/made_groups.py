@@ -12,7 +12,7 @@ MEASURES = {
 }  # fmt: skip
 
 
-def made_group(n, *, seed=0, failures=(), remarks=None, results=None, same=(), names=None, **scalars):
+def made_group(n, *, seed=0, failures=(), remarks=None, results=None, same=(), names=None, simulated=0, **scalars):
     """``n`` subjects with measures spread evenly, nobody far out, the same on both sides but for noise; Euler number 2.
 
     ``scalars`` (n, 2) take the place of those made up; measures that are neither are unknown.
@@ -31,7 +31,7 @@ def made_group(n, *, seed=0, failures=(), remarks=None, results=None, same=(), n
     if not n:
         regions = {}
     results = results or {name: f"nowhere/{name}" for name in names}
-    return Group(names, values, regions, list(failures), dict(remarks or {}), results, list(same))
+    return Group(names, values, regions, list(failures), dict(remarks or {}), results, list(same), simulated)
 
 
 def failed_group(n, reason="lh.white: no such file."):

@@ -15,6 +15,8 @@ from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
 
+from morphofold.cohort.tables import write_tables
+from morphofold.cohort.tasks import write_record
 from morphofold.report import group_page, group_pictures
 from morphofold.report.group_page import group_report
 from morphofold.results import write_analysis, write_dataset
@@ -149,6 +151,22 @@ def test_the_greater_side_is_named(tmp_path):
     text = words_of(text_of(made_group(40, area_pial_mm2=area), tmp_path))
     assert re.search(r"The sides differ in Pial area \(left greater\).*, by t-tests corrected for 7 measures", text)
     assert re.search(r"Pial area \+(9\.\d|10) ", text)
+
+
+def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
+    said = "5 of these are simulated: they have no side, and stand where their files do."
+    assert said in words_of(text_of(made_group(9, simulated=5), tmp_path))
+    assert "simulated:" not in words_of(text_of(made_group(9), tmp_path / "none"))
+
+
+def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
+    pytest.importorskip("pyarrow", reason="needs the extra cohort")
+    results = {name: tmp_path / "subjects" / name for name in ("brain", "model")}
+    (tmp_path / "subjects").mkdir()
+    for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):
+        write_analysis([made_measures(name=name, origin=origin)], results[name], report=False)
+        write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True)
+    assert write_tables(tmp_path, tmp_path, results).simulated == 1
 
 
 # --- groups of all kinds

@@ -51,6 +51,8 @@ class Group:
         Folders of results.
     same : list of lists of str
         Subjects whose surfaces are the same, under several names.
+    simulated : int
+        Hemispheres that are simulated; these have no side, and stand where their files put them.
     """
 
     subjects: tuple[str, ...]
@@ -60,6 +62,7 @@ class Group:
     remarks: Mapping[str, list[str]]
     results: Mapping[str, Path]
     same: list[list[str]] = field(default_factory=list)
+    simulated: int = 0
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def read_results(folder: Path) -> Found:
         said = json.loads(path.read_text(encoding="utf-8"))
         surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
         wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
-        entries = [{key: entry[key] for key in ("hemi", "measures", "notes")} for entry in said["surfaces"]]
+        entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
         return Found(entries, read_table(table, WORDS, said["rows"]["regions"]), " ".join(wanted))
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
@@ -186,10 +189,12 @@ class _Gathered:
         self.regions: dict[str, NDArray[np.float64]] = {}               # per side: number, sums and sums of squares
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
+        self.simulated = 0
 
     def add(self, i: int, subject: str, found: Found) -> None:
         for entry in found.entries:
             side = HEMIS.index(entry["hemi"])
+            self.simulated += entry["origin"] == "simulation"
             for name, values in self.scalars.items():
                 values[i, side] = _number(entry["measures"].get(name))
             told = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
@@ -211,7 +216,7 @@ class _Gathered:
                 spread = np.sqrt(np.maximum(sums[..., 2] / number - mean**2, 0))
             regions[name] = np.stack([number, mean, spread], axis=-1)
         same = [names for key, names in self.surfaces.items() if key and len(names) > 1]
-        return Group(subjects, self.scalars, regions, failures, self.remarks, dict(results), same)
+        return Group(subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated)
 
 
 def _number(value: Any) -> float:

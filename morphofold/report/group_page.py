@@ -158,7 +158,11 @@ def verdict(group: Group, scalars: Scalars) -> str:
     for k, side in enumerate(("left", "right")):
         if only := int((there[:, k] & ~there[:, 1 - k]).sum()):
             parts.append(f"{plots.number(only)} with the {side} one alone")
-    return f"{said}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
+    said = f"{said}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
+    if group.simulated:
+        simulated = plots.number(group.simulated)
+        said += f" {simulated} of these are simulated: they have no side, and stand where their files do."
+    return said
 
 
 def warnings(group: Group) -> list[Markup]:
