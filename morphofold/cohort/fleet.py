@@ -271,7 +271,7 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
         from dask_jobqueue import SLURMCluster
     except ImportError:
         raise ImportError("workers on SLURM need dask-jobqueue: pip install 'morphofold[slurm]'.") from None
-    given = {} if memory is None else {"memory": f"{memory:g}GiB"}
+    given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
     prologue = [f"export {name}={threads}" for name in THREADS]
     try:
         return SLURMCluster(cores=threads, processes=1, job_script_prologue=prologue, **given)
