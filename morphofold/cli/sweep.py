@@ -5,7 +5,6 @@ no measures, and runs.tsv says why."""
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +60,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.cohort.fleet import open_fleet
-    from morphofold.cohort.phases import write_sweep
+    from morphofold.cohort.phases import theory_by_place, write_sweep
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
     from morphofold.io import refuse_foreign
@@ -77,12 +76,14 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
         with open_fleet(
             workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler,
             slurm=args.slurm, need=need,
-        ) as fleet, progress("sweep ", args.quiet) as tell:  # fmt: skip
-            if not args.quiet:
-                print(f"{len(runs)} runs, {fleet.words}", file=sys.stderr)
-            outcomes = run_tasks(fleet, grow_and_measure, runs, tell, lambda text: told(text, args.quiet))
+        ) as fleet:  # fmt: skip
+            told(f"{len(runs)} runs, {fleet.words}", args.quiet)
+            with progress("sweep ", args.quiet) as tell:
+                outcomes = run_tasks(fleet, grow_and_measure, runs, tell, lambda text: told(text, args.quiet))
+            with progress("theory", args.quiet) as tell:
+                theory = theory_by_place(fleet, grid, tell)
         with progress("phases", args.quiet) as tell:
-            phases = write_sweep(out, Path(args.scene).stem, grid, progress=tell)
+            phases = write_sweep(out, Path(args.scene).stem, grid, theory, progress=tell)
     return runs, outcomes, phases
 
 
@@ -107,12 +108,16 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.forecasts import forecast
     from morphofold.forecasts.words import span, table_of
 
-    largest = max(grid.points, key=lambda point: point.scene.bricks)
+    def size(point: Point) -> tuple[float, float]:
+        growth = point.scene.growth
+        return point.scene.bricks, (growth.final - 1) / growth.rate
+
+    largest = max(grid.points, key=size)
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")
     print(f"the largest, {table_of(found)}")
     measuring = f"; with measuring a worker needs {memory:.2g} GiB" if memory else ""
-    print(f"all: at most {span(len(grid.points) * found.seconds)} of growing on one worker{measuring}")
+    print(f"all: {span(len(grid.points) * found.seconds)} of growing on one worker, if all were as large{measuring}")
     return 0

@@ -10,12 +10,13 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.sim.folder_check import inputs_of
 from morphofold.sim.scene import EFFECTS_OF, Effects, MeshFile, Scene
-from morphofold.sim.scene_file import load_scene, to_toml, toml_value
+from morphofold.sim.scene_file import load_scene, toml_value
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -64,14 +65,15 @@ class Grid:
     seeds: tuple[int | None, ...]
     points: tuple[Point, ...] = field(repr=False)
 
+    @cached_property
+    def scenes(self) -> dict[tuple[int, ...], Scene]:
+        """``at`` of every point, once for all its seeds, and the scene with the first of them."""
+        return {point.at: point.scene for point in reversed(self.points)}
+
     @property
     def places(self) -> list[tuple[int, ...]]:
-        """``at`` of every point, once for all its seeds."""
-        return list(dict.fromkeys(point.at for point in self.points))
-
-    def of(self, at: tuple[int, ...]) -> list[Point]:
-        """The points of one place, a seed each."""
-        return [point for point in self.points if point.at == at]
+        """``at`` of every point, in order."""
+        return sorted(self.scenes)
 
 
 def make_grid(
@@ -93,7 +95,7 @@ def make_grid(
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene, a key or a value is none, two points are the same, or a scene of the grid is impossible: one line
+        If the scene, a key or a value is none or named twice, or a scene of the grid is impossible: one line
         for each problem, with the points that have it.
     """
     base = load_scene(source, settings)
@@ -107,7 +109,7 @@ def make_grid(
     if seeds is not None and SEED in dict(said):
         raise ValueError(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
     own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
-    last = Counter(key.rpartition(".")[2] for key, _ in said)
+    last = Counter(key.rpartition(".")[2] for key in keys)
     axes = tuple(
         Axis(key, key if last[key.rpartition(".")[2]] > 1 else key.rpartition(".")[2], values)
         for key, values in said
@@ -221,7 +223,6 @@ def _grid(
         lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
         more = [f"{len(lines) - MOST_TOLD} problems more."] if len(lines) > MOST_TOLD else []
         raise ValueError("\n".join(lines[:MOST_TOLD] + more))
-    _refuse_same([(name, scene) for name, _, _, scene in found])
     own = _folder_names([name for name, *_ in found])
     points = [
         Point(name, at, seed, scene.model_copy(update={"name": name}))
@@ -260,14 +261,6 @@ def _no_mesh(scene: Scene, known: dict[str, str | None]) -> str | None:
         except (ValueError, OSError) as error:
             known[file] = " ".join(str(error).split())
     return known[file]
-
-
-def _refuse_same(named: Sequence[tuple[str, Scene]]) -> None:
-    """Raise ``ValueError`` if two points are one scene, whatever they are called."""
-    seen: dict[str, str] = {}
-    for name, scene in named:
-        if (other := seen.setdefault(to_toml(scene), name)) != name:
-            raise ValueError(f"{other} and {name} are the same scene. Name each value once.")
 
 
 def _name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:

@@ -6,10 +6,12 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import SCALARS
+from morphofold.cohort.fleet import Fleet, Job, Lost
 from morphofold.cohort.grid import Grid, Point
 from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import read_results
@@ -37,6 +39,8 @@ class Found:
     measures : mapping of measure to float
         Those of MEASURES that it has; ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface, both of the
         whole closed surface, as it was mirrored: the share that was simulated makes no difference.
+    notes : mapping of measure to str
+        Why it has none of a measure.
     warnings : tuple of str
         What its health warns of; empty if it is healthy.
     numbers : mapping
@@ -48,6 +52,7 @@ class Found:
     point: Point
     reason: str = ""
     measures: Mapping[str, float] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     numbers: Mapping[str, int] = field(default_factory=dict)
     pial: Path | None = None
@@ -74,9 +79,13 @@ class Phases:
     runs: tuple[Found, ...]
     theory: Mapping[tuple[int, ...], Theory]
 
-    def at(self, place: tuple[int, ...]) -> list[Found]:
-        """The runs of one place, a seed each."""
-        return [run for run in self.runs if run.point.at == place]
+    @cached_property
+    def at(self) -> dict[tuple[int, ...], list[Found]]:
+        """The runs of each place, a seed each."""
+        found: dict[tuple[int, ...], list[Found]] = {}
+        for run in self.runs:
+            found.setdefault(run.point.at, []).append(run)
+        return found
 
 
 # theory ------------------------------------------------------------------------------------------------------
@@ -105,19 +114,22 @@ def theory_of(scene: Scene) -> Theory:
     return Theory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
 
 
-def theory_by_place(grid: Grid, tell: Callable[[float], None] = lambda share: None) -> dict[tuple[int, ...], Theory]:
-    """Theory of every place of a grid, each sphere's found once."""
-    known: dict[str, Theory] = {}
-    found = {}
-    places = grid.places
-    for i, at in enumerate(places):
-        scene = grid.of(at)[0].scene
-        same = repr((scene.geometry, scene.material, scene.growth.law, scene.effects.named))
-        if same not in known:
-            known[same] = theory_of(scene)
-        found[at] = known[same]
-        tell((i + 1) / len(places))
-    return found
+def theory_by_place(
+    fleet: Fleet, grid: Grid, tell: Callable[[float, str], None] = lambda share, text: None
+) -> dict[tuple[int, ...], Theory]:
+    """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
+    spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
+    wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
+    found: dict[str, Theory] = {}
+    for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
+        found[_sphere(job.argument)] = Theory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        tell(len(found) / len(wanted), "theory")
+    return {at: found[key] for at, key in spheres.items()}
+
+
+def _sphere(scene: Scene) -> str:
+    """What theory sees of a scene, in words."""
+    return repr((scene.geometry, scene.material, scene.growth.law, scene.effects.named))
 
 
 # results -----------------------------------------------------------------------------------------------------
@@ -130,15 +142,16 @@ def read_run(out: Path, point: Point) -> Found:
     warnings, numbers = _health(folder / "simulation" / "health.json")
     if not record.get("results"):
         failures = record.get("failures", {"": "not run yet. Run the sweep again."})
-        return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, warnings, numbers)
+        return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, {}, warnings, numbers)
     try:
         entry = read_results(folder / "analysis").entries[0]
     except (OSError, ValueError, IndexError) as error:
-        return Found(point, " ".join(str(error).split()), {}, warnings, numbers)
+        return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
     if "n_hinges" in measures and measures.get("area_pial_mm2"):
         measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / measures["area_pial_mm2"]
-    return Found(point, "", measures, warnings, numbers, folder / "analysis" / "surf" / "lh.pial")
+    notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
+    return Found(point, "", measures, notes, warnings, numbers, folder / "analysis" / "surf" / "lh.pial")
 
 
 def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
@@ -154,8 +167,9 @@ def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 
 def write_sweep(
-    out: Path, name: str, grid: Grid, *, progress: Callable[[float, str], None] = lambda share, text: None
-) -> Phases:
+    out: Path, name: str, grid: Grid, theory: Mapping[tuple[int, ...], Theory], *,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> Phases:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv, theory.tsv and report.html.
 
     Parameters
@@ -165,18 +179,16 @@ def write_sweep(
     name : str
         Of the scene, as the page calls it.
     grid : Grid
+    theory : mapping of place to Theory
     progress : callable
         Told the share done and what is being done.
     """
     with atomic_folder(out / GROUP) as folder:
-        runs = tuple(read_run(out, point) for point in grid.points)
-        theory = theory_by_place(grid, lambda share: progress(0.5 * share, "theory"))
-        phases = Phases(name, grid, runs, theory)
+        phases = Phases(name, grid, tuple(read_run(out, point) for point in grid.points), theory)
         write_tables(phases, folder)
         from morphofold.report.phase_page import phase_report
 
-        phase_report(phases, folder, lambda share, text: progress(0.5 + 0.5 * share, text))
-    progress(1.0, "done")
+        phase_report(phases, folder, progress)
     return phases
 
 
@@ -224,7 +236,7 @@ def _run_row(grid: Grid, run: Found) -> dict[str, Any]:
 
 
 def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
-    found, scene = phases.theory[at], phases.grid.of(at)[0].scene
+    found, scene = phases.theory[at], phases.grid.scenes[at]
     return {
         **_place(phases.grid, at), "final_growth": scene.growth.final, "g_crit": found.g_crit,
         "g_crease": found.g_crease, "wavelength_mm": found.wavelength, "reason": found.reason or None,

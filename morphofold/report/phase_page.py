@@ -15,9 +15,21 @@ from morphofold.cohort.phases import Found, Phases
 from morphofold.io import read_surface
 from morphofold.report import colours, contents, figures, plots
 from morphofold.report.line_plots import save
-from morphofold.report.phase_plots import SHOWN, WAVELENGTH, Shown, beyond, cell, curve, diagram, others_words, slices
+from morphofold.report.phase_plots import (
+    SHOWN,
+    WAVELENGTH,
+    Shown,
+    axis_title,
+    beyond,
+    cell,
+    curve,
+    diagram,
+    others_words,
+    slices,
+)
 from morphofold.report.png import png_bytes
 from morphofold.report.quantities import Quantity
+from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
 MOST_ROWS = 400         # of the table of numbers, and of that of failures
@@ -45,8 +57,9 @@ def phase_report(
         diagrams=[(label, parts) for label, parts in diagrams if parts], pictures=pictures, surfaces=SURFACES,
         shown=SHOWN, rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
         more=max(0, len(phases.grid.places) - MOST_ROWS),
+        titles=[axis_title(phases, axis) for axis in phases.grid.axes], missing=missing(phases),
         theory=theory_words(phases), verdict=verdict(phases), failed=failed, unhealthy=unhealthy, most=MOST_ROWS,
-        methods=_methods(phases), versions=contents.versions(),
+        levels=_levels(phases), versions=contents.versions(),
     )  # fmt: skip
     path = folder / "report.html"
     path.write_text(page, encoding="utf-8")
@@ -90,7 +103,7 @@ def _picture(path: Path, words: str) -> dict[str, Any]:
 
 def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     """Write the pial surfaces of the first seed, a grid for each diagram, all at one scale."""
-    first = {at: phases.at(at)[0] for at in phases.grid.places}
+    first = {at: phases.at[at][0] for at in phases.grid.places}
     flat = phases.grid.points[0].scene.geometry.shape in ("patch", "strip")
     view = "top" if flat else "lateral"
     extent = max((_extent(run, view) for run in first.values()), default=0.0)
@@ -145,18 +158,17 @@ def _mosaic(
         )[0]
     bottom = head + rows * (side + gap)
     if axes:
-        for i, word in enumerate(axes[0].words):
-            middle = left + i * (side + gap) + side / 2
-            figures.write(canvas, figures.fitted(word, 15, side), (middle, bottom), 15, anchor="middle")
-        middle = left + columns * (side + gap) / 2
-        figures.write(canvas, figures.fitted(axes[0].label, 16, canvas.shape[1] - left), (middle, bottom + 26), 16,
-                      bold=True, anchor="middle")  # fmt: skip
+        title = figures.fitted(axis_title(phases, axes[0]), 16, canvas.shape[1] - left)
+        across = left + np.arange(columns) * (side + gap) + side / 2
+        for x, word in zip(across.tolist(), axes[0].words):
+            figures.write(canvas, figures.fitted(word, 15, side), (x, bottom), 15, anchor="middle")
+        figures.write(canvas, title, (float(across.mean()), bottom + 26), 16, bold=True, anchor="middle")
     if len(axes) > 1:
-        for j, word in enumerate(axes[1].words):
-            level = head + (rows - 1 - j) * (side + gap) + side / 2 - 12
-            figures.write(canvas, figures.fitted(word, 15, 100), (left - 60, level), 15, anchor="middle")
-        label = figures.fitted(axes[1].label, 16, left - 12)
-        figures.write(canvas, label, (6, bottom), 16, bold=True)
+        title = figures.fitted(axis_title(phases, axes[1]), 16, left - 12, bold=True)
+        up = head + np.arange(rows)[::-1] * (side + gap) + side / 2 - 12
+        for y, word in zip(up.tolist(), axes[1].words):
+            figures.write(canvas, figures.fitted(word, 15, 100), (left - 60, y), 15, anchor="middle")
+        figures.write(canvas, title, (6, bottom), 16, bold=True)
     figures.ruler(canvas, per_mm, (12, bottom + 62))
     return canvas
 
@@ -166,7 +178,7 @@ def _mosaic(
 
 def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     """A line of the table of numbers."""
-    theory, final = phases.theory[at], phases.grid.of(at)[0].scene.growth.final
+    theory, final = phases.theory[at], phases.grid.scenes[at].growth.final
     cells = [cell(phases, at, shown.key) for shown in SHOWN]
     return {
         "values": [axis.words[i] for axis, i in zip(phases.grid.axes, at)] or ["the scene"],
@@ -224,11 +236,20 @@ def verdict(phases: Phases) -> str:
     return f"At {points} with both, the measured wavelength is {span} times that of theory's first wrinkles."
 
 
-def _methods(phases: Phases) -> str:
-    accuracy = sorted({point.scene.accuracy.level for point in phases.grid.points})
-    return (
-        f"Every scene was grown to its final growth ({', '.join(accuracy)} accuracy) and its last stage measured as "
-        "`morphofold analyze` does. A cell is the mean over its seeds, ± their sample standard deviation; a dash: the "
-        "surface has no such number, as one without folds has no wavelength. Hinges are counted on the whole closed "
-        "surface, mirrored where a part was simulated, over the pial area of the same, per 1000 mm²."
-    )
+def missing(phases: Phases) -> list[str]:
+    """How many runs lack which of the measures that are shown, and what one of them says of it."""
+    said = []
+    done = [run for run in phases.runs if not run.reason]
+    for shown in SHOWN:
+        without = [run for run in done if shown.key not in run.measures]
+        if without:
+            why = without[0].notes.get(shown.key, "")
+            example = f" {without[0].point.name} says: {why.rstrip('.')}." if why else ""
+            said.append(f"{shown.label}: {len(without)} of {len(done)} runs have none.{example}")
+    return said
+
+
+def _levels(phases: Phases) -> str:
+    """Accuracies of the scenes of a sweep, in words."""
+    levels = {scene.accuracy.level for scene in phases.grid.scenes.values() if scene.geometry.shape != "mesh"}
+    return ", ".join(level for level in LEVELS if level in levels)

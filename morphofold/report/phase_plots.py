@@ -18,6 +18,7 @@ from morphofold.report import colours
 from morphofold.report.line_plots import BLACK, GREY, new_figure
 from morphofold.report.plots import number
 from morphofold.report.quantities import round_out
+from morphofold.report.scene_page import MEANINGS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +78,7 @@ class Cell:
 
 def cell(phases: Phases, at: Place, key: str) -> Cell:
     """What the seeds of one place say of a measure."""
-    runs = phases.at(at)
+    runs = phases.at[at]
     values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
     mean = float(np.mean(values)) if values else math.nan
     sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
@@ -98,7 +99,7 @@ def slices(phases: Phases) -> list[Place]:
 
 def beyond(phases: Phases, at: Place) -> float:
     """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
-    return phases.grid.of(at)[0].scene.growth.final - phases.theory[at].g_crit
+    return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
 
 
 # diagrams ----------------------------------------------------------------------------------------------------
@@ -126,9 +127,10 @@ def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
         if _draw_boundary(ax, phases, others):
             line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
             figure.legend(handles=[line], loc="outside lower center")
-        _name_axes(ax, across, up)
+        _name_axes(ax, phases)
         ax.set_title(_title(phases, shown, others), loc="left")
-        _colour_bar(figure, ax, shown, limits)
+        if np.isfinite(means).any():
+            _colour_bar(figure, ax, shown, limits)
     return figure
 
 
@@ -169,11 +171,12 @@ def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
     return True
 
 
-def _name_axes(ax: Axes, across: Axis, up: Axis) -> None:
+def _name_axes(ax: Axes, phases: Phases) -> None:
+    across, up = phases.grid.axes[:2]
     ax.set_xticks(range(len(across.words)), [_short(word) for word in across.words])
     ax.set_yticks(range(len(up.words)), [_short(word) for word in up.words])
     ax.tick_params(length=0)
-    ax.set(xlabel=_plain(across.label), ylabel=_plain(up.label))
+    ax.set(xlabel=_plain(axis_title(phases, across)), ylabel=_plain(axis_title(phases, up)))
 
 
 def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
@@ -196,9 +199,9 @@ def curve(phases: Phases, shown: Shown) -> Figure:
     order = np.argsort(x, kind="stable")
     with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
         for i, at in enumerate(x):
-            values = [run.measures.get(shown.key, math.nan) for run in phases.at((i,))]
+            values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
             ax.plot(np.full(len(values), at), values, "o", color=colours.CATEGORICAL[0], markersize=5, alpha=0.6)
-            if failed := sum(bool(run.reason) for run in phases.at((i,))):
+            if failed := sum(bool(run.reason) for run in phases.at[i,]):
                 ax.annotate(
                     f"{failed} failed", (at, 0), xycoords=("data", "axes fraction"), xytext=(0, 4),
                     textcoords="offset points", ha="center", color=GREY, fontsize=9,
@@ -218,7 +221,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
         ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
         if not axis.numeric:
             ax.set_xticks(x, [_short(word) for word in axis.words])
-        ax.set(xlabel=_plain(axis.label), ylabel=_plain(shown.title))
+        ax.set(xlabel=_plain(axis_title(phases, axis)), ylabel=_plain(shown.title))
         ax.set_title(_plain(shown.label), loc="left")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
@@ -235,6 +238,16 @@ def crossings(x: Array, y: Array) -> list[float]:
 def _title(phases: Phases, shown: Shown, others: Place) -> str:
     fixed = others_words(phases, others)
     return _plain(shown.label + (f" at {fixed}" if fixed else ""))
+
+
+def axis_title(phases: Phases, axis: Axis) -> str:
+    """A varied key and its unit."""
+    table, _, key = axis.key.rpartition(".")
+    model: Any = phases.grid.points[0].scene
+    for part in table.split("."):
+        model = getattr(model, part, None)
+    unit, _ = MEANINGS.get((type(model).__name__, key)) or MEANINGS.get(("", key), ("", ""))
+    return f"{axis.label} [{unit}]" if unit else axis.label
 
 
 def others_words(phases: Phases, others: Place) -> str:
