@@ -285,8 +285,9 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 
 @contextmanager
 def _environment_kept() -> Iterator[None]:
-    """With the threads of this process as they were afterwards: Dask leaves it those of the workers that it started."""
-    before = {name: os.environ.get(name) for name in THREADS}
+    """With the threads that this process was told afterwards as before, and none of them for workers to inherit: what
+    is in the environment overrules what Dask is told, and Dask leaves here what it told workers."""
+    before = {name: os.environ.pop(name, None) for name in THREADS}
     try:
         yield
     finally:

@@ -231,7 +231,7 @@ def verdict(phases: Phases) -> str:
             ratios.append(measured / theory)
     if not ratios:
         return ""
-    span = f"{plots.number(min(ratios))} to {plots.number(max(ratios))}" if len(ratios) > 1 else plots.number(ratios[0])
+    span = " to ".join(dict.fromkeys(plots.number(ratio) for ratio in (min(ratios), max(ratios))))
     points = f"{len(ratios)} point{'s' if len(ratios) > 1 else ''}"
     return f"At {points} with both, the measured wavelength is {span} times that of theory's first wrinkles."
 

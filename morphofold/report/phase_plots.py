@@ -70,7 +70,8 @@ class Cell:
             return ["failed" if self.failed == self.runs else "–"]
         lines = [number(self.mean)]
         if self.n > 1:
-            lines.append(f"± {number(self.sd, 2)}")
+            places = len(lines[0].partition(".")[2])                    # as many as the mean has
+            lines.append(f"± {self.sd:.{places}f}")
         if self.n < self.runs:
             lines.append(f"{self.n} of {self.runs}")
         return lines
@@ -141,10 +142,9 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
         corner = (at[0] - 0.5, at[1] - 0.5)
         ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
     dark = float(rgb @ np.array([0.299, 0.587, 0.114])) < 140
-    halo: dict[str, Any] = {}
-    if one.failed:
-        halo = {"bbox": {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}}
-    ax.text(*at, "\n".join(lines), ha="center", va="center", fontsize=9.5, color="white" if dark else BLACK, **halo)
+    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}     # over hatches and the line of theory
+    colour = "white" if dark else BLACK
+    ax.text(*at, "\n".join(lines), ha="center", va="center", fontsize=9.5, color=colour, bbox=box, zorder=5)
 
 
 def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
@@ -166,8 +166,10 @@ def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
     known = above[np.isfinite(above)]
     if not (known.size and known.min() < 0 < known.max()):
         return False
+    x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
+    to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
     for colour, width in (("white", 4.0), (BLACK, 1.9)):
-        ax.contour(np.ma.masked_invalid(above), levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+        ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
     return True
 
 
