@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def made(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="demo",
         known = {key: value for key, value in values.items() if value is not None}
         runs.append(Found(point, "", known, {WAVELENGTH: "no folds"}, pial=pial))
     given = {at: Theory(1.5, 1.6, 10.0) for at in grid.places} if theory is None else dict.fromkeys(grid.places, theory)
-    return Phases("demo", grid, tuple(runs), given)
+    return Phases(grid, tuple(runs), given)
 
 
 def texts(figure):
@@ -180,7 +181,7 @@ def test_a_surface_is_as_large_as_the_ruler_says(ball):
 
 def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
     phases = made(broken=[((0, 0), 0)], theory=Theory(reason="the smooth sphere <is> stable"), **{WAVELENGTH: None})
-    phases = Phases("<script>alert(1)</script>", phases.grid, phases.runs, phases.theory)
+    phases = replace(phases, grid=replace(phases.grid, name="<script>alert(1)</script>"))
     page = phase_report(phases, tmp_path).read_text()
     plain = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
     assert "<script" not in plain

@@ -13,6 +13,7 @@ from commands import refused
 
 import morphofold.simulation
 from morphofold.cli import main
+from morphofold.cli.sweep import _anywhere
 from morphofold.cohort import fleet, sweep
 from morphofold.cohort.grid import MOST_RUNS, make_grid
 from morphofold.cohort.phases import Theory, theory_of
@@ -431,6 +432,14 @@ def test_two_workers_do_what_one_process_does(here, capsys):
     assert {row["run"] for row in table(here / "out/group/measures.tsv")} == set(NAMES)
     assert swept("--workers", "1") == 0
     assert "4 of them from before" in capsys.readouterr().out
+
+
+def test_a_mesh_file_is_found_from_where_a_worker_is(here):
+    (here / "mine.vtu").write_bytes(b"")
+    mine, sample = load_scene("mesh", ["geometry.file=mine.vtu"]), load_scene("mesh")
+    assert _anywhere(mine).geometry.file == str(here / "mine.vtu")
+    assert _anywhere(sample) == sample
+    assert _anywhere(load_scene("demo")) == load_scene("demo")
 
 
 # theory ------------------------------------------------------------------------------------------------------

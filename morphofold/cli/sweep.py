@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from morphofold.cohort.grid import Grid, Point
     from morphofold.cohort.phases import Phases
     from morphofold.cohort.sweep import Run
+    from morphofold.sim.scene import Scene
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +84,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
             with progress("theory", args.quiet) as tell:
                 theory = theory_by_place(fleet, grid, tell)
         with progress("phases", args.quiet) as tell:
-            phases = write_sweep(out, Path(args.scene).stem, grid, theory, progress=tell)
+            phases = write_sweep(out, grid, theory, progress=tell)
     return runs, outcomes, phases
 
 
@@ -98,9 +99,18 @@ def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> lis
     options |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
     run_id = secrets.token_hex(4)
     return [
-        Run(Place(str(out), point.name, run_id), point.scene, args.threads, not args.no_report, options)
+        Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, not args.no_report, options)
         for point in points
     ]
+
+
+def _anywhere(scene: Scene) -> Scene:
+    """A scene whose mesh file is found from any folder that a worker may be in."""
+    file = getattr(scene.geometry, "file", None)
+    if file is None or not Path(file).is_file():                        # a sample, by its name
+        return scene
+    geometry = scene.geometry.model_copy(update={"file": str(Path(file).absolute())})
+    return scene.model_copy(update={"geometry": geometry})
 
 
 def _dry_run(grid: Grid, args: argparse.Namespace) -> int:

@@ -59,8 +59,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Grid:
-    """All points of a sweep, the last axis and then the seeds running fastest."""
+    """All points of a sweep, the last axis and then the seeds running fastest; ``name`` is that of the scene."""
 
+    name: str
     axes: tuple[Axis, ...]
     seeds: tuple[int | None, ...]
     points: tuple[Point, ...] = field(repr=False)
@@ -122,7 +123,7 @@ def make_grid(
         count *= len(axis.values)
     if count > MOST_RUNS:
         raise ValueError(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
-    return _grid(source, settings, axes, own)
+    return Grid(base.name, axes, *_points(source, settings, axes, own))
 
 
 # keys and values ---------------------------------------------------------------------------------------------
@@ -202,9 +203,10 @@ def _plain(value: Any) -> Any:
 # points ------------------------------------------------------------------------------------------------------
 
 
-def _grid(
+def _points(
     source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
-) -> Grid:
+) -> tuple[tuple[int | None, ...], tuple[Point, ...]]:
+    """Seeds and points of a grid; raises as :func:`make_grid` says."""
     problems: dict[str, list[str]] = {}
     meshes: dict[str, str | None] = {}
     found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
@@ -228,7 +230,7 @@ def _grid(
         Point(name, at, seed, scene.model_copy(update={"name": name}))
         for name, (_, at, seed, scene) in zip(own, found)
     ]
-    return Grid(axes, tuple(dict.fromkeys(point.seed for point in points)), tuple(points))
+    return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
 
 
 def _seeded(

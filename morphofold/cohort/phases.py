@@ -72,9 +72,8 @@ class Theory:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """A sweep: its scene's name and title, grid, runs in the order of the grid's points, and theory by place."""
+    """A sweep: its grid, runs in the order of the grid's points, and theory by place."""
 
-    scene: str
     grid: Grid
     runs: tuple[Found, ...]
     theory: Mapping[tuple[int, ...], Theory]
@@ -167,7 +166,7 @@ def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 
 def write_sweep(
-    out: Path, name: str, grid: Grid, theory: Mapping[tuple[int, ...], Theory], *,
+    out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], *,
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> Phases:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv, theory.tsv and report.html.
@@ -176,15 +175,13 @@ def write_sweep(
     ----------
     out : Path
         Of the sweep.
-    name : str
-        Of the scene, as the page calls it.
     grid : Grid
     theory : mapping of place to Theory
     progress : callable
         Told the share done and what is being done.
     """
     with atomic_folder(out / GROUP) as folder:
-        phases = Phases(name, grid, tuple(read_run(out, point) for point in grid.points), theory)
+        phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
         write_tables(phases, folder)
         from morphofold.report.phase_page import phase_report
 

@@ -52,7 +52,7 @@ def phase_report(
     failed = [run for run in phases.runs if run.reason]
     unhealthy = [run for run in phases.runs if run.warnings]
     page = plots.environment().get_template("phases.html").render(
-        title=f"Sweep of {phases.scene}", scene=phases.scene, axes=phases.grid.axes, seeds=_seeds(phases),
+        title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes, seeds=_seeds(phases),
         places=phases.grid.places, runs=phases.runs, done=len(phases.runs) - len(failed),
         diagrams=[(label, parts) for label, parts in diagrams if parts], pictures=pictures, surfaces=SURFACES,
         shown=SHOWN, rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
