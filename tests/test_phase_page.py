@@ -71,6 +71,13 @@ def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
     assert limits_of(made(broken=[(at, s) for at in phases.grid.places for s in (0, 1)]), LENGTH) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize("nearly", [1 - 1e-12, 1.0, 1 + 1e-12])
+def test_a_smooth_sphere_is_one_whatever_its_round_off(nearly):
+    phases = made(**{GI.key: nearly})
+    assert limits_of(phases, GI) == (1.0, 2.0)
+    assert texts(diagram(phases, GI))[0, 0].splitlines()[:2] == ["1.00", "± 0.00"]
+
+
 def test_failures_and_what_a_surface_does_not_have_are_said():
     phases = made(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
     found = texts(diagram(phases, GI))

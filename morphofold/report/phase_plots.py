@@ -45,6 +45,7 @@ class Shown:
 
 
 WAVELENGTH = "wavelength_mm"
+ROUND_OFF = 1e-3        # of the measures that are shown, in their units
 SHOWN = (
     Shown("gyrification_index", "Gyrification index", "", 1.0),
     Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
@@ -68,7 +69,7 @@ class Cell:
         """The cell in at most three short lines."""
         if self.n == 0:
             return ["failed" if self.failed == self.runs else "–"]
-        lines = [number(self.mean)]
+        lines = [number(float(f"{self.mean:.3g}"))]                     # 0.99999 is 1.00, as 1.00001 is
         if self.n > 1:
             places = len(lines[0].partition(".")[2])                    # as many as the mean has
             lines.append(f"± {self.sd:.{places}f}")
@@ -90,7 +91,7 @@ def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
     """From ``shown.least`` to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
     values = [run.measures[shown.key] for run in phases.runs if math.isfinite(run.measures.get(shown.key, math.nan))]
     above = max([*values, shown.least]) - shown.least
-    return shown.least, shown.least + (round_out(above) or 1.0)
+    return shown.least, shown.least + (round_out(above) if above > ROUND_OFF else 1.0)
 
 
 def slices(phases: Phases) -> list[Place]:
@@ -209,7 +210,9 @@ def curve(phases: Phases, shown: Shown) -> Figure:
                     textcoords="offset points", ha="center", color=GREY, fontsize=9,
                 )  # fmt: skip
         means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
-        ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label="mean over seeds")
+        if np.isfinite(means).any():
+            label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
+            ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label)
         top = limits_of(phases, shown)[1]
         if shown.key == WAVELENGTH:
             theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
@@ -218,14 +221,14 @@ def curve(phases: Phases, shown: Shown) -> Figure:
                 top = max(top, 1.08 * float(np.nanmax(theory)))
         above = np.array([beyond(phases, (i,)) for i in range(len(x))])[order]
         for k, place in enumerate(crossings(x[order], above)):
-            label = "final growth = theory's critical growth" if k == 0 else None
-            ax.axvline(place, color=GREY, linestyle=":", label=label)
+            words = "final growth = theory's critical growth" if k == 0 else None
+            ax.axvline(place, color=GREY, linestyle=":", label=words)
         ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
         if not axis.numeric:
             ax.set_xticks(x, [_short(word) for word in axis.words])
         ax.set(xlabel=_plain(axis_title(phases, axis)), ylabel=_plain(shown.title))
         ax.set_title(_plain(shown.label), loc="left")
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
