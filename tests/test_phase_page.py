@@ -82,7 +82,7 @@ def test_failures_and_what_a_surface_does_not_have_are_said():
     phases = made(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
     found = texts(diagram(phases, GI))
     assert found[0, 0].splitlines()[0] == "failed"
-    assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "1 of 2"]
+    assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
     assert cell(phases, (1, 1), GI.key).failed == 1
     smooth = made(**{WAVELENGTH: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]

@@ -12,17 +12,22 @@ import pytest
 from commands import refused
 
 import morphofold.simulation
+from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _anywhere
 from morphofold.cohort import fleet, sweep
 from morphofold.cohort.grid import MOST_RUNS, make_grid
-from morphofold.cohort.phases import Theory, theory_of
+from morphofold.cohort.phases import HINGES_PER_AREA, Theory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
-from morphofold.cohort.tasks import Place, read_record
+from morphofold.cohort.tasks import Place, read_record, write_record
+from morphofold.io import read_surface
+from morphofold.results import write_analysis
+from morphofold.shapes import icosphere
 from morphofold.sim import radial_run, run, theory
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.scene_file import load_scene
+from morphofold.surface import Cortex, Surface
 
 pytest.importorskip("distributed", reason="needs the extra cohort")
 
@@ -394,6 +399,27 @@ def test_a_dry_run_writes_nothing_and_tells_of_the_largest(here, capsys):
     assert told.startswith("2 runs: 2 points\n")
     assert "the largest, growth.final-1.4: forecast" in told
     assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize("portion", [1.0, 1 / 8])
+def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, portion):
+    (point,) = make_grid("demo", ["mu_ratio=1"]).points
+    folder = sweep.folder_of(here, point.name)
+    verts, faces = icosphere(1, 10.0)
+    white, pial = (Surface(verts * size, faces, f"lh.{name}") for name, size in (("white", 0.9), ("pial", 1.0)))
+    cortex = Cortex(white, pial, origin="simulation", portion=portion)
+    found = Measures(cortex, {"n_hinges": 30, "area_pial_mm2": 20_000.0}, {}, notes={"wavelength_mm": "no folds"})
+    write_analysis([found], folder / "analysis", report=False)
+    (folder / "simulation").mkdir()
+    (folder / "simulation/health.json").write_text('{"warnings": ["it wobbles"], "elements": 5, "steps": 7}')
+    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
+    read = read_run(here, point)
+    assert read.measures == {"n_hinges": 30, "area_pial_mm2": 20_000.0, HINGES_PER_AREA: 1.5}
+    assert read.notes == {"wavelength_mm": "no folds"}
+    assert (read.reason, read.warnings, read.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
+    np.testing.assert_allclose(read_surface(read.pial).verts, pial.verts, atol=1e-5)
+    (folder / "analysis/summary.json").unlink()
+    assert "holds no results" in read_run(here, point).reason
 
 
 OCTANT = (

@@ -74,7 +74,7 @@ class Cell:
             places = len(lines[0].partition(".")[2])                    # as many as the mean has
             lines.append(f"± {self.sd:.{places}f}")
         if self.n < self.runs:
-            lines.append(f"{self.n} of {self.runs}")
+            lines.append(f"({self.n} of {self.runs})")
         return lines
 
 
