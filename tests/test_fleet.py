@@ -93,6 +93,22 @@ def test_a_cluster_that_runs_already_is_used(monkeypatch):
             pass
 
 
+def threads_of_kernels(_):
+    return os.environ["NUMBA_NUM_THREADS"]
+
+
+@pytest.mark.slow
+def test_a_worker_does_one_job_at_a_time_with_all_its_threads_and_ours_stay(monkeypatch):
+    """Kernels of two jobs in one process would end it."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with open_fleet(workers=1, threads=2, memory=1.0) as fleet:
+        assert list(fleet.client.nthreads().values()) == [1]
+        assert [outcome for _, outcome in fleet.run(threads_of_kernels, [Job("a", 0)])] == ["2"]
+    assert os.environ["NUMBA_NUM_THREADS"] == "7"                       # which Dask had set to those of its workers
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
 def test_workers_share_what_the_machine_has(monkeypatch):
     monkeypatch.setattr("distributed.system.MEMORY_LIMIT", int(20 * GiB))
     monkeypatch.setattr("dask.system.CPU_COUNT", 8)
@@ -150,3 +166,4 @@ def test_slurm_jobs_ask_for_what_was_said():
     assert "#SBATCH --cpus-per-task=2" in script
     assert "#SBATCH --mem=4G" in script
     assert "export NUMBA_NUM_THREADS=2" in script
+    assert "--nthreads 1" in script                                     # the last of the two counts

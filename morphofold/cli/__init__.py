@@ -23,6 +23,7 @@ COMMANDS = {
     "compare": "put analyses side by side",
     "cohort": "measure many subjects on several workers, and put them into tables and a page of the group",
     "bids": "the same for a BIDS dataset, called as BIDS-Apps are",
+    "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the theory in them",
     "theory": "radius, stress, creases and wrinkles of the growing sphere, without simulating it",
     "reproduce": "draw figures of the paper anew",
     "scenes": "list the built-in scenes",

@@ -32,7 +32,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_worker_args(parser)
 
 
-def add_measuring_args(parser: argparse.ArgumentParser) -> None:
+def add_measuring_args(parser: argparse.ArgumentParser, one: str = "subject", all: str = "the group") -> None:
     """What measuring a subject takes."""
     parser.add_argument(
         "--curvature-scale", type=float, metavar="MM",
@@ -46,7 +46,7 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accuracy", choices=["draft", "standard", "fine"], default="standard", help="as for analyze",
     )  # fmt: skip
-    parser.add_argument("--no-report", action="store_true", help="no page of each subject; that of the group is drawn")
+    parser.add_argument("--no-report", action="store_true", help=f"no page of each {one}; that of {all} is drawn")
 
 
 def add_worker_args(parser: argparse.ArgumentParser) -> None:

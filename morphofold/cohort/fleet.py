@@ -7,6 +7,7 @@ whose workers died three times is put last and tried once more by itself, so tha
 from __future__ import annotations
 
 import logging
+import os
 import secrets
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -164,6 +165,7 @@ def open_fleet(
         **{f"distributed.nanny.pre-spawn-environ.{name}": str(threads) for name in THREADS},
     }  # fmt: skip
     with ExitStack() as stack:
+        stack.enter_context(_environment_kept())
         stack.enter_context(dask.config.set(settings))
         stack.enter_context(_quietly())
         if scheduler is not None:
@@ -184,7 +186,7 @@ def open_fleet(
             words = f"{slurm} SLURM jobs asked for, {bound} each"
         else:
             count, each = _shares(workers, threads, memory, need)
-            cluster = stack.enter_context(_local_cluster(count, threads, each))
+            cluster = stack.enter_context(_local_cluster(count, each))
             client = stack.enter_context(Client(cluster))
             bound = f"{each:.1f} GiB"
             words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
@@ -255,14 +257,14 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     return workers, each
 
 
-def _local_cluster(workers: int, threads: int, memory: float) -> Any:
+def _local_cluster(workers: int, memory: float) -> Any:
     from distributed import LocalCluster
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")                                 # the port of the dashboard may be another's
         return LocalCluster(
-            n_workers=workers, threads_per_worker=threads, processes=True, memory_limit=int(memory * GiB),
-            silence_logs=logging.CRITICAL,
+            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
+            silence_logs=logging.CRITICAL,                              # one job each: its kernels have the threads
         )  # fmt: skip
 
 
@@ -274,9 +276,26 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
     given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
     prologue = [f"export {name}={threads}" for name in THREADS]
     try:
-        return SLURMCluster(cores=threads, processes=1, job_script_prologue=prologue, **given)
+        return SLURMCluster(
+            cores=threads, processes=1, job_script_prologue=prologue, worker_extra_args=["--nthreads", "1"], **given
+        )
     except ValueError as error:
         raise ValueError(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
+
+
+@contextmanager
+def _environment_kept() -> Iterator[None]:
+    """With the threads that this process was told afterwards as before, and none of them for workers to inherit: what
+    is in the environment overrules what Dask is told, and Dask leaves here what it told workers."""
+    before = {name: os.environ.pop(name, None) for name in THREADS}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 @contextmanager
