@@ -20,10 +20,11 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     with path.open("w", encoding="utf-8", newline="") as file:
         lines = csv.writer(file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
         lines.writerow([*columns, *extra])
-        lines.writerows([_cell(row.get(k)) for k in (*columns, *extra)] for row in rows)
+        lines.writerows([cell(row.get(k)) for k in (*columns, *extra)] for row in rows)
 
 
-def _cell(value: Any) -> str:
+def cell(value: Any) -> str:
+    """A value as tables have it: seven digits, ``n/a`` for what is missing, text without tabs and line breaks."""
     if value is None:
         return MISSING
     if isinstance(value, bool | int | np.integer | np.bool_):

@@ -207,7 +207,7 @@ def to_toml(scene: Scene) -> str:
 
 
 def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:
-    lines = [f"{key} = {_value(v)}" for key, v in tables.items() if not isinstance(v, dict)]
+    lines = [f"{key} = {toml_value(v)}" for key, v in tables.items() if not isinstance(v, dict)]
     for key, v in tables.items():
         if isinstance(v, dict):
             lines.append(f"\n[{prefix}{key}]")
@@ -217,14 +217,15 @@ def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _value(v: Any) -> str:
+def toml_value(v: Any) -> str:
+    """A value as TOML spells it."""
     if isinstance(v, bool):
         return "true" if v else "false"
     if isinstance(v, str):
         escaped = v.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
         return f'"{escaped}"'
     if isinstance(v, dict):
-        return "{" + ", ".join(f"{key} = {_value(x)}" for key, x in v.items()) + "}"
+        return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):
-        return "[" + ", ".join(_value(x) for x in v) + "]"
+        return "[" + ", ".join(toml_value(x) for x in v) + "]"
     return repr(v)

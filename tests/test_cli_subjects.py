@@ -7,8 +7,8 @@ import pytest
 from commands import refused
 
 from morphofold.cli import main
-from morphofold.cli.analyze import hemispheres
 from morphofold.io import read_label, sample_path
+from morphofold.io.cortices import hemispheres
 from morphofold.results import read_analysis
 
 

@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
-    from morphofold.io.cortices import side_named
+    from morphofold.io.cortices import hemispheres, side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
 
@@ -254,30 +254,3 @@ def _places_of_stages(folder: str | None) -> list[Path]:
     """Folders of every stage of a simulation; none of anything else."""
     places = [] if folder is None else sorted((Path(folder) / "stages").glob("g*"))
     return [place for place in places if (place / "stage.json").is_file()]
-
-
-def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres whose surfaces lie in ``folder`` or its surf/; ("lh",) if none does, for the reader to say.
-
-    Raises
-    ------
-    FileNotFoundError
-        If one hemisphere is there and the other is half there: one of its two surfaces.
-    """
-    from morphofold.io.cortices import SURFACE_ENDINGS
-
-    place = folder / "surf" if (folder / "surf").is_dir() else folder
-    files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
-    there = {
-        hemi: [kind for kind in ("white", "pial") if any(f"{hemi}.{kind}{end}" in files for end in SURFACE_ENDINGS)]
-        for hemi in ("lh", "rh")
-    }
-    half, whole = ([hemi for hemi, kinds in there.items() if len(kinds) == n] for n in (1, 2))
-    if half and whole:
-        (has,), side = there[half[0]], {"lh": "left", "rh": "right"}[whole[0]]
-        lacks = "pial" if has == "white" else "white"
-        raise FileNotFoundError(
-            f"{folder}: {place.name}/{half[0]}.{has} is there and {place.name}/{half[0]}.{lacks} is not. Restore it, "
-            f"or pass --hemi {whole[0]} to measure the {side} alone."
-        )
-    return tuple(whole or half) or ("lh",)

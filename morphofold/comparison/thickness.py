@@ -32,8 +32,8 @@ class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
     ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`morphofold.analysis.line.line`), None for fewer than five; 0 where all gyral thicknesses are alike. Both
-    intervals take the points as independent, which neighbouring regions are not quite.
+    (:func:`morphofold.analysis.line.line`), None for fewer than five; 0 where all gyral thicknesses are alike, NaN
+    where it was not asked for. Both intervals take the points as independent, which neighbouring regions are not quite.
     """
 
     slope: float
@@ -55,7 +55,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Cloud:
-    """The thickness points of one surface; ``kind`` is ``"region"``, ``"crest"`` or ``"whole"``."""
+    """Thickness points of a surface, ``kind`` ``"region"``, ``"crest"`` or ``"whole"``; of a group, ``"subject"``."""
 
     kind: str
     points: tuple[Point, ...]
@@ -160,8 +160,11 @@ def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point,
     return tuple(bins)
 
 
-def fit_line(points: Sequence[Point]) -> Fit | None:
-    """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x."""
+def fit_line(points: Sequence[Point], *, robust: bool = True) -> Fit | None:
+    """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x.
+
+    ``robust``: with the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
+    """
     from scipy import stats
 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
@@ -170,12 +173,12 @@ def fit_line(points: Sequence[Point]) -> Fit | None:
     found = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
     slope = float(found.slope)
-    robust: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0)
-    if np.ptp(y) > 0:
+    middle: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (float("nan"), None, None)
+    if robust and np.ptp(y) > 0:
         pairs = line(x, y)
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
-        robust = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
+        middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
     return Fit(
         slope, slope - half, slope + half, float(found.intercept), float(found.rvalue), float(found.pvalue),
-        len(points), *robust,
+        len(points), *middle,
     )  # fmt: skip

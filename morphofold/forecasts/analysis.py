@@ -222,6 +222,14 @@ def _slowness(timed: Mapping[str, float]) -> float:
     return timed["regions"] / costs()["analysis"]["regions_of_ball"]
 
 
+def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
+    """Most memory of a process that measures hemispheres of so many vertices, one after the other [GiB]."""
+    from morphofold.analysis.copies import accuracy_of
+
+    chosen = accuracy_of(accuracy)
+    return _memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
+
+
 def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Accuracy, report: bool) -> float:
     """Most memory of a whole process that does the analysis alone."""
     memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)

@@ -78,6 +78,31 @@ def read_cortex(
     return _folder(_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
 
 
+def hemispheres(folder: Path) -> tuple[str, ...]:
+    """Hemispheres whose surfaces lie in ``folder`` or its surf/; ("lh",) if none does, for the reader to say.
+
+    Raises
+    ------
+    FileNotFoundError
+        If one hemisphere is there and the other is half there: one of its two surfaces.
+    """
+    place = folder / "surf" if (folder / "surf").is_dir() else folder
+    files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
+    there = {
+        hemi: [kind for kind in ("white", "pial") if any(f"{hemi}.{kind}{end}" in files for end in SURFACE_ENDINGS)]
+        for hemi in ("lh", "rh")
+    }
+    half, whole = ([hemi for hemi, kinds in there.items() if len(kinds) == n] for n in (1, 2))
+    if half and whole:
+        (has,), side = there[half[0]], {"lh": "left", "rh": "right"}[whole[0]]
+        lacks = "pial" if has == "white" else "white"
+        raise FileNotFoundError(
+            f"{folder}: {place.name}/{half[0]}.{has} is there and {place.name}/{half[0]}.{lacks} is not. Restore it, "
+            f"or pass --hemi {whole[0]} to measure the {side} alone."
+        )
+    return tuple(whole or half) or ("lh",)
+
+
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     sides = [side_named(file.name) for file in (white, pial)]
     if None not in sides and sides[0] != sides[1]:
@@ -116,57 +141,75 @@ def _stage(path: Path) -> Path:
     return max(done, key=lambda p: done[p])
 
 
-def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, name: str | None) -> Cortex:
-    if len(surfaces) != 2:
-        raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+def cortex_files(
+    path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str = "aparc"
+) -> dict[str, Path]:
+    """The files that :func:`read_cortex` reads of a folder, by what they hold: white, pial, and what else is there.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a surface is not there.
+    ValueError
+        If a simulated stage is asked for its right hemisphere, which it has not.
+    """
+    root = _stage(Path(path))
     stage = root / "stage.json"
     if stage.is_file() and hemi == "rh":
         raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
-    inner, outer = (_required(root, f"{hemi}.{s}") for s in surfaces)
-    white, pial = read_surface(inner), read_surface(outer)
-    files = [inner, outer]
+    found = {what: _required(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
-    def optional(place: str, stem: str, endings: tuple[str, ...] = ("",)) -> Path | None:
-        found = _find((root / place,) if (root / place).is_dir() else (root,), stem, endings)
-        files.extend([found] if found else [])
-        return found
+    def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
+        file = _find((root / place,) if (root / place).is_dir() else (root,), stem, endings)
+        found.update({} if file is None else {what: file})
 
-    def fitting(file: Path | None, read: Callable[[Path], Any], count: Callable[[Any], int] = len) -> Any:
+    for name in MAPS:
+        add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
+    add("inflated", "surf", f"{hemi}.inflated", SURFACE_ENDINGS)
+    add("annotation", "label", f"{hemi}.{annotation}.annot")
+    add("label", "label", f"{hemi}.cortex.label")
+    return {**found, "stage": stage} if stage.is_file() else found
+
+
+def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, name: str | None) -> Cortex:
+    if len(surfaces) != 2:
+        raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+    files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
+    inner = files["white"]
+    white, pial = read_surface(inner), read_surface(files["pial"])
+
+    def fitting(what: str, read: Callable[[Path], Any], count: Callable[[Any], int] = len) -> Any:
         """What a file holds, refused if it is of another number of vertices."""
-        found = None if file is None else read(file)
-        if file is not None and count(found) != len(white.verts):
+        if what not in files:
+            return None
+        found = read(files[what])
+        if count(found) != len(white.verts):
             raise ValueError(
-                f"{file} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another subject. "
-                "Take it from the same one, or leave it out."
+                f"{files[what]} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another "
+                "subject. Take it from the same one, or leave it out."
             )
         return found
 
-    maps = {m: fitting(p, read_morph) for m in MAPS if (p := optional("surf", f"{hemi}.{m}", _MAP_ENDINGS))}
-    inflated = fitting(
-        optional("surf", f"{hemi}.inflated", SURFACE_ENDINGS), read_surface, lambda surface: len(surface.verts)
-    )
-    regions = fitting(
-        optional("label", f"{hemi}.{annotation}.annot"), read_annotation, lambda regions: len(regions.labels)
-    )
-    label = optional("label", f"{hemi}.cortex.label")
+    maps = {kind: fitting(kind, read_morph) for kind in MAPS if kind in files}
+    inflated = fitting("inflated", read_surface, lambda surface: len(surface.verts))
+    regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": {}}
-    if stage.is_file():
-        info = _stage_info(stage)
-        files.append(stage)
+    if "stage" in files:
+        info = _stage_info(files["stage"])
         said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
     elif (root / "summary.json").is_file():
         said |= _analysed(root / "summary.json", hemi)
     return Cortex(
         white, pial, hemi, name or said["name"], maps,
-        cortex=read_label(label, len(white.verts)) if label else None,
+        cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,
         inflated=inflated,
         origin=said["origin"],
         units=str(said.get("units", "mm")),
         transform=scanner_transform(white.geometry),
         portion=float(said.get("portion", 1.0)),
-        info=said["info"], files=tuple(str(p) for p in files),
+        info=said["info"], files=tuple(str(p) for p in files.values()),
     )  # fmt: skip
 
 

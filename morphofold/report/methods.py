@@ -17,6 +17,9 @@ REFERENCES = {
     "on compliant substrates. J. Appl. Mech. 71, 597.",
     "Fischl and Dale 2000": "Fischl B, Dale AM (2000). Measuring the thickness of the human cerebral cortex from "
     "magnetic resonance images. PNAS 97, 11050.",
+    "Holm 1979": "Holm S (1979). A simple sequentially rejective multiple test procedure. Scand. J. Stat. 6, 65.",
+    "Iglewicz and Hoaglin 1993": "Iglewicz B, Hoaglin DC (1993). How to detect and handle outliers. ASQC "
+    "Quality Press.",
     "Mota and Herculano-Houzel 2015": "Mota B, Herculano-Houzel S (2015). Cortical folding scales universally with "
     "surface area and thickness, not number of neurons. Science 349, 74.",
     "Razavi et al. 2015": "Razavi MJ, Zhang T, Li X, Liu T, Wang X (2015). Role of mechanical factors in cortical "
@@ -28,7 +31,7 @@ REFERENCES = {
 
 def methods(comparison: Comparison, version: str) -> tuple[str, list[str]]:
     """What was done and how, in sentences, by this version of morphofold; the references that they cite."""
-    said = [*_grown(comparison), *_measured(comparison.measures, version)]
+    said = [*_grown(comparison), *measured(comparison.measures, version)]
     if any(terms is not None for terms in comparison.folding):
         said.append(
             "The law of folding, total area times the root of thickness over exposed area to the power 5/4 (Mota and "
@@ -54,7 +57,8 @@ def _grown(comparison: Comparison) -> list[str]:
     return said
 
 
-def _measured(measures: Sequence[Measures], version: str) -> list[str]:
+def measured(measures: Sequence[Measures], version: str) -> list[str]:
+    """Sentences on how white and pial surfaces were measured; of no measures, what holds of all."""
     scales = sorted(float(mm) for m in measures if (mm := m.parameters.get("curvature_scale_mm")))
     within = " or ".join(dict.fromkeys(number(mm, 2) for mm in scales)) or "a few"
     caps = {m.parameters.get("cortical_thickness_cap_mm") for m in measures}
@@ -95,6 +99,6 @@ def _copied(measures: Sequence[Measures]) -> list[str]:
             )
     usual = 1.25
     voxels = {float(m.parameters.get("local_gyrification_voxel_mm", usual)) for m in measures}
-    if voxels != {usual}:
+    if voxels - {usual}:
         said.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
     return said

@@ -86,16 +86,17 @@ class Axes:
         return Markup(
             environment().get_template("chart.svg").render(
                 axes=self, x_label=x_label, y_label=y_label, title=title, legend=legend, items=self.items,
-                x_ticks=[(float(self.px(t)), f"{t:.4g}".replace("-", "−")) for t in across],
-                y_ticks=[(float(self.py(t)), f"{t:.4g}") for t in up],
+                x_ticks=[(float(self.px(t)), f"{t:.6g}".replace("-", "−")) for t in across],
+                y_ticks=[(float(self.py(t)), f"{t:.6g}".replace("-", "−")) for t in up],
             )
         )  # fmt: skip
 
 
 def histograms(
-    series: Sequence[tuple[str, np.ndarray, np.ndarray, str, str]], label: str, unit: str, bins: int = 48
-) -> Markup | None:
-    """Area-weighted distributions over each other, in the same bins.
+    series: Sequence[tuple[str, np.ndarray, np.ndarray, str, str]], label: str, unit: str,
+    bins: int | np.ndarray = 48, counted: str = "",
+) -> Markup | None:  # fmt: skip
+    """Distributions over each other, in the same bins: area-weighted, or counts.
 
     Parameters
     ----------
@@ -103,8 +104,10 @@ def histograms(
         NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
-    bins : int
-        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface.
+    bins : int or array
+        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or the edges of bins.
+    counted : str
+        What the values are of, if their number in each bin is to be drawn instead.
 
     Returns
     -------
@@ -113,15 +116,19 @@ def histograms(
     ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, *_ in series if np.isfinite(v).any()]
     if not ends:
         return None
-    low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
-    wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
-    edges = np.linspace(low - wide, high + wide, bins + 1)
+    if isinstance(bins, int):
+        low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
+        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
+        edges = np.linspace(low - wide, high + wide, bins + 1)
+    else:
+        edges = bins
     curves = []
     for name, values, weights, colour, dash in series:
         known = np.isfinite(values)
         if known.any() and weights[known].sum() > 0:
-            density = np.histogram(values[known], edges, weights=weights[known])[0]
-            density = density / weights[known].sum() / np.diff(edges)
+            density = np.histogram(values[known], edges, weights=None if counted else weights[known])[0]
+            if not counted:
+                density = density / weights[known].sum() / np.diff(edges)
             curves.append((name, density, colour, dash, weighted_median(values[known], weights[known])))
     if not curves:
         return None
@@ -136,8 +143,8 @@ def histograms(
         })  # fmt: skip
         if edges[0] <= median <= edges[-1]:
             axes.items.append({"kind": "median", "x": float(axes.px(median)), "y": float(axes.py(0)), "colour": colour})
-    per = f" per {unit}" if unit else ""
-    return axes.render(f"{label} [{unit}]" if unit else label, f"share of area{per}", f"Distribution of {label}")
+    up = counted or (f"share of area per {unit}" if unit else "share of area")
+    return axes.render(f"{label} [{unit}]" if unit else label, up, f"Distribution of {label}")
 
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
@@ -147,7 +154,10 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float, str]]) -> Markup | None:
+def thickness_plot(
+    clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float, str]], *, from_zero: bool = True,
+    size: tuple[float, float] = (880, 430),
+) -> Markup | None:  # fmt: skip
     """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
 
     Parameters
@@ -157,6 +167,10 @@ def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float
         ``gyral`` [mm], ``label`` and, for bins, quartiles ``low`` and ``high``; ``fit`` with ``slope``, ``intercept``
         and ``sloped``, or None. A fit that is not sloped is drawn faint.
     lines : sequence of (slope [mm/mm], label)
+    from_zero : bool
+        Axes begin at 0; else they are those of the points.
+    size : (width, height)
+        In pixels.
 
     Returns
     -------
@@ -167,13 +181,28 @@ def thickness_plot(clouds: Sequence[dict[str, Any]], lines: Sequence[tuple[float
         return None
     right = 1.12 * max(p.cortical for p in marks)
     top = 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
-    axes = Axes((0.0, right), (0.0, top), width=880, height=430, margin=(14, 18, 46, 58))
+    across, up = (0.0, right), (0.0, top)
+    if not from_zero:
+        across = around([p.cortical for p in marks])
+        up = around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
+    axes = Axes(across, up, *size, margin=(14, 18, 46, 58))
     for slope, label in lines:
         end = min(right, top / slope)
         axes.items.append({"kind": "theory", "d": axes.path([0, end], [0, end * slope]), "title": label})
     for cloud in clouds:
         _draw_cloud(axes, cloud)
     return axes.render("Cortical thickness [mm]", "Gyral thickness [mm]", "Gyral thickness against cortical thickness")
+
+
+def range_of(values: Sequence[float]) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def around(values: Sequence[float]) -> tuple[float, float]:
+    """Least and greatest of some values, a little apart from them."""
+    low, high = range_of(values)
+    edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
+    return low - edge, high + edge
 
 
 def _draw_cloud(axes: Axes, cloud: dict[str, Any]) -> None:
@@ -186,7 +215,7 @@ def _draw_cloud(axes: Axes, cloud: dict[str, Any]) -> None:
     for p in cloud["bins"]:
         add(p, "bar", f"{name}, {p.label}", y0=float(axes.py(p.low)), y1=float(axes.py(p.high)))
     if cloud["fit"] is not None:
-        x = np.array([min(p.cortical for p in points), max(p.cortical for p in points)])
+        x = np.array(range_of([p.cortical for p in points or cloud["bins"]]))
         d = axes.path(x, cloud["fit"].intercept + cloud["fit"].slope * x)
         faint = not cloud["fit"].sloped
         axes.items.append({"kind": "fit", "d": d, "colour": colour, "dash": cloud["dash"], "faint": faint})

@@ -69,6 +69,15 @@ SCALAR_WORDS = {
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("Gyral / cortical at crests", ""),
 }
+#: the map that a scalar is made of, where it is one
+MAP_OF = {
+    "mean_cortical_thickness_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
+    "mean_sulcal_depth_mm": "sulcal_depth", "gyrification_index": "local_gyrification_index",
+    "mean_local_gyrification_index": "local_gyrification_index", "folding_index": "curvedness",
+    "intrinsic_curvature_index": "K", "gyral_to_cortical_slope": "gyral_thickness",
+    "gyral_to_cortical_slope_robust": "gyral_thickness", "gyral_to_cortical_r": "gyral_thickness",
+    RATIO: "gyral_thickness",
+}  # fmt: skip
 #: what the columns of the tables hold, where SCALAR_WORDS and a column's own name do not say enough
 COLUMN_WORDS = {
     "hemi": "Hemisphere, lh (left) or rh (right)",

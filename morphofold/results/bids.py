@@ -133,6 +133,19 @@ def write_dataset(
     return place
 
 
+def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
+    """Make a folder a dataset that subjects can be written to; names ``ignoring`` are none of BIDS's.
+
+    Raises
+    ------
+    FileExistsError
+        If it holds something else.
+    """
+    _refuse_other(dataset)
+    dataset.mkdir(parents=True, exist_ok=True)
+    _describe(dataset, ignoring)
+
+
 def read_subject(folder: str | Path) -> list[Measures]:
     """Read what ``write_dataset`` wrote of one subject, ``dataset/sub-NAME``.
 
@@ -171,6 +184,15 @@ def subject_place(dataset: Path, name: str) -> Path:
     label = "".join(c for c in name.removeprefix("sub-") if c.isascii() and c.isalnum())
     if not label:
         raise ValueError(f"{name!r}: BIDS names subjects by letters and digits, and it has none. Pass another name.")
+    _refuse_other(dataset)
+    place = dataset / f"sub-{label}"
+    known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
+    if known != name:
+        raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same. Pass another name.")
+    return place
+
+
+def _refuse_other(dataset: Path) -> None:
     if dataset.exists():
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
         if names and not _ours(dataset):
@@ -178,11 +200,6 @@ def subject_place(dataset: Path, name: str) -> Path:
                 f"{dataset}: is not a BIDS dataset that morphofold wrote, whose dataset_description.json says so. "
                 "Name such a one, or a new folder."
             )
-    place = dataset / f"sub-{label}"
-    known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
-    if known != name:
-        raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same. Pass another name.")
-    return place
 
 
 def _ours(dataset: Path) -> bool:
@@ -201,7 +218,7 @@ def _json(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _describe(dataset: Path) -> None:
+def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     """Write what makes a folder a dataset; of one that is ours already, what an older version wrote otherwise."""
     import morphofold
 
@@ -220,7 +237,7 @@ def _describe(dataset: Path) -> None:
     ignored = dataset / ".bidsignore"
     there = ignored.read_text(encoding="utf-8").splitlines() if ignored.is_file() else []
     with atomic_file(ignored) as file:
-        file.write_text("\n".join([*dict.fromkeys([*there, *IGNORED.splitlines()]), ""]), encoding="utf-8")
+        file.write_text("\n".join([*dict.fromkeys([*there, *IGNORED.splitlines(), *ignoring]), ""]), encoding="utf-8")
     with atomic_file(path) as file:
         file.write_text(strict_json(said), encoding="utf-8")
 

@@ -121,6 +121,14 @@ def read_hemisphere(
     return replace(found, hinges=moved_rows(found.hinges, back))
 
 
+def read_pial(anat: Path, subject: str, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
+    """The pial surface as it was written, and the map ``name`` on it if there is one."""
+    place = Place(anat, subject, hemi)
+    pial, path = read_surface(place.file("pial.surf.gii")), place.file(f"{_map_end(name)}.shape.gii")
+    values = _read_map(path, len(pial.verts)) if path.is_file() else None
+    return pial, flip_curvature_sign(values) if name == "H" and values is not None else values
+
+
 # elsewhere --------------------------------------------------------------------------------------------------
 
 

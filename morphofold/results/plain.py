@@ -171,12 +171,13 @@ def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, 
         cortex=read_label(label / f"{hemi}.cortex.label", n) if entry["cortex_label"] else None,
         regions=regions,
         came_with={name: read_morph(surf / f"{hemi}.{file_word(name)}") for name in entry["came_with"]},
-        maps={name: _sized(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n) for name in entry["maps"]},
+        maps={name: sized_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n) for name in entry["maps"]},
         graph=read_graph(folder / "graph" / f"{hemi}.json", n) if entry.get("graph") else None,
     )  # fmt: skip
 
 
-def _sized(path: Path, n: int) -> np.ndarray:
+def sized_map(path: Path, n: int) -> np.ndarray:
+    """A map that must have ``n`` values."""
     values = read_morph(path)
     if values.shape != (n,):
         raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")

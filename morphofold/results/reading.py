@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import Measures
+from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
 from morphofold.records import input_records
+from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
-from morphofold.results.plain import read_plain
-from morphofold.surface import Cortex
+from morphofold.results.plain import read_plain, sized_map
+from morphofold.results.summary import file_word
+from morphofold.surface import Cortex, PerVertex, Surface
 
 
 def read_analysis(folder: str | Path) -> list[Measures]:
@@ -42,6 +45,17 @@ def read_analysis(folder: str | Path) -> list[Measures]:
                 how = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{' ...' * (len(names) > 4)}."
         raise FileNotFoundError(f"{folder}: {what}. {how}")
     return read_plain(folder)
+
+
+def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
+    """The pial surface of one hemisphere of an analysis, and its map ``name`` (N,), None if it has none; raises as
+    :func:`read_analysis` does. In a BIDS dataset the surface is where the scanner saw it."""
+    folder = Path(folder)
+    if not (folder / "summary.json").is_file() and (folder / "anat").is_dir():
+        return bids_hemisphere.read_pial(folder / "anat", folder.name, hemi, name)
+    pial = read_surface(folder / "surf" / f"{hemi}.pial")
+    path = folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii"
+    return pial, sized_map(path, len(pial.verts)) if path.is_file() else None
 
 
 def read_stages(folder: str | Path) -> list[Measures]:

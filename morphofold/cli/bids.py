@@ -1,0 +1,73 @@
+"""Measure the FreeSurfer subjects of a BIDS dataset, as BIDS-Apps are called: `participant` measures, `group` puts what
+was measured into tables and a page. The same as cohort --layout bids, in two steps."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from morphofold.cli.cohort import add_measuring_args, add_worker_args
+
+PLACES = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bids_dir", metavar="BIDS_DIR", help="dataset")
+    parser.add_argument("output_dir", metavar="OUTPUT_DIR", help="dataset of derivatives to write")
+    parser.add_argument("level", choices=["participant", "group"], help="what to do")
+    parser.add_argument(
+        "--participant-label", metavar="LABEL", nargs="+", default=[], help="without sub- (default: all)"
+    )
+    parser.add_argument(
+        "--fs-subjects-dir", metavar="DIR",
+        help="where FreeSurfer's subjects lie (default: in BIDS_DIR derivatives/freesurfer, sourcedata/freesurfer or "
+        "itself)",
+    )  # fmt: skip
+    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
+    add_measuring_args(parser)
+    add_worker_args(parser)
+    parser.set_defaults(layout="bids")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.cohort import measured_before, run_cohort, run_group
+    from morphofold.cli.paths import refuse_overlap
+
+    out = Path(args.output_dir)
+    if args.level == "group":
+        return run_group(out, measured_before(out, bids=True), args)
+    source = _source(args)
+    refuse_overlap(out, [source])
+    return run_cohort(_chosen(source, args.participant_label), out, args, group=False)
+
+
+def _source(args: argparse.Namespace) -> Path:
+    """Where FreeSurfer's subjects of the dataset lie."""
+    if args.fs_subjects_dir is not None:
+        return Path(args.fs_subjects_dir).absolute()
+    folder = Path(args.bids_dir).absolute()
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: no such dataset.")
+    for place in PLACES:
+        if any(folder.joinpath(place).glob("*/surf")):
+            return folder / place
+    raise FileNotFoundError(
+        f"{folder}: FreeSurfer's subjects are in none of {', '.join(PLACES)}. Say where they are with "
+        "--fs-subjects-dir, or run FreeSurfer or fMRIPrep first."
+    )
+
+
+def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
+    """Folders of the participants, by name; one of several sessions has several."""
+    from morphofold.cohort.subjects import find_subjects
+
+    names, _ = find_subjects(source)
+    found = {label: [n for n in names if n == label or n.partition("_")[0] == label] for label in map(_sub, labels)}
+    missing = [label for label, its in found.items() if not its]
+    if missing:
+        raise FileNotFoundError(f"{source}: holds no {', '.join(missing)}; it holds {', '.join(names[:8])}.")
+    return {name: source / name for name in ([n for its in found.values() for n in its] if labels else names)}
+
+
+def _sub(label: str) -> str:
+    return f"sub-{label.removeprefix('sub-')}"

@@ -1,0 +1,133 @@
+"""Grow a scene again and again with other values and seeds, measure every run, and put them into tables and phase
+diagrams with the theory's lines. Run again, it goes on with what is missing or has changed. Exit code 1: some runs have
+no measures, and runs.tsv says why."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.cli.cohort import add_measuring_args, add_worker_args
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from morphofold.cohort.grid import Grid, Point
+    from morphofold.cohort.phases import Phases
+    from morphofold.cohort.sweep import Run
+    from morphofold.sim.scene import Scene
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
+    parser.add_argument(
+        "--vary", metavar="KEY=VALUE,...", action="append", default=[],
+        help="a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N-1 at every point (default: the scene's)")
+    parser.add_argument(
+        "--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[],
+        help="change one value of the scene for all runs, e.g. accuracy.level=draft; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("-o", "--out", metavar="DIR", default="sweep", help="folder (default: sweep)")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say how many runs, and what the largest would take; write nothing"
+    )
+    add_measuring_args(parser, "run", "the sweep")
+    add_worker_args(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.cohort import check_lengths, ended
+    from morphofold.cohort.grid import make_grid
+
+    check_lengths(args)
+    grid = make_grid(args.scene, args.vary, seeds=args.seeds, settings=args.settings)
+    if args.dry_run:
+        return _dry_run(grid, args)
+    out = Path(args.out).absolute()
+    runs, outcomes, phases = _run_all(grid, out, args)
+    unhealthy = [run for run in phases.runs if run.warnings]
+    for found in unhealthy[:5]:
+        print(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
+    if len(unhealthy) > 5:
+        print(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {out / 'group' / 'runs.tsv'} says which")
+    return ended(outcomes, "run", out / "group" / "report.html")
+
+
+def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run], list[Any], Phases]:
+    from morphofold.cli.cohort import told
+    from morphofold.cli.progress import progress
+    from morphofold.cli.runs import begin
+    from morphofold.cohort.fleet import open_fleet
+    from morphofold.cohort.phases import theory_by_place, write_sweep
+    from morphofold.cohort.running import run_tasks
+    from morphofold.cohort.sweep import grow_and_measure, memory_of_run
+    from morphofold.io import refuse_foreign
+    from morphofold.sim.folder_lock import alone
+
+    refuse_foreign(out)
+    begin(out)
+    runs = runs_of(grid.points, out, args)
+    report = not args.no_report
+    args.on_interrupt = " Run it again to go on."
+    with alone(out):
+        need = max(memory_of_run(point.scene, args.accuracy, report) for point in grid.points)
+        with open_fleet(
+            workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler,
+            slurm=args.slurm, need=need,
+        ) as fleet:  # fmt: skip
+            told(f"{len(runs)} runs, {fleet.words}", args.quiet)
+            with progress("sweep ", args.quiet) as tell:
+                outcomes = run_tasks(fleet, grow_and_measure, runs, tell, lambda text: told(text, args.quiet))
+            with progress("theory", args.quiet) as tell:
+                theory = theory_by_place(fleet, grid, tell)
+        with progress("phases", args.quiet) as tell:
+            phases = write_sweep(out, grid, theory, progress=tell)
+    return runs, outcomes, phases
+
+
+def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> list[Run]:
+    """A task for each point."""
+    import secrets
+
+    from morphofold.cohort.sweep import Run
+    from morphofold.cohort.tasks import Place
+
+    options = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    options |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
+    run_id = secrets.token_hex(4)
+    return [
+        Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, not args.no_report, options)
+        for point in points
+    ]
+
+
+def _anywhere(scene: Scene) -> Scene:
+    """A scene whose mesh file is found from any folder that a worker may be in."""
+    file = getattr(scene.geometry, "file", None)
+    if file is None or not Path(file).is_file():                        # a sample, by its name
+        return scene
+    geometry = scene.geometry.model_copy(update={"file": str(Path(file).absolute())})
+    return scene.model_copy(update={"geometry": geometry})
+
+
+def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
+    from morphofold.cohort.sweep import memory_of_run
+    from morphofold.forecasts import forecast
+    from morphofold.forecasts.words import span, table_of
+
+    def size(point: Point) -> tuple[float, float]:
+        growth = point.scene.growth
+        return point.scene.bricks, (growth.final - 1) / growth.rate
+
+    largest = max(grid.points, key=size)
+    found = forecast(largest.scene, args.threads)
+    memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
+    seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
+    print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")
+    print(f"the largest, {table_of(found)}")
+    measuring = f"; with measuring a worker needs {memory:.2g} GiB" if memory else ""
+    print(f"all: {span(len(grid.points) * found.seconds)} of growing on one worker, if all were as large{measuring}")
+    return 0

@@ -1,0 +1,310 @@
+"""Jobs on Dask: on workers started for them, on a cluster that is there, or on SLURM's.
+
+A job is a call of one function with plain arguments. What a worker that dies had in hand begins anew on another; a job
+whose workers died three times is put last and tried once more by itself, so that it takes no others with it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+GiB = 2**30
+DEATHS = 3              # of workers under one job, after which it is put last
+AHEAD = 4               # jobs handed over per thread of a worker; the scheduler holds these alone
+AT_LEAST = 64           # of them
+LOOK_AGAIN = 32         # jobs after which workers are counted again: clusters grow
+
+
+@dataclass(frozen=True)
+class Job:
+    """A call: ``name`` tells it from all others, ``argument`` is handed to the work."""
+
+    name: str
+    argument: Any
+
+
+@dataclass(frozen=True)
+class Lost:
+    """What became of a job that has no outcome: its workers died, or its work raised what it should not."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Workers that are there. ``words`` say how many, with how much memory each, and where they can be watched."""
+
+    client: Any
+    words: str
+    bound: str          # of the memory of one worker, in words
+
+    def run(self, work: Callable[[Any], Any], jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
+        """Call ``work(job.argument)`` for every job; yield each with what it returned, or ``Lost``, as they end.
+
+        Few jobs at a time are with the scheduler, and none of their results once it was yielded, so that memory does
+        not grow with their number.
+
+        Raises
+        ------
+        ConnectionError
+            If the scheduler is gone.
+        """
+        last: list[Job] = []
+        for job, outcome, died in self._run(work, jobs, self._window):
+            if died:
+                last.append(job)
+            else:
+                yield job, outcome
+        for job in last:
+            for _, outcome, _ in self._run(work, [job], lambda: 1):
+                yield job, outcome
+
+    def _window(self) -> int:
+        threads = sum(self.client.nthreads().values())
+        return max(AT_LEAST, AHEAD * threads)
+
+    def _run(
+        self, work: Callable[[Any], Any], jobs: Iterable[Job], window: Callable[[], int]
+    ) -> Iterator[tuple[Job, Any, bool]]:
+        from distributed import as_completed
+
+        waiting, flying, ended = iter(jobs), {}, as_completed()
+
+        def hand_over(count: int) -> None:
+            for job in islice(waiting, count):
+                future = self.client.submit(work, job.argument, key=f"{job.name}-{secrets.token_hex(4)}", pure=False)
+                flying[future.key] = job
+                ended.add(future)
+
+        hand_over(window())
+        for count, future in enumerate(ended, start=1):
+            outcome, died = self._outcome(future)
+            job = flying.pop(future.key)
+            future.release()
+            yield job, outcome, died
+            hand_over(1 if count % LOOK_AGAIN else max(1, window() - len(flying)))
+
+    def _outcome(self, future: Any) -> tuple[Any, bool]:
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            return future.result(), False
+        except KilledWorker:
+            how = f"{DEATHS} workers died while they measured it, one after the other; each may take {self.bound}"
+            return Lost(f"{how}. Give workers more memory, and see its log."), True
+        except CancelledError as error:
+            raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
+        except Exception as error:
+            return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
+
+    @contextmanager
+    def telling_of_deaths(self, tell: Callable[[list[str]], None]) -> Iterator[None]:
+        """Call ``tell`` with the names of the jobs that a worker had in hand when it died."""
+        def told(event: tuple[float, Any]) -> None:
+            what = event[1]
+            if isinstance(what, dict) and what.get("action") == "remove-worker" and what.get("processing-tasks"):
+                tell(sorted(str(key).rpartition("-")[0] for key in what["processing-tasks"]))
+
+        self.client.subscribe_topic("all", told)
+        try:
+            yield
+        finally:
+            self.client.unsubscribe_topic("all")
+
+
+@contextmanager
+def open_fleet(
+    *, workers: int | None = None, threads: int = 1, memory: float | None = None, scheduler: str | None = None,
+    slurm: int | None = None, need: float = 0.0,
+) -> Iterator[Fleet]:  # fmt: skip
+    """Workers for the time of a ``with``.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Started on this machine; None: as many as its cores and its memory allow.
+    threads : int
+        Of each worker.
+    memory : float, optional
+        Bound on the memory of each worker [GiB]; a worker that passes it is stopped. None: its share of what this
+        machine has.
+    scheduler : str, optional
+        Address of a Dask scheduler that runs already, ``"tcp://host:8786"``; its workers are what they are.
+    slurm : int, optional
+        SLURM jobs to ask for, as the user's ``jobqueue.yaml`` describes them.
+    need : float
+        What a job is expected to take at most [GiB]; 0 where that is not known.
+
+    Yields
+    ------
+    Fleet
+
+    Raises
+    ------
+    ImportError
+        If Dask is not installed, or dask-jobqueue where SLURM is asked for.
+    ValueError
+        If a number is none, or a job needs more memory than a worker may take.
+    ConnectionError
+        If nothing answers at ``scheduler``.
+    """
+    dask = _dask()
+    from distributed import Client
+
+    _check(workers, threads, memory, scheduler, slurm)
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.scheduler.worker-saturation": 1.0,
+        **{f"distributed.nanny.pre-spawn-environ.{name}": str(threads) for name in THREADS},
+    }  # fmt: skip
+    with ExitStack() as stack:
+        stack.enter_context(_environment_kept())
+        stack.enter_context(dask.config.set(settings))
+        stack.enter_context(_quietly())
+        if scheduler is not None:
+            try:
+                client = stack.enter_context(Client(scheduler, timeout="20s"))
+            except (OSError, TimeoutError) as error:
+                raise ConnectionError(f"{scheduler}: no scheduler answers. Start one, or leave it out.") from error
+            _refuse_other_versions(client)
+            known = client.scheduler_info(n_workers=-1)["workers"].values()
+            bounds = {round(worker["memory_limit"] / GiB, 1) for worker in known if worker["memory_limit"]}
+            bound = " or ".join(f"{x:g} GiB" for x in sorted(bounds)) or "what its machine has"
+            words = f"{len(known)} workers at {scheduler}, {bound} each"
+        elif slurm is not None:
+            cluster = stack.enter_context(_slurm_cluster(threads, memory))
+            cluster.scale(jobs=slurm)
+            client = stack.enter_context(Client(cluster))
+            bound = "what its SLURM job asks for" if memory is None else f"{memory:g} GiB"
+            words = f"{slurm} SLURM jobs asked for, {bound} each"
+        else:
+            count, each = _shares(workers, threads, memory, need)
+            cluster = stack.enter_context(_local_cluster(count, each))
+            client = stack.enter_context(Client(cluster))
+            bound = f"{each:.1f} GiB"
+            words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
+            words += f"at most {bound} each"
+        yield Fleet(client, f"{words}; dashboard {client.dashboard_link}", bound)
+
+
+THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def version_here() -> str:
+    """morphofold's version, of the process that is asked."""
+    import morphofold
+
+    return morphofold.__version__
+
+
+def _refuse_other_versions(client: Any) -> None:
+    try:
+        found = client.run(version_here)
+    except ImportError as error:
+        raise ValueError(f"its workers can't import morphofold ({error}). Install it where they run.") from error
+    other = {worker: version for worker, version in sorted(found.items()) if version != version_here()}
+    for worker, version in other.items():
+        raise ValueError(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
+
+
+def _dask() -> Any:
+    try:
+        import dask
+        import distributed  # noqa: F401
+    except ImportError:
+        raise ImportError("cohorts and sweeps run on Dask: pip install 'morphofold[cohort]'.") from None
+    return dask
+
+
+def _check(
+    workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None
+) -> None:
+    for name, value in (("workers", workers), ("threads", threads), ("slurm", slurm)):
+        if value is not None and value < 1:
+            raise ValueError(f"{name} must be 1 or more, got {value}.")
+    if memory is not None and not 0 < memory < float("inf"):
+        raise ValueError(f"memory must be a positive number of GiB, got {memory:g}.")
+    if scheduler is not None and (slurm is not None or workers is not None or memory is not None):
+        raise ValueError("a scheduler that runs already has its own workers. Leave out workers, memory and slurm.")
+    if slurm is not None and workers is not None:
+        raise ValueError("workers are of this machine, slurm is a number of SLURM jobs. Name one of them.")
+
+
+def _shares(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
+    """How many workers this machine takes, and the memory of each [GiB]."""
+    from dask.system import CPU_COUNT
+    from distributed.system import MEMORY_LIMIT
+
+    there = 0.9 * MEMORY_LIMIT / GiB                                    # the rest is for this process and the system
+    if workers is None:
+        workers = max(1, CPU_COUNT // threads)
+        each = memory if memory is not None else need
+        if each:
+            workers = max(1, min(workers, int(there / each)))
+    each = memory if memory is not None else there / workers
+    if need > each:
+        raise ValueError(
+            f"one of these takes about {need:.1f} GiB, and each of {workers} workers may take {each:.1f} GiB. "
+            "Ask for fewer workers, or more memory for each."
+        )
+    return workers, each
+
+
+def _local_cluster(workers: int, memory: float) -> Any:
+    from distributed import LocalCluster
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")                                 # the port of the dashboard may be another's
+        return LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
+            silence_logs=logging.CRITICAL,                              # one job each: its kernels have the threads
+        )  # fmt: skip
+
+
+def _slurm_cluster(threads: int, memory: float | None) -> Any:
+    try:
+        from dask_jobqueue import SLURMCluster
+    except ImportError:
+        raise ImportError("workers on SLURM need dask-jobqueue: pip install 'morphofold[slurm]'.") from None
+    given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
+    prologue = [f"export {name}={threads}" for name in THREADS]
+    try:
+        return SLURMCluster(
+            cores=threads, processes=1, job_script_prologue=prologue, worker_extra_args=["--nthreads", "1"], **given
+        )
+    except ValueError as error:
+        raise ValueError(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
+
+
+@contextmanager
+def _environment_kept() -> Iterator[None]:
+    """With the threads that this process was told afterwards as before, and none of them for workers to inherit: what
+    is in the environment overrules what Dask is told, and Dask leaves here what it told workers."""
+    before = {name: os.environ.pop(name, None) for name in THREADS}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Without what Dask logs of workers that come and go."""
+    log = logging.getLogger("distributed")
+    before, log.disabled = log.level, False
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(before)

@@ -1,0 +1,296 @@
+"""The grid of a sweep: keys of a scene, the values they take, and the scene of every point and seed."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import itertools
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.sim.folder_check import inputs_of
+from morphofold.sim.scene import EFFECTS_OF, Effects, MeshFile, Scene
+from morphofold.sim.scene_file import load_scene, toml_value
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+SEED = "effects.perturbation.seed"
+MOST_RUNS = 10_000
+LONGEST = 80            # characters of a name, as a scene's
+MOST_TOLD = 20          # problems of a grid
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A varied key, ``"geometry.cortex_thickness"``; ``label`` is what tables and pages call it, and ``values`` are
+    plain ones: numbers, text, booleans, tuples."""
+
+    key: str
+    label: str
+    values: tuple[Any, ...]
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The values as pages write them."""
+        return tuple(value if isinstance(value, str) else toml_value(value) for value in self.values)
+
+    @property
+    def numeric(self) -> bool:
+        """Whether every value is a number."""
+        return all(isinstance(value, int | float) and not isinstance(value, bool) for value in self.values)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One scene of a grid: ``at`` says which value of each axis it has, ``seed`` is None without imperfection."""
+
+    name: str
+    at: tuple[int, ...]
+    seed: int | None
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All points of a sweep, the last axis and then the seeds running fastest; ``name`` is that of the scene."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    seeds: tuple[int | None, ...]
+    points: tuple[Point, ...] = field(repr=False)
+
+    @cached_property
+    def scenes(self) -> dict[tuple[int, ...], Scene]:
+        """``at`` of every point, once for all its seeds, and the scene with the first of them."""
+        return {point.at: point.scene for point in reversed(self.points)}
+
+    @property
+    def places(self) -> list[tuple[int, ...]]:
+        """``at`` of every point, in order."""
+        return sorted(self.scenes)
+
+
+def make_grid(
+    source: str | Path | Scene, vary: Sequence[str], *, seeds: int | None = None, settings: Sequence[str] = ()
+) -> Grid:
+    """The grid of a scene.
+
+    Parameters
+    ----------
+    source : str, Path or Scene
+        A built-in scene's name, a TOML file, or a scene.
+    vary : sequence of str
+        ``"mu_ratio=1,2,4"``: a key, with as much of its table as tells it from others, and values as TOML.
+    seeds : int, optional
+        The perturbation's seeds are 0 to seeds - 1 at every point; None: the one that the scene has.
+    settings : sequence of str
+        ``"growth.final=1.8"`` and the like, put over the scene before what is varied.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the scene, a key or a value is none or named twice, or a scene of the grid is impossible: one line
+        for each problem, with the points that have it.
+    """
+    base = load_scene(source, settings)
+    keys = keys_of(base)
+    said = [_axis(text, keys) for text in vary]
+    twice = [key for key, count in Counter(key for key, _ in said).items() if count > 1]
+    if twice:
+        raise ValueError(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
+    if seeds is not None and seeds < 1:
+        raise ValueError(f"--seeds {seeds}: must be 1 or more.")
+    if seeds is not None and SEED in dict(said):
+        raise ValueError(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
+    own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
+    last = Counter(key.rpartition(".")[2] for key in keys)
+    axes = tuple(
+        Axis(key, key if last[key.rpartition(".")[2]] > 1 else key.rpartition(".")[2], values)
+        for key, values in said
+        if key != SEED
+    )
+    if not axes and own is None:
+        raise ValueError("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
+    count = len(own or (0,))
+    for axis in axes:
+        count *= len(axis.values)
+    if count > MOST_RUNS:
+        raise ValueError(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+    return Grid(base.name, axes, *_points(source, settings, axes, own))
+
+
+# keys and values ---------------------------------------------------------------------------------------------
+
+
+def keys_of(scene: Scene) -> list[str]:
+    """``table.key`` of all that a scene of this shape may say."""
+    effects = EFFECTS_OF.get(scene.geometry.shape, tuple(Effects.model_fields))
+    tables: dict[str, type[BaseModel]] = {
+        "geometry": type(scene.geometry), "material": type(scene.material), "growth": type(scene.growth),
+        **{f"effects.{name}": _model(name) for name in effects}, "accuracy": type(scene.accuracy),
+        "output": type(scene.output),
+    }  # fmt: skip
+    return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
+
+
+def _model(effect: str) -> type[BaseModel]:
+    """The table of an effect, out of ``Table | None``."""
+    return next(kind for kind in Effects.model_fields[effect].annotation.__args__ if hasattr(kind, "model_fields"))  # type: ignore[union-attr]
+
+
+def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
+    """Key and values of ``KEY=VALUE,VALUE``."""
+    asked, equals, rest = (part.strip() for part in text.partition("="))
+    if not asked or not equals or not rest:
+        raise ValueError(f"--vary {text!r}: must read KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
+    found = [key for key in keys if key == asked or key.endswith(f".{asked}")]
+    if not found:
+        names = {name: key for key in keys for name in (key, key.rpartition(".")[2])}
+        near = difflib.get_close_matches(asked, names, n=1)
+        hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
+        raise ValueError(f"--vary {asked}: this scene has no such key. {hint}")
+    if len(found) > 1 and asked not in found:
+        tables = [key.rpartition(".")[0] for key in found]
+        raise ValueError(f"--vary {asked}: is a key of {' and of '.join(tables)}. Say which, as {found[0]}={rest}.")
+    key = asked if asked in found else found[0]
+    values = tuple(_plain(value) for value in _values(rest, key))
+    twice = [value for i, value in enumerate(values) if value in values[:i]]
+    if twice:
+        raise ValueError(f"--vary {key}: names {toml_value(twice[0])} twice. Name each value once.")
+    return key, values
+
+
+def _values(text: str, key: str) -> list[Any]:
+    """Values of TOML between commas; a bare word is text, as in --set."""
+    try:
+        return list(_toml(f"[{text}]"))
+    except ValueError:
+        pass
+    parts = [part.strip() for part in text.split(",")]
+    wrong = [part for part in parts if not re.fullmatch(r"[\w.+-]+", part)]
+    if wrong:
+        raise ValueError(f"--vary {key}: {wrong[0]!r} is no value. Separate values of TOML by commas, as {key}=1,2.")
+    values = []
+    for part in parts:
+        try:
+            values.append(_toml(part))
+        except ValueError:
+            values.append(part)
+    return values
+
+
+def _toml(text: str) -> Any:
+    try:
+        found = tomllib.loads(f"v = {text}")
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if list(found) != ["v"]:
+        raise ValueError("more than a value")
+    return found["v"]
+
+
+def _plain(value: Any) -> Any:
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
+
+
+# points ------------------------------------------------------------------------------------------------------
+
+
+def _points(
+    source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
+) -> tuple[tuple[int | None, ...], tuple[Point, ...]]:
+    """Seeds and points of a grid; raises as :func:`make_grid` says."""
+    problems: dict[str, list[str]] = {}
+    meshes: dict[str, str | None] = {}
+    found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
+    for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
+        put = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
+        try:
+            for seed, scene in _seeded(source, [*settings, *put], seeds):
+                name = _name(axes, at, seed)
+                if told := _no_mesh(scene, meshes):
+                    problems.setdefault(told, []).append(name)
+                found.append((name, at, seed, scene))
+        except (ValueError, FileNotFoundError) as error:
+            for line in str(error).splitlines():
+                problems.setdefault(line, []).append(_name(axes, at, None) or "the scene")
+    if problems:
+        lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
+        more = [f"{len(lines) - MOST_TOLD} problems more."] if len(lines) > MOST_TOLD else []
+        raise ValueError("\n".join(lines[:MOST_TOLD] + more))
+    own = _folder_names([name for name, *_ in found])
+    points = [
+        Point(name, at, seed, scene.model_copy(update={"name": name}))
+        for name, (_, at, seed, scene) in zip(own, found)
+    ]
+    return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
+
+
+def _seeded(
+    source: str | Path | Scene, settings: list[str], seeds: tuple[int, ...] | None
+) -> Iterator[tuple[int | None, Scene]]:
+    """The scene with each seed; with its own, or none, unless seeds are asked for."""
+    scene = load_scene(source, settings)
+    imperfect = scene.effects.perturbation
+    if seeds is None:
+        yield None if imperfect is None else imperfect.seed, scene
+        return
+    if imperfect is None:
+        raise ValueError(
+            "has no [effects.perturbation], so all seeds would be the same. Leave the seeds out, or name an "
+            "imperfection with --set effects.perturbation.amplitude=0.02."
+        )
+    for seed in seeds:
+        yield seed, load_scene(source, [*settings, f"{SEED}={toml_value(seed)}"])
+
+
+def _no_mesh(scene: Scene, known: dict[str, str | None]) -> str | None:
+    """Why a scene's mesh file cannot be had, looked at once."""
+    if not isinstance(scene.geometry, MeshFile):
+        return None
+    file = scene.geometry.file
+    if file not in known:
+        try:
+            inputs_of(scene)
+            known[file] = None
+        except (ValueError, OSError) as error:
+            known[file] = " ".join(str(error).split())
+    return known[file]
+
+
+def _name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
+    """A name made of the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
+    parts = [f"{axis.label}-{_word(axis.values[i])}" for axis, i in zip(axes, at)]
+    return "_".join([*parts, *([] if seed is None else [f"seed-{seed}"])])
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "x".join(map(_word, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value!r}"
+    return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value)).strip("-.") or "empty"
+
+
+def _folder_names(names: Sequence[str]) -> list[str]:
+    """The names, no two of them one folder's, none longer than a scene's; a digest tells apart what would be."""
+    alike = Counter(name.casefold()[:LONGEST] for name in names)
+    return [
+        name if alike[name.casefold()[:LONGEST]] == 1 and len(name) <= LONGEST
+        else f"{name[: LONGEST - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
+        for i, name in enumerate(names)
+    ]  # fmt: skip
+
+
+def _some(names: Sequence[str]) -> str:
+    names = list(dict.fromkeys(names))
+    return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")

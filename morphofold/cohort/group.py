@@ -1,0 +1,38 @@
+"""The group of a cohort: tables and page of all its subjects, from what is on disk of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from morphofold.cohort.tables import Group, write_tables
+from morphofold.io import atomic_folder
+
+GROUP = "group"
+
+
+def write_group(
+    out: Path, results: Mapping[str, Path], *, report: bool = True,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> Group:  # fmt: skip
+    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html.
+
+    Parameters
+    ----------
+    out : Path
+        Of the cohort.
+    results : mapping of subject to path
+        Where the results of each are, or would be.
+    report : bool
+        With the page.
+    progress : callable
+        Told the share done and what is being done.
+    """
+    with atomic_folder(out / GROUP) as folder:
+        group = write_tables(folder, out, results, lambda share: progress(0.7 * share, "tables"))
+        if report:
+            from morphofold.report.group_page import group_report
+
+            group_report(group, folder, lambda share, text: progress(0.7 + 0.3 * share, text))
+    progress(1.0, "done")
+    return group

@@ -1,0 +1,139 @@
+"""One subject of a cohort: read, measured, and written as ``analyze`` writes it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A subject to measure.
+
+    Attributes
+    ----------
+    name : str
+    folder : str
+        Where it lies.
+    place : Place
+    hemis : tuple of {"lh", "rh"}
+        Empty: those that it has.
+    bids : bool
+        Write it as ``out/sub-NAME`` of a BIDS dataset; else into ``out/subjects/NAME``.
+    report : bool
+        With a page and pictures of its own.
+    options : mapping
+        ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, as ``analyze`` takes them.
+    """
+
+    name: str
+    folder: str
+    place: Place
+    hemis: tuple[str, ...] = ()
+    bids: bool = False
+    report: bool = True
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def results(self) -> Path:
+        """The folder of this subject's results."""
+        return results_of(Path(self.place.out), self.name, bids=self.bids)
+
+
+def results_of(out: Path, name: str, *, bids: bool) -> Path:
+    """The folder of a subject's results; raises for a name of which BIDS leaves nothing."""
+    from morphofold.results import subject_place
+
+    return subject_place(out, name) if bids else out / "subjects" / name
+
+
+def measure_participant(subject: Participant) -> Outcome:
+    """Measure the hemispheres of a subject, unless that was done of the same files with the same options.
+
+    A hemisphere that cannot be measured fails by itself: the other is measured, and the outcome says why.
+    """
+    hemis = subject.hemis or _hemispheres(subject)
+    asked = {"hemis": list(hemis), "bids": subject.bids, "report": subject.report, **subject.options}
+
+    def key() -> str:
+        files = {f"{hemi} {what}": path for hemi in hemis for what, path in _files(subject, hemi).items()}
+        return digest(asked, files)
+
+    def whole() -> bool:
+        found = subject.results
+        return (found / "summary.json").is_file() or any((found / "anat").glob("*_provenance.json"))
+
+    return perform(subject.place, key, whole, lambda say: _measure(subject, hemis, say), parts=len(hemis))
+
+
+def _hemispheres(subject: Participant) -> tuple[str, ...]:
+    """Those that a subject has; both where one of them is half there, so that it fails and the other does not."""
+    try:
+        return hemispheres(Path(subject.folder))
+    except FileNotFoundError:
+        return ("lh", "rh")
+
+
+def _files(subject: Participant, hemi: str) -> dict[str, Path]:
+    try:
+        return cortex_files(subject.folder, hemi)
+    except REFUSALS:
+        return {}                                                       # which reading it will tell
+
+
+def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
+    """Write the results of the hemispheres that can be measured; what the others lack."""
+    from morphofold.clock import Stages
+    from morphofold.results import write_analysis, write_dataset
+
+    clock, measured, failures = Stages(), [], {}
+    for hemi in hemis:
+        try:
+            measured.append(_measures(subject, hemi, say, clock))
+        except REFUSALS as error:
+            failures[hemi] = " ".join(str(error).split())
+            say(f"{hemi} failed: {failures[hemi]}")
+    place = subject.results
+    if not measured:
+        shutil.rmtree(place, ignore_errors=True)                        # of what the files once were
+        return failures
+    say("writing")
+    asked = {"hemi": None, "name": None, **subject.options}
+    if subject.bids:
+        write_dataset(
+            measured, subject.place.out, subject.name, parameters=asked, report=subject.report, clock=clock
+        )
+    else:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_analysis(measured, place, parameters=asked, report=subject.report, clock=clock)
+    return failures
+
+
+def _measures(subject: Participant, hemi: str, say: Say, clock: Any) -> Measures:
+    from morphofold.analysis.measures import measure
+    from morphofold.forecasts.analysis_cost import READING
+
+    say(f"{hemi} reading")
+    clock.begin(READING)
+    cortex = read_cortex(subject.folder, hemi, name=subject.name)
+    clock.end()
+
+    def tell(what: str, share: float) -> None:
+        clock.at(what, share)
+        if share < 1:
+            say(f"{hemi} {what}")
+
+    options = subject.options
+    return measure(
+        cortex, curvature_scale=options.get("curvature_scale_mm"), gyral_width=options.get("gyral_width_mm"),
+        accuracy=options.get("accuracy", "standard"), progress=tell,
+    )  # fmt: skip

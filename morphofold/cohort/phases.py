@@ -1,0 +1,254 @@
+"""What a sweep found, read from its folder: measures and health of every run, theory of every point; its tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from morphofold.analysis.measures import SCALARS
+from morphofold.cohort.fleet import Fleet, Job, Lost
+from morphofold.cohort.grid import Grid, Point
+from morphofold.cohort.sweep import folder_of
+from morphofold.cohort.tables import read_results
+from morphofold.cohort.tasks import read_record
+from morphofold.io import atomic_folder
+from morphofold.sim.scene import Radial, Scene, Sphere
+from morphofold.tables import write_table
+
+GROUP = "group"
+HINGES_PER_AREA = "hinges_per_1000_mm2"
+MEASURES = (*SCALARS, HINGES_PER_AREA)
+#: effects of which the theory of the sphere knows nothing
+UNKNOWN = ("core_growth", "regional_growth", "enclosure")
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What became of a run.
+
+    Attributes
+    ----------
+    point : Point
+    reason : str
+        Why it has no measures; empty if it has.
+    measures : mapping of measure to float
+        Those of MEASURES that it has; ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface, both of the
+        whole closed surface, as it was mirrored: the share that was simulated makes no difference.
+    notes : mapping of measure to str
+        Why it has none of a measure.
+    warnings : tuple of str
+        What its health warns of; empty if it is healthy.
+    numbers : mapping
+        ``elements`` and ``steps`` of the run.
+    pial : Path or None
+        Its last pial surface, as it was measured.
+    """
+
+    point: Point
+    reason: str = ""
+    measures: Mapping[str, float] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    numbers: Mapping[str, int] = field(default_factory=dict)
+    pial: Path | None = None
+
+
+@dataclass(frozen=True)
+class Theory:
+    """What the theory of the sphere says of a scene: growth stretch at which it first wrinkles and meets the crease
+    criterion, and the wavelength of the first wrinkles on the grown sphere [mm]. NaN where there is none: ``reason``
+    says why."""
+
+    g_crit: float = math.nan
+    g_crease: float = math.nan
+    wavelength: float = math.nan
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """A sweep: its grid, runs in the order of the grid's points, and theory by place."""
+
+    grid: Grid
+    runs: tuple[Found, ...]
+    theory: Mapping[tuple[int, ...], Theory]
+
+    @cached_property
+    def at(self) -> dict[tuple[int, ...], list[Found]]:
+        """The runs of each place, a seed each."""
+        found: dict[tuple[int, ...], list[Found]] = {}
+        for run in self.runs:
+            found.setdefault(run.point.at, []).append(run)
+        return found
+
+
+# theory ------------------------------------------------------------------------------------------------------
+
+
+def theory_of(scene: Scene) -> Theory:
+    """Theory's first wrinkles of a scene's sphere: :func:`morphofold.sim.theory.bifurcation` of its thickness, radius,
+    hole, moduli and law of growth."""
+    from morphofold.sim import theory
+    from morphofold.sim.smooth.radial import ConvergenceError
+
+    geometry = scene.geometry
+    if not isinstance(geometry, Sphere | Radial):
+        return Theory(reason=f"theory is of spheres, this is of shape {geometry.shape}")
+    if getattr(geometry, "thickness_spots", ()):
+        return Theory(reason="theory is of a cortex of one thickness, this has spots of another")
+    if unlike := [name for name in UNKNOWN if name in scene.effects.named]:
+        return Theory(reason=f"theory knows no {unlike[0]}")
+    try:
+        found = theory.bifurcation(
+            geometry.cortex_thickness / geometry.radius, scene.material.mu_ratio, scene.growth.law,
+            scene.material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius,
+        )  # fmt: skip
+    except (ValueError, ConvergenceError) as error:
+        return Theory(reason=" ".join(str(error).split()))
+    return Theory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
+
+
+def theory_by_place(
+    fleet: Fleet, grid: Grid, tell: Callable[[float, str], None] = lambda share, text: None
+) -> dict[tuple[int, ...], Theory]:
+    """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
+    spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
+    wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
+    found: dict[str, Theory] = {}
+    for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
+        found[_sphere(job.argument)] = Theory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        tell(len(found) / len(wanted), "theory")
+    return {at: found[key] for at, key in spheres.items()}
+
+
+def _sphere(scene: Scene) -> str:
+    """What theory sees of a scene, in words."""
+    return repr((scene.geometry, scene.material, scene.growth.law, scene.effects.named))
+
+
+# results -----------------------------------------------------------------------------------------------------
+
+
+def read_run(out: Path, point: Point) -> Found:
+    """What is on disk of a run; one that is not there has the reason."""
+    record = read_record(out / "records" / f"{point.name}.json")
+    folder = folder_of(out, point.name)
+    warnings, numbers = _health(folder / "simulation" / "health.json")
+    if not record.get("results"):
+        failures = record.get("failures", {"": "not run yet. Run the sweep again."})
+        return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, {}, warnings, numbers)
+    try:
+        entry = read_results(folder / "analysis").entries[0]
+    except (OSError, ValueError, IndexError) as error:
+        return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
+    measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
+    if "n_hinges" in measures and measures.get("area_pial_mm2"):
+        measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / measures["area_pial_mm2"]
+    notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
+    return Found(point, "", measures, notes, warnings, numbers, folder / "analysis" / "surf" / "lh.pial")
+
+
+def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        numbers = {key: int(said[key]) for key in ("elements", "steps") if key in said}
+        return tuple(str(warning) for warning in said["warnings"]), numbers
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return (), {}                                                   # it did not come to its end
+
+
+# tables ------------------------------------------------------------------------------------------------------
+
+
+def write_sweep(
+    out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], *,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> Phases:  # fmt: skip
+    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv, theory.tsv and report.html.
+
+    Parameters
+    ----------
+    out : Path
+        Of the sweep.
+    grid : Grid
+    theory : mapping of place to Theory
+    progress : callable
+        Told the share done and what is being done.
+    """
+    with atomic_folder(out / GROUP) as folder:
+        phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
+        write_tables(phases, folder)
+        from morphofold.report.phase_page import phase_report
+
+        phase_report(phases, folder, progress)
+    return phases
+
+
+def write_tables(phases: Phases, folder: Path) -> None:
+    """Tables of a sweep: tidy measures, one row per run and measure; runs and their health; theory of each point."""
+    labels = [axis.label for axis in phases.grid.axes]
+    rows = [
+        {**_told(phases.grid, run.point), "measure": key, "value": run.measures.get(key)}
+        for run in phases.runs
+        for key in MEASURES
+        if not run.reason
+    ]
+    columns = ("run", *labels, "seed", "measure", "value")
+    write_table(folder / "measures.tsv", columns, rows)
+    _write_parquet(folder / "measures.parquet", columns, rows, phases.grid)
+    write_table(
+        folder / "runs.tsv",
+        ("run", *labels, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log"),
+        [_run_row(phases.grid, run) for run in phases.runs],
+    )  # fmt: skip
+    write_table(
+        folder / "theory.tsv",
+        (*labels, "final_growth", "g_crit", "g_crease", "wavelength_mm", "reason"),
+        [_theory_row(phases, at) for at in phases.grid.places],
+    )
+
+
+def _told(grid: Grid, point: Point) -> dict[str, Any]:
+    return {"run": point.name, **_place(grid, point.at), "seed": point.seed}
+
+
+def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
+    """The value of each axis; a list as text."""
+    values = {axis.label: axis.values[i] for axis, i in zip(grid.axes, at)}
+    words = {axis.label: axis.words[i] for axis, i in zip(grid.axes, at)}
+    return {key: value if isinstance(value, int | float) else words[key] for key, value in values.items()}
+
+
+def _run_row(grid: Grid, run: Found) -> dict[str, Any]:
+    return {
+        **_told(grid, run.point), "state": "failed" if run.reason else "done",
+        "healthy": None if run.reason else not run.warnings, "warnings": "; ".join(run.warnings) or None,
+        "reason": run.reason or None, **run.numbers, "log": f"logs/{run.point.name}.log",
+    }  # fmt: skip
+
+
+def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
+    found, scene = phases.theory[at], phases.grid.scenes[at]
+    return {
+        **_place(phases.grid, at), "final_growth": scene.growth.final, "g_crit": found.g_crit,
+        "g_crease": found.g_crease, "wavelength_mm": found.wavelength, "reason": found.reason or None,
+    }  # fmt: skip
+
+
+def _write_parquet(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], grid: Grid) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    words = pa.dictionary(pa.int32(), pa.string())
+    kinds = {axis.label: pa.float64() if axis.numeric else words for axis in grid.axes}
+    kinds |= {"run": words, "measure": words, "seed": pa.int64(), "value": pa.float64()}
+    schema = pa.schema([(name, kinds[name]) for name in columns])
+    plain = {name: [row[name] for row in rows] for name in columns}
+    for axis in grid.axes:
+        plain[axis.label] = [float(x) if axis.numeric else str(x) for x in plain[axis.label]]
+    parquet.write_table(pa.Table.from_pydict(plain, schema=schema), path, compression="zstd")

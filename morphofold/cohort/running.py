@@ -1,0 +1,47 @@
+"""Many tasks on a fleet, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from morphofold.cohort.fleet import Fleet, Job, Lost
+from morphofold.cohort.tasks import Outcome, Place, write_record
+
+
+class Task(Protocol):
+    """What a task of many has."""
+
+    @property
+    def place(self) -> Place: ...
+
+
+def run_tasks(
+    fleet: Fleet,
+    work: Callable[[Any], Outcome],
+    tasks: Sequence[Task],
+    progress: Callable[[float, str], None] = lambda share, text: None,
+    notice: Callable[[str], None] = lambda text: None,
+) -> list[Outcome]:
+    """Do every task on the workers of a fleet; what became of each, in the order of ``tasks``.
+
+    ``progress`` is told the share done and the last name, ``notice`` of workers that died. A task that is lost with its
+    workers has a record that says so, and is tried again by the next run.
+    """
+    jobs = [Job(task.place.name, task) for task in tasks]
+    found: dict[str, Outcome] = {}
+
+    def died(names: list[str]) -> None:
+        who = ", ".join(names[:3]) + " ..." * (len(names) > 3)
+        notice(f"a worker died; {who} begin{'s' if len(names) == 1 else ''} anew on another")
+
+    with fleet.telling_of_deaths(died):
+        for job, outcome in fleet.run(work, jobs):
+            if isinstance(outcome, Lost):
+                write_record(job.argument.place.record, "", {"": outcome.reason}, results=False)
+                outcome = Outcome(job.name, "failed", {"": outcome.reason})
+            found[job.name] = outcome
+            failed = sum(one.state == "failed" for one in found.values())
+            words = f"{len(found)} of {len(jobs)}{f', {failed} failed' if failed else ''}, {job.name}"
+            progress(len(found) / len(jobs), words)
+    return [found[job.name] for job in jobs]

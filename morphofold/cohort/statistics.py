@@ -1,0 +1,289 @@
+"""What the numbers of a group say: distributions, left against right, outliers, and gyral against cortical thickness.
+
+Everything here counts a subject as often as it is named, and takes subjects as independent of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.measures import LINE
+from morphofold.comparison.thickness import Cloud, Point, fit_line
+from morphofold.report.quantities import RATIO
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from morphofold.cohort.tables import Group
+
+HEMIS = ("lh", "rh")
+FAR = 3.5               # robust z above which a value is an outlier
+FEWEST = 8              # values of a measure and side among which outliers are looked for
+RARE = 0.25             # share of values at most that may differ from what the others share, to be outliers
+ROUND_OFF = 1e-6        # relative; coordinates are float32, tables have seven digits
+COUNTS = "n_"           # how the names of counts begin
+HALF = 0.5              # median absolute deviation of a count at least: one more or less is no outlier
+NORMAL = 0.6745         # median absolute deviation of a normal distribution over its standard deviation
+MOST_POINTS = 400       # subjects that are points of a plot; more are put into bins
+BINS = 20
+BOOTSTRAPPED = 1000     # points at most through which the robust line goes: all their pairs are compared
+BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")     # of another measure, not one themselves
+UNSIDED = ("euler_characteristic", *LINE)       # may be negative or near 0, so that a ratio of sides says nothing
+
+DISTRIBUTIONS = (
+    "measure", "hemi", "n", "mean", "sd", "least", "lower_quartile", "median", "upper_quartile", "greatest",
+)  # fmt: skip
+ASYMMETRY = ("measure", "n", "asymmetry", "low", "high", "sd", "effect_size", "p_holm")
+OUTLIERS = ("subject", "hemi", "measure", "value", "robust_z", "median")
+
+Scalars = Mapping[str, NDArray[np.float64]]     # measure to (subjects, 2): left and right, NaN where there is none
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Of ``n`` known values of a measure on one side, in the measure's unit; ``sd`` with n - 1, NaN for one value."""
+
+    measure: str
+    hemi: str
+    n: int
+    mean: float
+    sd: float
+    least: float
+    lower_quartile: float
+    median: float
+    upper_quartile: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class Asymmetry:
+    """Of a measure, ``2 (L - R) / (L + R)``, over the ``n`` subjects that have both sides.
+
+    ``asymmetry`` is its mean, positive where the left is greater, ``low`` and ``high`` bound that with 95 % confidence
+    (Student's t) for this measure alone. ``effect_size`` is Cohen's d_z, mean over standard deviation of the paired
+    values; ``p_holm`` that of a t-test against 0, corrected over all measures of the table (Holm 1979). NaN where
+    there is one subject, or all are alike to round-off.
+    """
+
+    measure: str
+    n: int
+    asymmetry: float
+    low: float
+    high: float
+    sd: float
+    effect_size: float
+    p_holm: float
+
+    @property
+    def sided(self) -> bool:
+        """Whether the sides differ, by the corrected test at 0.05."""
+        return self.p_holm < 0.05
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A value far from the median of its measure and side; ``robust_z`` is infinite where all others are alike."""
+
+    subject: str
+    hemi: str
+    measure: str
+    value: float
+    robust_z: float
+    median: float
+
+    @property
+    def among_alike(self) -> bool:
+        """Whether all others are alike, so that there is no robust z."""
+        return bool(np.isinf(self.robust_z))
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Outliers by subject, those farthest out first, and what was looked at.
+
+    Attributes
+    ----------
+    found : tuple of Outlier
+        Rows of a subject together, the farthest first.
+    looked_at : int
+        Values among which they were looked for by their robust z.
+    too_few, divided : tuple of (measure, hemi)
+        Those with fewer than 8 values; those of which half and more are alike, but too many others differ.
+    """
+
+    found: tuple[Outlier, ...]
+    looked_at: int
+    too_few: tuple[tuple[str, str], ...]
+    divided: tuple[tuple[str, str], ...]
+
+    @property
+    def by_chance(self) -> float:
+        """Values that would lie as far out if all were normally distributed."""
+        from scipy import stats
+
+        return float(2 * stats.norm.sf(FAR)) * self.looked_at
+
+    @property
+    def subjects(self) -> list[list[Outlier]]:
+        """The rows of each subject, in their order."""
+        rows: dict[str, list[Outlier]] = {}
+        for one in self.found:
+            rows.setdefault(one.subject, []).append(one)
+        return list(rows.values())
+
+
+def measures_of(group: Group) -> Scalars:
+    """The scalars of a group, and gyral over cortical thickness of the whole surface."""
+    cortical = group.scalars["mean_cortical_thickness_mm"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(cortical > 0, group.scalars["median_gyral_thickness_mm"] / cortical, np.nan)
+    return {**group.scalars, RATIO: ratio}
+
+
+def distributions(scalars: Scalars) -> list[Distribution]:
+    """Of every measure and side that has a value, in the order of the measures, left first."""
+    found = []
+    for measure, values in scalars.items():
+        for hemi, side in zip(HEMIS, values.T):
+            if (known := side[np.isfinite(side)]).size:
+                least, lower, median, upper, greatest = np.percentile(known, [0, 25, 50, 75, 100]).tolist()
+                sd = float(known.std(ddof=1)) if known.size > 1 else float("nan")
+                mean = float(known.mean())
+                found.append(
+                    Distribution(measure, hemi, known.size, mean, sd, least, lower, median, upper, greatest)
+                )
+    return found
+
+
+def asymmetry(scalars: Scalars) -> list[Asymmetry]:
+    """Left against right, of every measure that is a positive quantity and that a subject has on both sides."""
+    pairs = {name: _asymmetries(values) for name, values in scalars.items() if name not in UNSIDED}
+    found = [_asymmetry(name, values) for name, values in pairs.items() if values.size]
+    corrected = holm(np.array([p for _, p in found]))
+    return [replace(one, p_holm=float(p)) for (one, _), p in zip(found, corrected)]
+
+
+def _asymmetries(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    left, right = values[np.isfinite(values).all(axis=1)].T
+    usable = (left >= 0) & (right >= 0) & (left + right > 0)
+    left, right = left[usable], right[usable]
+    return 2 * (left - right) / (left + right)
+
+
+def _asymmetry(name: str, values: NDArray[np.float64]) -> tuple[Asymmetry, float]:
+    """Without its corrected p, and p of this measure alone."""
+    from scipy import stats
+
+    n, mean, nan = len(values), float(values.mean()), float("nan")
+    if n < 2:
+        return Asymmetry(name, n, mean, nan, nan, nan, nan, nan), nan
+    sd = float(values.std(ddof=1))
+    half = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
+    effect = mean / sd if sd > ROUND_OFF else nan
+    p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
+    return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, nan), p
+
+
+def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """p-values (N,) corrected for their number by Holm's step-down method; NaN is no test and stays."""
+    corrected = np.full(len(p), np.nan)
+    order = np.argsort(p, kind="stable")                                # NaN last
+    order = order[np.isfinite(p[order])]
+    corrected[order] = np.minimum(np.maximum.accumulate(np.arange(len(order), 0, -1) * p[order]), 1.0)
+    return corrected
+
+
+def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
+    """Values far from the median of their measure and side.
+
+    ``robust_z = 0.6745 (x - median) / MAD`` with the median absolute deviation; above 3.5 in size it is an outlier
+    (Iglewicz and Hoaglin 1993). MAD of counts is taken as half a count at least. Where that of other measures is 0 to
+    round-off, half of the values and more are alike; those that differ are outliers then, if they are a quarter at
+    most. Subjects come by the largest robust z of theirs.
+    """
+    rows: list[tuple[int, Outlier]] = []
+    too_few, divided, looked_at = [], [], 0
+    for measure, values in scalars.items():
+        if measure in BOUNDS:
+            continue
+        for hemi, side in zip(HEMIS, values.T):
+            known = np.flatnonzero(np.isfinite(side))
+            if known.size < FEWEST:
+                too_few += [(measure, hemi)] if known.size else []
+                continue
+            z, median = robust_z(side[known], HALF if measure.startswith(COUNTS) else 0.0)
+            if np.isinf(z).mean() > RARE:
+                divided.append((measure, hemi))
+                continue
+            looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
+            rows += [
+                (k, Outlier(subjects[k], hemi, measure, float(side[k]), score, median))
+                for k, score in zip(known.tolist(), z.tolist()) if abs(score) > FAR
+            ]  # fmt: skip
+    sizes: dict[int, list[float]] = {}
+    for k, row in rows:
+        sizes.setdefault(k, []).append(-abs(row.robust_z))
+    rank = {k: (sorted(scores), k) for k, scores in sizes.items()}
+    rows.sort(key=lambda pair: (rank[pair[0]], -abs(pair[1].robust_z)))
+    return Outliers(tuple(row for _, row in rows), looked_at, tuple(too_few), tuple(divided))
+
+
+def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[np.float64], float]:
+    """Robust z (N,) and median of known values (N,), with a MAD of ``least`` at least; 0 and signed infinity where MAD
+    is 0 to round-off."""
+    median = float(np.median(values))
+    apart = values - median
+    mad = max(float(np.median(np.abs(apart))), least)
+    alike = ROUND_OFF * abs(median)
+    if mad > alike:
+        return NORMAL * apart / mad, median
+    return np.where(np.abs(apart) <= alike, 0.0, np.copysign(np.inf, apart)), median
+
+
+def subject_cloud(group: Group, side: int) -> Cloud:
+    """Median gyral against mean cortical thickness of the subjects on one side, 0 left and 1 right, and the line.
+
+    More than 400 subjects are bins of equal counts by cortical thickness, with medians and quartiles; the line is
+    through the subjects all the same.
+    """
+    cortical = group.scalars["mean_cortical_thickness_mm"][:, side]
+    gyral = group.scalars["median_gyral_thickness_mm"][:, side]
+    both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    points = tuple(Point(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
+    fit = fit_line(points, robust=len(points) <= BOOTSTRAPPED)
+    if len(points) <= MOST_POINTS:
+        return Cloud("subject", points, (), fit)
+    bins = []
+    for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], BINS):
+        low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
+        label = f"{len(part)} subjects of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
+        bins.append(Point(float(np.median(cortical[part])), middle, label, low, high))
+    return Cloud("subject", points, tuple(bins), fit)
+
+
+def region_cloud(group: Group, side: int) -> Cloud:
+    """Means over subjects of gyral against cortical thickness of the regions of one side, and the line through them.
+
+    ``low`` and ``high`` of a point are a standard deviation over subjects from its gyral thickness.
+    """
+    points = []
+    for name, numbers in group.regions.items():
+        n, (cortical, gyral), sd = int(numbers[side, 0, 0]), numbers[side, :, 1].tolist(), float(numbers[side, 1, 2])
+        if n:
+            points.append(Point(cortical, gyral, f"{name}, {n} subjects", gyral - sd, gyral + sd))
+    return Cloud("region", tuple(points), (), fit_line(points))
+
+
+def write_statistics(
+    folder: Path, spread: Sequence[Distribution], sides: Sequence[Asymmetry], far: Sequence[Outlier]
+) -> None:
+    """Write distributions.tsv, asymmetry.tsv and outliers.tsv; a robust z that is infinite is ``n/a``."""
+    for name, columns, rows in (
+        ("distributions", DISTRIBUTIONS, spread), ("asymmetry", ASYMMETRY, sides), ("outliers", OUTLIERS, far),
+    ):  # fmt: skip
+        write_table(folder / f"{name}.tsv", columns, [{key: getattr(row, key) for key in columns} for row in rows])

@@ -1,0 +1,220 @@
+"""One run of a sweep: a scene grown, and its last stage measured as ``analyze`` does."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.io import atomic_file
+from morphofold.sim.folder_check import inputs_of
+from morphofold.sim.folder_lock import alone
+from morphofold.sim.scene import MeshFile, Radial, Scene
+from morphofold.sim.scene_file import to_toml
+
+if TYPE_CHECKING:
+    from morphofold.sim.run import Simulation
+
+RUNS = "runs"
+LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same run
+PAUSE = 2.0             # [s] between two looks
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scene to grow and to measure.
+
+    Attributes
+    ----------
+    place : Place
+    scene : Scene
+    threads : int
+        Of its worker.
+    report : bool
+        With a page and pictures of its own.
+    options : mapping
+        ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, as ``analyze`` takes them.
+    """
+
+    place: Place
+    scene: Scene
+    threads: int = 1
+    report: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        """What it writes: ``simulation`` and ``analysis``."""
+        return folder_of(Path(self.place.out), self.place.name)
+
+    @property
+    def simulation(self) -> Path:
+        return self.folder / "simulation"
+
+    @property
+    def analysis(self) -> Path:
+        return self.folder / "analysis"
+
+
+def folder_of(out: Path, name: str) -> Path:
+    """The folder of a run of a sweep."""
+    return out / RUNS / name
+
+
+def grow_and_measure(run: Run) -> Outcome:
+    """Grow a scene and measure its last stage, unless that was done of the same scene with the same options.
+
+    Only what has changed is done anew: another way to measure grows nothing. A simulation that was begun goes on from
+    its checkpoint. One that leaves its bounds has failed, and stays as far as it came.
+    """
+    def key() -> str:
+        return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options}, {})
+
+    def whole() -> bool:
+        return (run.analysis / "summary.json").is_file() and (run.simulation / "health.json").is_file()
+
+    return perform(run.place, key, whole, lambda say: _work(run, say))
+
+
+def _grown_key(scene: Scene) -> str:
+    """Digest of all that a simulation follows from."""
+    return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)}, {})
+
+
+def _work(run: Run, say: Say) -> dict[str, str]:
+    from morphofold.sim.dynamics import UnstableError
+
+    with _alone_when_free(run.folder, say):
+        try:
+            _measure(run, _grown(run, say), say)
+        except (UnstableError, *REFUSALS) as error:
+            shutil.rmtree(run.analysis, ignore_errors=True)             # of what the scene once was
+            return {"": " ".join(str(error).split())}
+    return {}
+
+
+@contextmanager
+def _alone_when_free(folder: Path, say: Say) -> Iterator[None]:
+    """Hold the folder of a run; wait for a worker that is at it still, though the scheduler has given it up for lost.
+
+    Raises
+    ------
+    FileExistsError
+        If it is at it for longer than LONGEST_WAIT.
+    """
+    with ExitStack() as stack:
+        until, told = time.monotonic() + LONGEST_WAIT, False
+        while True:
+            try:
+                stack.enter_context(alone(folder))
+                break
+            except FileExistsError as error:
+                if time.monotonic() > until:
+                    raise
+                if not told:
+                    say(f"waiting: {error}")
+                told = True
+                time.sleep(PAUSE)
+        yield
+
+
+def _grown(run: Run, say: Say) -> Simulation:
+    """The simulation of a run, gone on with where it was begun of the same scene; else grown anew."""
+    from morphofold.simulation import simulate
+
+    now, mark, told = _grown_key(run.scene), run.folder / "grown-of", [0]
+
+    def tell(share: float, text: str) -> None:
+        if (tenth := int(10 * share)) > told[0]:
+            told[0] = tenth
+            say(f"{share:4.0%}  {text}")
+
+    def grow() -> Simulation:
+        return simulate(run.scene, run.simulation, resume=True, threads=_threads(run), progress=tell)
+
+    begun = run.simulation.exists()
+    if begun and _text(mark) != now:
+        say("the scene has changed: it is grown anew")
+        shutil.rmtree(run.simulation)
+        begun = False
+    with atomic_file(mark) as file:
+        file.write_text(now, encoding="utf-8")
+    try:
+        return grow()
+    except ValueError as error:
+        if not begun:
+            raise
+        say(f"{error} It is grown anew.")                              # what was there is damaged
+        shutil.rmtree(run.simulation)
+        return grow()
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return ""
+
+
+def _threads(run: Run) -> int:
+    """Those asked for, or as many as a worker that was there before can have."""
+    import numba
+
+    return min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined,no-any-return]
+
+
+def _measure(run: Run, simulation: Simulation, say: Say) -> None:
+    """Write the analysis of the last stage, unless it is there."""
+    from morphofold.analysis.measures import measure
+    from morphofold.clock import Stages
+    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.results import is_analysis_of, write_analysis
+
+    clock = Stages()
+    clock.begin(READING)
+    cortex = simulation.cortex()
+    asked = {"hemi": None, "name": None, **run.options}
+    paged = (run.analysis / "report.html").is_file()
+    if paged == run.report and is_analysis_of(run.analysis, cortex, asked):
+        say("was measured before")
+        return
+    stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []
+    clock.end()
+
+    def tell(what: str, share: float) -> None:
+        clock.at(what, share)
+        if share < 1:
+            say(what)
+
+    found = measure(
+        cortex, curvature_scale=run.options.get("curvature_scale_mm"), gyral_width=run.options.get("gyral_width_mm"),
+        accuracy=run.options.get("accuracy", "standard"), progress=tell,
+    )  # fmt: skip
+    say("writing")
+    write_analysis([found], run.analysis, parameters=asked, report=run.report, stages=stages, clock=clock)
+
+
+def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
+    """Most memory that growing and measuring a scene is expected to take [GiB]; 0 for a mesh from a file, not known."""
+    from morphofold.forecasts.analysis import memory_of_analysis
+    from morphofold.forecasts.memory import memory_GiB
+    from morphofold.forecasts.sizes import Layers, sizes_by_rule
+
+    geometry = scene.geometry
+    if isinstance(geometry, MeshFile):
+        return 0.0
+    if isinstance(geometry, Radial):
+        return memory_of_analysis([2562], accuracy=accuracy, report=report)
+    T = geometry.cortex_thickness
+    radius = getattr(geometry, "radius", None) or min(getattr(geometry, "semi_axes", (0.0,)))
+    hole = getattr(geometry, "hole_radius", None) or radius * getattr(geometry, "hole_share", 0.0)
+    depth = getattr(geometry, "depth", radius - hole) - T
+    sizes = sizes_by_rule(scene, Layers(T, depth))
+    single = scene.accuracy.precision == "single"
+    growing = memory_GiB(sizes, bricks=True, single=single, volume=scene.output.volume)
+    return max(growing, memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report))

@@ -1,0 +1,182 @@
+"""What is the same of every task of many: its folder of results, its log, and the record by which it is not done twice.
+
+A task's key is the digest of all that its results follow from: the bytes of its inputs, its parameters, this version. A
+record of that key beside results that are whole means that nothing needs to be done. What an input was refused for is
+a result like any other; what a machine is to blame for (memory, a full disk, a worker that died) is none, and is tried
+again by the next run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from morphofold.clock import peak_memory
+from morphofold.io import atomic_file
+from morphofold.records import strict_json
+
+#: what reading and measuring raise of an input that is not as it should be
+REFUSALS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.
+
+    Attributes
+    ----------
+    name : str
+    state : {"done", "reused", "failed"}
+        "done" and "reused" with at least one result.
+    failures : mapping
+        Part of the task (a hemisphere, or "" for all of it) to why it has no result.
+    seconds, memory_GiB : float
+        Wall time [s], and the most memory that its worker has held so far [GiB]; 0 if reused.
+    attempt : int
+        1, or more where workers died before.
+    """
+
+    name: str
+    state: str
+    failures: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    memory_GiB: float = 0.0
+    attempt: int = 1
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a task of many writes: ``out`` is the folder of all, ``name`` the task's, ``run`` tells one run of the
+    command from another."""
+
+    out: str
+    name: str
+    run: str
+
+    @property
+    def log(self) -> Path:
+        return Path(self.out) / "logs" / f"{self.name}.log"
+
+    @property
+    def record(self) -> Path:
+        return Path(self.out) / "records" / f"{self.name}.json"
+
+
+@dataclass
+class Say:
+    """Writes lines into a log, with the seconds since it began."""
+
+    path: Path
+    attempt: int
+    began: float
+
+    def __call__(self, text: str) -> None:
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(f"{time.perf_counter() - self.began:8.1f} s  {text.rstrip()}\n")
+
+
+def perform(
+    place: Place, key: Callable[[], str], whole: Callable[[], bool], work: Callable[[Say], dict[str, str]],
+    parts: int = 1,
+) -> Outcome:  # fmt: skip
+    """Do a task unless it has been done, and keep its log and record.
+
+    Parameters
+    ----------
+    place : Place
+    key : callable
+        Digest of what the results follow from.
+    whole : callable
+        Whether the results that a record speaks of are there.
+    work : callable
+        Writes the results and returns the parts that have none, with the reason; is given ``say`` for its log.
+    parts : int
+        Of which all must have failed for the task to be.
+    """
+    began = time.perf_counter()
+    with _logged(place) as log:
+        try:
+            now = key()
+            known = read_record(place.record)
+            if known.get("key") == now and (not known["results"] or whole()):
+                log("nothing has changed: what is there stays")
+                return Outcome(place.name, "reused" if known["results"] else "failed", known["failures"])
+            place.record.unlink(missing_ok=True)                        # what is there is no longer what it spoke of
+            failures = work(log)
+            results = len(failures) < parts
+        except Exception as error:                                      # of this machine, or a defect: no result
+            log(traceback.format_exc())
+            now, results, failures = "", False, {"": _told(error)}
+        write_record(place.record, now, failures, results=results)
+        seconds = time.perf_counter() - began
+        log(f"{'done' if results else 'failed'} in {seconds:.1f} s, {_held():.2f} GiB")
+        return Outcome(place.name, "done" if results else "failed", failures, seconds, _held(), log.attempt)
+
+
+def _told(error: Exception) -> str:
+    """An error in one line; one that is not an input's is named by its kind."""
+    words = " ".join(str(error).split())
+    if isinstance(error, (*REFUSALS, OSError, MemoryError)):
+        return words or type(error).__name__
+    return f"{type(error).__name__}: {words} (a defect; its log shows where)"
+
+
+def _held() -> float:
+    return peak_memory() or 0.0
+
+
+@contextmanager
+def _logged(place: Place) -> Iterator[Say]:
+    """The log of a task: begun anew by each run of the command, gone on with by each attempt of one run."""
+    head = f"run {place.run}\n"
+    place.log.parent.mkdir(parents=True, exist_ok=True)
+    before = place.log.read_text(encoding="utf-8", errors="replace") if place.log.is_file() else ""
+    if not before.startswith(head):
+        with atomic_file(place.log) as file:
+            file.write_text(head, encoding="utf-8")
+        before = ""
+    say = Say(place.log, before.count("  attempt ") + 1, time.perf_counter())
+    say(f"attempt {say.attempt}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *more, **others: say(f"warning: {message}")
+        yield say
+
+
+def digest(content: Mapping[str, Any], files: Mapping[str, Path]) -> str:
+    """SHA-256 of this version, of plain values, and of the bytes of files by their names; one that is missing counts
+    as such."""
+    import morphofold
+
+    sums = {}
+    for name, path in sorted(files.items()):
+        with path.open("rb") as file:
+            sums[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    text = json.dumps([morphofold.__version__, dict(content), sums], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """A task's record, ``key``, ``failures`` and whether it has ``results``; empty if there is none to be relied on."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    kinds = {"key": str, "failures": dict, "results": bool}
+    good = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
+    return found if good else {}
+
+
+def write_record(path: Path, key: str, failures: Mapping[str, str], *, results: bool) -> None:
+    """Write a task's record; one with an empty key is that of no inputs, so that the next run tries again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_file(path) as file:
+        file.write_text(strict_json({"key": key, "failures": failures, "results": results}), encoding="utf-8")

@@ -1,0 +1,269 @@
+"""Phase diagrams of a sweep: a measure over two varied keys as coloured cells, or over one as a curve, with the theory.
+
+Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold.report.line_plots.save`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.cohort.phases import HINGES_PER_AREA, Phases
+from morphofold.report import colours
+from morphofold.report.line_plots import BLACK, GREY, new_figure
+from morphofold.report.plots import number
+from morphofold.report.quantities import round_out
+from morphofold.report.scene_page import MEANINGS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from morphofold.cohort.grid import Axis
+
+Place = tuple[int, ...]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A measure of the diagrams: ``least`` is where its colours and axes begin."""
+
+    key: str
+    label: str
+    unit: str
+    least: float
+
+    @property
+    def title(self) -> str:
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+WAVELENGTH = "wavelength_mm"
+ROUND_OFF = 1e-3        # of the measures that are shown, in their units
+SHOWN = (
+    Shown("gyrification_index", "Gyrification index", "", 1.0),
+    Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
+    Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A measure at one place: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
+    where there is none, and how many runs failed."""
+
+    mean: float
+    sd: float
+    n: int
+    runs: int
+    failed: int
+
+    @property
+    def words(self) -> list[str]:
+        """The cell in at most three short lines."""
+        if self.n == 0:
+            return ["failed" if self.failed == self.runs else "–"]
+        lines = [number(float(f"{self.mean:.3g}"))]                     # 0.99999 is 1.00, as 1.00001 is
+        if self.n > 1:
+            places = len(lines[0].partition(".")[2])                    # as many as the mean has
+            lines.append(f"± {self.sd:.{places}f}")
+        if self.n < self.runs:
+            lines.append(f"({self.n} of {self.runs})")
+        return lines
+
+
+def cell(phases: Phases, at: Place, key: str) -> Cell:
+    """What the seeds of one place say of a measure."""
+    runs = phases.at[at]
+    values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
+    mean = float(np.mean(values)) if values else math.nan
+    sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    return Cell(mean, sd, len(values), len(runs), sum(bool(run.reason) for run in runs))
+
+
+def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
+    """From ``shown.least`` to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
+    values = [run.measures[shown.key] for run in phases.runs if math.isfinite(run.measures.get(shown.key, math.nan))]
+    above = max([*values, shown.least]) - shown.least
+    return shown.least, shown.least + (round_out(above) if above > ROUND_OFF else 1.0)
+
+
+def slices(phases: Phases) -> list[Place]:
+    """Places of the third and further axes, one diagram each; one empty place where there are none."""
+    return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
+
+
+def beyond(phases: Phases, at: Place) -> float:
+    """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
+    return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
+
+
+# diagrams ----------------------------------------------------------------------------------------------------
+
+
+def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
+    """A measure over the first two axes, at ``others`` of the further ones: a cell for each point.
+
+    The dashed line is where final growth is theory's critical growth, straight between the points.
+    """
+    across, up = phases.grid.axes[:2]
+    cells = {(i, j): cell(phases, (i, j, *others), shown.key)
+             for i in range(len(across.values)) for j in range(len(up.values))}  # fmt: skip
+    means = np.full((len(up.values), len(across.values)), np.nan)
+    for (i, j), one in cells.items():
+        means[j, i] = one.mean
+    limits = limits_of(phases, shown)
+    rgb = colours.apply(means, limits, signed=False)
+    size = (max(4.8, 1.15 * len(across.values) + 2.2), max(3.4, 0.95 * len(up.values) + 1.4))
+    with new_figure(*size, 1, 1) as (figure, ((ax,),)):
+        ax.grid(False)
+        ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
+        for (i, j), one in cells.items():
+            _write_cell(ax, (i, j), [*one.words, *_theory_words(phases, (i, j, *others), shown)], rgb[j, i], one)
+        if _draw_boundary(ax, phases, others):
+            line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
+            figure.legend(handles=[line], loc="outside lower center")
+        _name_axes(ax, phases)
+        ax.set_title(_title(phases, shown, others), loc="left")
+        if np.isfinite(means).any():
+            _colour_bar(figure, ax, shown, limits)
+    return figure
+
+
+def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np.uint8], one: Cell) -> None:
+    from matplotlib.patches import Rectangle
+
+    if one.failed:
+        corner = (at[0] - 0.5, at[1] - 0.5)
+        ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
+    dark = float(rgb @ np.array([0.299, 0.587, 0.114])) < 140
+    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}     # over hatches and the line of theory
+    colour = "white" if dark else BLACK
+    ax.text(*at, "\n".join(lines), ha="center", va="center", fontsize=9.5, color=colour, bbox=box, zorder=5)
+
+
+def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
+    """What theory says beside a cell: its wavelength beside the measured one, critical growth beside gyrification."""
+    found = phases.theory[at]
+    if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
+        return [f"theory {number(found.wavelength)}"]
+    if shown.key == SHOWN[0].key and math.isfinite(found.g_crit):
+        return [f"theory g {number(found.g_crit)}"]
+    return []
+
+
+def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
+    """The line between folded and smooth, if it lies inside."""
+    across, up = (len(axis.values) for axis in phases.grid.axes[:2])
+    if across < 2 or up < 2:
+        return False
+    above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
+    known = above[np.isfinite(above)]
+    if not (known.size and known.min() < 0 < known.max()):
+        return False
+    x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
+    to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
+    for colour, width in (("white", 4.0), (BLACK, 1.9)):
+        ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+    return True
+
+
+def _name_axes(ax: Axes, phases: Phases) -> None:
+    across, up = phases.grid.axes[:2]
+    ax.set_xticks(range(len(across.words)), [_short(word) for word in across.words])
+    ax.set_yticks(range(len(up.words)), [_short(word) for word in up.words])
+    ax.tick_params(length=0)
+    ax.set(xlabel=_plain(axis_title(phases, across)), ylabel=_plain(axis_title(phases, up)))
+
+
+def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    table = ListedColormap(colours.sequential() / 255)
+    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), ax=ax, pad=0.02)
+    bar.set_label(shown.title)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+# curves ------------------------------------------------------------------------------------------------------
+
+
+def curve(phases: Phases, shown: Shown) -> Figure:
+    """A measure over the one axis: every seed a dot, the means a line, theory's wavelength and boundary dashed."""
+    (axis,) = phases.grid.axes
+    x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
+    order = np.argsort(x, kind="stable")
+    with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
+        for i, at in enumerate(x):
+            values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
+            ax.plot(np.full(len(values), at), values, "o", color=colours.CATEGORICAL[0], markersize=5, alpha=0.6)
+            if failed := sum(bool(run.reason) for run in phases.at[i,]):
+                ax.annotate(
+                    f"{failed} failed", (at, 0), xycoords=("data", "axes fraction"), xytext=(0, 4),
+                    textcoords="offset points", ha="center", color=GREY, fontsize=9,
+                )  # fmt: skip
+        means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
+        if np.isfinite(means).any():
+            label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
+            ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label)
+        top = limits_of(phases, shown)[1]
+        if shown.key == WAVELENGTH:
+            theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
+            if np.isfinite(theory).any():
+                ax.plot(x[order], theory[order], "--", marker=".", color=BLACK, label="theory, first wrinkles")
+                top = max(top, 1.08 * float(np.nanmax(theory)))
+        above = np.array([beyond(phases, (i,)) for i in range(len(x))])[order]
+        for k, place in enumerate(crossings(x[order], above)):
+            words = "final growth = theory's critical growth" if k == 0 else None
+            ax.axvline(place, color=GREY, linestyle=":", label=words)
+        ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
+        if not axis.numeric:
+            ax.set_xticks(x, [_short(word) for word in axis.words])
+        ax.set(xlabel=_plain(axis_title(phases, axis)), ylabel=_plain(shown.title))
+        ax.set_title(_plain(shown.label), loc="left")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def crossings(x: Array, y: Array) -> list[float]:
+    """Where a curve, straight between its points (N,), passes through zero from one side to the other."""
+    return [
+        float(a + (b - a) * u / (u - v)) for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
+        if u * v < 0
+    ]  # fmt: skip
+
+
+def _title(phases: Phases, shown: Shown, others: Place) -> str:
+    fixed = others_words(phases, others)
+    return _plain(shown.label + (f" at {fixed}" if fixed else ""))
+
+
+def axis_title(phases: Phases, axis: Axis) -> str:
+    """A varied key and its unit."""
+    table, _, key = axis.key.rpartition(".")
+    model: Any = phases.grid.points[0].scene
+    for part in table.split("."):
+        model = getattr(model, part, None)
+    unit, _ = MEANINGS.get((type(model).__name__, key)) or MEANINGS.get(("", key), ("", ""))
+    return f"{axis.label} [{unit}]" if unit else axis.label
+
+
+def others_words(phases: Phases, others: Place) -> str:
+    """The values of the third and further axes, in words."""
+    return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
+
+
+def _short(word: str) -> str:
+    return _plain(word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}")
+
+
+def _plain(text: str) -> str:
+    """Text in which matplotlib sees no formula."""
+    return text.replace("$", r"\$")

@@ -1,0 +1,61 @@
+"""Small subjects on disk, and a fleet that works in this process."""
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.cohort.participant import Participant
+from morphofold.cohort.tasks import Place
+from morphofold.io import write_annotation, write_morph, write_surface
+from morphofold.shapes import bumpy_sphere
+from morphofold.surface import Regions, Surface
+
+REGIONS = ("front", "back")
+
+
+def write_subject(folder, size=1.0, hemis=("lh", "rh"), level=2):
+    """A bumpy sphere 4 mm within another, with thickness and two regions, as FreeSurfer would write it."""
+    shape = bumpy_sphere(level, radius=40.0 * size)
+    inner = shape.verts * (1 - 4 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
+    for name in ("surf", "label"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for hemi in hemis:
+        for name, verts in (("white", inner), ("pial", shape.verts)):
+            write_surface(folder / "surf" / f"{hemi}.{name}", Surface(verts.astype(np.float32), shape.faces))
+        write_morph(folder / "surf" / f"{hemi}.thickness", np.full(len(inner), 4.0))
+        regions = Regions((shape.verts[:, 1] > 0).astype(int), REGIONS, np.array([[9, 9, 9], [99, 9, 9]], np.uint8))
+        write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
+    return folder
+
+
+def quick_measure(cortex, *, progress=None, **options):
+    """In place of ``measure``: the numbers that cost nothing, in the form of all."""
+    scalars = dict.fromkeys(SCALARS)
+    radius = float(np.linalg.norm(cortex.pial.verts, axis=1).mean())
+    scalars.update(n_vertices=cortex.n_vertices, mean_cortical_thickness_mm=radius / 10, gyrification_index=1.5)
+    rows = [
+        {"hemi": cortex.hemi, "region": name, "n_vertices": int((cortex.regions.labels == i).sum()),
+         "cortical_thickness_mm": radius / 10 + i, "gyral_thickness_mm": radius / 4}
+        for i, name in enumerate(cortex.regions.names)
+    ]  # fmt: skip
+    maps = {"H": np.full(cortex.n_vertices, 1 / radius)}
+    return Measures(cortex, scalars, maps, rows, parameters={"accuracy": "standard"}, notes={})
+
+
+def participants(folders, out, run="1", **options):
+    return [Participant(f.name, str(f), Place(str(out), f.name, run), report=False, **options) for f in folders]
+
+
+class HereFleet:
+    """Does jobs one after the other in this process."""
+
+    words = bound = "here"
+
+    def run(self, work, jobs):
+        for job in jobs:
+            yield job, work(job.argument)
+
+    @contextmanager
+    def telling_of_deaths(self, tell):
+        yield

@@ -1,0 +1,48 @@
+"""bids: a dataset's participants and their group, called as BIDS-Apps are."""
+
+import pytest
+from commands import refused
+from made_cohort import write_subject
+
+from morphofold.cli import main
+
+pytest.importorskip("distributed", reason="needs the extra cohort")
+
+
+def dataset(here, place="derivatives/freesurfer"):
+    for i, name in enumerate(("sub-01", "sub-02_ses-a", "sub-02_ses-b")):
+        write_subject(here / "data" / place / name, 1 + i / 10, hemis=("lh",))
+
+
+def test_what_cannot_be_done_is_refused(here, capsys):
+    dataset(here)
+    (here / "theirs").mkdir()
+    (here / "theirs" / "notes.txt").touch()
+    refused(capsys, ["bids", "nowhere", "out", "participant"], "no such dataset")
+    refused(capsys, ["bids", "data", "out", "group"], "holds no subject that was measured")
+    refused(capsys, ["bids", "data", "theirs", "participant"], "not a BIDS dataset that morphofold wrote")
+    words = "holds no sub-03", "sub-01, sub-02_ses-a"
+    refused(capsys, ["bids", "data", "out", "participant", "--participant-label", "03"], *words)
+    assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
+
+
+def test_names_that_bids_shortens_to_one_are_refused(here, capsys):
+    dataset(here)
+    write_subject(here / "data" / "derivatives" / "freesurfer" / "sub-02sesa", hemis=("lh",))
+    refused(capsys, ["bids", "data", "out", "participant"], "BIDS shortens both to sub-02sesa")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["derivatives/freesurfer", "sourcedata/freesurfer", "."])
+def test_participants_then_group(here, capsys, place):
+    dataset(here, place)
+    asked = ["bids", "data", "out", "participant", "--no-report", "--workers", "1", "-q"]
+    assert main([*asked, "--participant-label", "02"]) == 0
+    assert capsys.readouterr().out.startswith("2 of 2 subjects have results -> ")
+    assert main([*asked, "--participant-label", "sub-01", "02"]) == 0
+    assert capsys.readouterr().out.startswith("3 of 3 subjects have results, 2 of them from before -> ")
+    assert main(["bids", "data", "out", "group", "-q"]) == 0
+    assert capsys.readouterr().out.startswith("3 subjects -> ")
+    rows = (here / "out" / "group" / "measures.tsv").read_text().splitlines()
+    assert {row.split("\t")[0] for row in rows[1:]} == {"sub-01", "sub-02_ses-a", "sub-02_ses-b"}
+    assert "group" in (here / "out" / ".bidsignore").read_text().split()

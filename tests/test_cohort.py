@@ -1,0 +1,392 @@
+"""A cohort: each subject by itself, done once, done anew where something changed; tables that say it all."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from commands import refused
+from made_cohort import HereFleet, participants, quick_measure, write_subject
+
+import morphofold
+from morphofold.cli import main
+from morphofold.cohort import participant, tables
+from morphofold.cohort.fleet import Lost
+from morphofold.cohort.group import write_group
+from morphofold.cohort.running import run_tasks
+from morphofold.cohort.subjects import find_subjects, named_subjects
+from morphofold.cohort.tables import TIDY, read_results
+from morphofold.results import read_analysis
+
+parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra cohort")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+
+
+@pytest.fixture
+def three(tmp_path):
+    return [write_subject(tmp_path / "subjects" / name, 1 + i / 10) for i, name in enumerate(("anna", "ben", "cleo"))]
+
+
+def measured(folders, out, run="1", **options):
+    done = run_tasks(HereFleet(), participant.measure_participant, participants(folders, out, run, **options))
+    return {one.name: one for one in done}
+
+
+def states(outcomes):
+    return {name: one.state for name, one in outcomes.items()}
+
+
+def grouped(folders, out):
+    write_group(out, {one.name: one.results for one in participants(folders, out)}, report=False)
+    with (out / "group" / "measures.tsv").open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def failures(out):
+    with (out / "group" / "failures.tsv").open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def contents(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_every_number_is_one_row(three, tmp_path, quick):
+    out = tmp_path / "out"
+    assert states(measured(three, out)) == dict.fromkeys(("anna", "ben", "cleo"), "done")
+    rows = grouped(three, out)
+    assert list(rows[0]) == list(TIDY)
+    keys = [(r["subject"], r["hemi"], r["region"], r["measure"]) for r in rows]
+    assert len(set(keys)) == len(keys)
+    found = dict(zip(keys, (r["value"] for r in rows)))
+    for name, size in (("anna", 1.0), ("ben", 1.1), ("cleo", 1.2)):
+        (lh, rh) = read_analysis(out / "subjects" / name)
+        assert float(found[name, "rh", "hemisphere", "mean_cortical_thickness_mm"]) == pytest.approx(
+            rh.scalars["mean_cortical_thickness_mm"], rel=1e-6
+        )
+        assert lh.scalars["mean_cortical_thickness_mm"] == pytest.approx(4 * size, rel=0.1)
+        back = float(found[name, "lh", "back", "cortical_thickness_mm"])
+        assert back == pytest.approx(1 + lh.scalars["mean_cortical_thickness_mm"], rel=1e-6)
+    assert found["anna", "lh", "hemisphere", "wavelength_mm"] == "n/a"
+    assert failures(out) == []
+
+
+def test_parquet_says_the_same_as_text(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    rows = grouped(three, out)
+    table = parquet.read_table(out / "group" / "measures.parquet")
+    assert table.column_names == list(TIDY)
+    assert len(table) == len(rows)
+    for said, row in zip(table.to_pylist(), rows):
+        assert [said[k] for k in TIDY[:-1]] == [row[k] for k in TIDY[:-1]]
+        assert row["value"] == ("n/a" if said["value"] is None else f"{said['value']:.7g}")
+
+
+def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
+    out = tmp_path / "out"
+    (three[1] / "surf" / "rh.pial").write_bytes(b"no surface")
+    shutil.rmtree(three[2] / "surf")
+    found = measured(three, out)
+    assert states(found) == {"anna": "done", "ben": "done", "cleo": "failed"}
+    rows = grouped(three, out)
+    assert {(r["subject"], r["hemi"]) for r in rows} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
+    told = {(r["subject"], r["hemi"]): r["reason"] for r in failures(out)}
+    assert set(told) == {("ben", "rh"), ("cleo", "lh")}
+    assert "rh.pial" in told["ben", "rh"]
+    assert "lh.white" in told["cleo", "lh"]
+    log = (out / "logs" / "ben.log").read_text()
+    assert "rh failed: " in log
+    assert "done in" in log
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "reused", "cleo": "failed"}
+
+
+def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch):
+    out = tmp_path / "out"
+    measured(three, out)
+    before = contents(out / "subjects")
+    monkeypatch.setattr("morphofold.analysis.measures.measure", None)       # nothing may be measured
+    assert states(measured(three, out, "2")) == dict.fromkeys(("anna", "ben", "cleo"), "reused")
+    assert contents(out / "subjects") == before
+
+
+@pytest.mark.parametrize("name", ["surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"])
+def test_a_changed_input_is_measured_anew(three, tmp_path, quick, name):
+    out = tmp_path / "out"
+    measured(three, out)
+    other = write_subject(tmp_path / "other", 1.3)
+    if name == "surf/rh.thickness":
+        morphofold.io.write_morph(other / name, np.full(162, 3.0))
+    if name == "label/lh.aparc.annot":
+        (three[1] / name).unlink()                                      # what is missing is a change, too
+        (three[1] / "label" / "lh.cortex.label").write_text("#!ascii label\n1\n0 1 2 3 0\n")
+    else:
+        shutil.copy(other / name, three[1] / name)
+    if name == "label/lh.aparc.annot":
+        shutil.copy(three[0] / name, three[1] / name)
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+
+
+def test_other_options_and_versions_are_measured_anew(three, tmp_path, quick, monkeypatch):
+    out = tmp_path / "out"
+    measured(three, out)
+    other = {"options": {"curvature_scale_mm": 4.0}}
+    assert set(states(measured(three, out, "2", **other)).values()) == {"done"}
+    assert set(states(measured(three, out, "3", **other)).values()) == {"reused"}
+    monkeypatch.setattr(morphofold, "__version__", "0.0.0")
+    assert set(states(measured(three, out, "4", **other)).values()) == {"done"}
+
+
+def test_results_that_are_lost_are_measured_anew(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    shutil.rmtree(out / "subjects" / "ben")
+    (out / "records" / "cleo.json").write_text("{")
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "done"}
+
+
+def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    for hemi in ("lh", "rh"):
+        (three[0] / "surf" / f"{hemi}.white").write_bytes(b"no surface")
+    assert states(measured(three, out, "2"))["anna"] == "failed"
+    assert not (out / "subjects" / "anna").exists()
+    assert "anna" not in {row["subject"] for row in grouped(three, out)}
+
+
+def test_what_the_machine_is_to_blame_for_is_tried_again(three, tmp_path, quick, monkeypatch):
+    out = tmp_path / "out"
+
+    def full(*args, **options):
+        raise OSError(28, "No space left on device", "out")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("morphofold.results.write_analysis", full)
+        found = measured(three, out)
+    assert set(states(found).values()) == {"failed"}
+    assert "No space left" in found["anna"].failures[""]
+    assert "Traceback" in (out / "logs" / "anna.log").read_text()
+    assert set(states(measured(three, out, "2")).values()) == {"done"}
+
+
+def test_a_defect_is_told_as_such_and_stops_no_other(three, tmp_path, quick, monkeypatch):
+    def broken(cortex, **options):
+        if cortex.name == "ben":
+            raise KeyError("gyri")
+        return quick_measure(cortex, **options)
+
+    monkeypatch.setattr("morphofold.analysis.measures.measure", broken)
+    found = measured(three, tmp_path / "out")
+    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
+    assert found["ben"].failures[""].startswith("KeyError: 'gyri' (a defect")
+
+
+def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(three, tmp_path, quick):
+    class Losing(HereFleet):
+        def run(self, work, jobs):
+            for job, outcome in super().run(work, jobs):
+                yield job, Lost("3 workers died") if job.name == "ben" else outcome
+
+    out = tmp_path / "out"
+    found = run_tasks(Losing(), participant.measure_participant, participants(three, out))
+    assert [one.state for one in found] == ["done", "failed", "done"]
+    grouped(three, out)
+    assert [(r["subject"], r["reason"]) for r in failures(out)] == [("ben", "3 workers died")]
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+
+
+def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):
+    out = tmp_path / "out"
+
+    class Killed(BaseException):
+        pass
+
+    def killed(*args, **options):
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr("morphofold.analysis.measures.measure", killed)
+        with pytest.raises(Killed):
+            measured(three[:1], out)
+    assert measured(three[:1], out)["anna"].attempt == 2
+    assert measured(three[:1], out, "2")["anna"].attempt == 1           # another run of the command
+
+
+def test_tables_are_the_same_however_the_work_went(three, tmp_path, quick):
+    first, second = tmp_path / "first", tmp_path / "second"
+    measured(three, first)
+    measured(three[::-1][:1], second)
+    measured(three[::-1], second, "2")
+    for out in (first, second):
+        grouped(three, out)
+    assert contents(first / "group") == contents(second / "group")
+
+
+def test_one_batch_of_subjects_is_held_at_a_time(three, tmp_path, quick, monkeypatch):
+    out = tmp_path / "out"
+    measured(three, out)
+    whole = grouped(three, out)
+    monkeypatch.setattr(tables, "BATCH", 2)
+    sizes, write = [], tables.TidyWriter.write
+    monkeypatch.setattr(tables.TidyWriter, "write", lambda self, rows: (sizes.append(len(rows)), write(self, rows)))
+    assert grouped(three, out) == whole
+    assert len(sizes) == 2
+    assert sum(sizes) == len(whole)
+
+
+def test_subjects_that_are_the_same_are_found(three, tmp_path, quick):
+    shutil.copytree(three[0], three[0].with_name("zoe"))
+    folders = [*three, three[0].with_name("zoe")]
+    out = tmp_path / "out"
+    measured(folders, out)
+    group = write_group(out, {one.name: one.results for one in participants(folders, out)}, report=False)
+    assert group.same == [["anna", "zoe"]]
+
+
+def test_the_bids_layout_holds_the_same_numbers(three, tmp_path, quick):
+    from morphofold.results.bids import begin_dataset
+
+    plain, bids = tmp_path / "plain", tmp_path / "bids"
+    begin_dataset(bids, ignoring=("group", "logs", "records"))
+    measured(three, plain)
+    assert set(states(measured(three, bids, bids=True)).values()) == {"done"}
+    assert set(states(measured(three, bids, "2", bids=True)).values()) == {"reused"}
+    assert (bids / "sub-anna" / "anat").is_dir()
+    for name in ("anna", "cleo"):
+        one, other = read_results(plain / "subjects" / name), read_results(bids / f"sub-{name}")
+        assert [e["measures"] for e in one.entries] == [e["measures"] for e in other.entries]
+        assert one.surfaces == other.surfaces
+
+
+def test_subjects_are_found_and_templates_left_out(tmp_path):
+    write_subject(tmp_path / "anna")
+    write_subject(tmp_path / "fsaverage5")
+    (tmp_path / "half" / "mri").mkdir(parents=True)                     # FreeSurfer stopped in it
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "table.csv").touch()
+    assert find_subjects(tmp_path) == (["anna", "half"], ["fsaverage5"])
+    with pytest.raises(ValueError, match="holds no subject"):
+        find_subjects(tmp_path / "notes")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        find_subjects(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [(b"anna\nben\nanna\n", "names anna twice"), (b"# none\n\n", "names no subject"), (b"../anna\n", "is no name"),
+     (b"\xff\xfe\x00", "no text in UTF-8")],
+)  # fmt: skip
+def test_lists_of_subjects_that_are_none(tmp_path, text, words):
+    file = tmp_path / "list.txt"
+    file.write_bytes(text)
+    with pytest.raises(ValueError, match=words):
+        named_subjects(file)
+
+
+def test_lists_of_subjects(tmp_path):
+    file = tmp_path / "list.txt"
+    file.write_text("\ufeffben  # the second\n\nanna/\n", encoding="utf-8")
+    assert named_subjects(file) == ["ben", "anna"]
+
+
+def test_the_command_refuses_what_it_cannot_do(here, capsys):
+    write_subject(here / "subjects" / "anna")
+    (here / "theirs").mkdir()
+    (here / "theirs" / "notes.txt").touch()
+    for words, told in (
+        (["nowhere"], "no such folder"), (["subjects", "-o", "theirs"], "did not write this folder"),
+        (["subjects", "-o", "subjects"], "is, or holds, the input"), (["subjects", "--workers", "0"], "workers must"),
+        (["subjects", "--gyral-width", "-1"], "is no length"), (["subjects", "--subjects", "none.txt"], "no such file"),
+    ):  # fmt: skip
+        refused(capsys, ["cohort", *words], told)
+    assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
+
+
+@pytest.mark.slow
+def test_the_command_from_end_to_end(here, capsys):
+    for i, name in enumerate(("anna", "ben")):
+        write_subject(here / "subjects" / name, 1 + i / 10)
+    (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
+    asked = ["cohort", "subjects", "-o", "out", "--no-report", "--workers", "1"]
+    assert main(asked) == 1
+    told = capsys.readouterr()
+    assert "1 worker of 1 thread, at most" in told.err
+    assert "dashboard http" in told.err
+    assert told.out.splitlines()[-1].startswith("2 of 2 subjects have results, 1 in part -> ")
+    before = contents(here / "out" / "group")
+    write_subject(here / "subjects" / "ben", 1.1)
+    assert main([*asked, "-q"]) == 0
+    assert capsys.readouterr().out.startswith("2 of 2 subjects have results, 1 of them from before -> ")
+    assert contents(here / "out" / "group") != before
+    assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
+
+
+def running(folder, out, *words):
+    """The command in a process of its own, and the processes of its workers once there are some."""
+    import psutil
+
+    command = [sys.executable, "-m", "morphofold", "cohort", str(folder), "-o", str(out), "--no-report", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    me = psutil.Process(process.pid)
+    while process.poll() is None and not any((out / "logs").glob("*.log")):
+        time.sleep(0.05)
+    return process, [p for p in me.children(recursive=True) if "spawn_main" in " ".join(p.cmdline())]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
+    import psutil
+
+    folder = tmp_path / "subjects"
+    for i in range(8):
+        write_subject(folder / f"sub-{i}", 1 + i / 40)
+    (folder / "sub-3" / "surf" / "rh.pial").write_bytes(b"no surface")
+    whole, process = tmp_path / "whole", running(folder, tmp_path / "whole", "--workers", "2")[0]
+    process.communicate()
+    assert process.returncode == 1
+
+    out = tmp_path / "out"
+    process, workers = running(folder, out, "--workers", "2")
+    assert len(workers) >= 2
+    workers[-1].kill()
+    while process.poll() is None and len(list((out / "records").glob("*.json"))) < 3:
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive                                                    # no orphan goes on
+    done = {p.name: p.stat().st_mtime_ns for p in (out / "records").glob("*.json")}
+    assert 0 < len(done) < 8
+
+    process, _ = running(folder, out, "--workers", "2")
+    told = process.communicate()[0]
+    assert "from before" in told.splitlines()[-1]
+    for name, when in done.items():                                     # what was done is not done twice
+        assert (out / "records" / name).stat().st_mtime_ns == when
+    assert contents(out / "group") == contents(whole / "group")
+    assert not [p.name for p in (out / "subjects").iterdir() if not p.name.startswith((".", "sub-"))]
+
+
+@pytest.mark.slow
+def test_two_runs_into_one_folder_are_refused(tmp_path):
+    folder = tmp_path / "subjects"
+    for i in range(4):
+        write_subject(folder / f"sub-{i}")
+    process, _ = running(folder, tmp_path / "out", "--workers", "1")
+    second, _ = running(folder, tmp_path / "out", "--workers", "1")
+    told = second.communicate()[0]
+    assert second.returncode == 2
+    assert "another run is writing here" in told
+    process.communicate()
+    assert process.returncode == 0

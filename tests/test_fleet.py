@@ -1,0 +1,169 @@
+"""Jobs on Dask: each is done once however workers end, and nothing of one is another's."""
+
+import logging
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+import morphofold
+from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
+
+pytest.importorskip("distributed", reason="needs the extra cohort")
+
+
+def square(x):
+    return x * x
+
+
+def dies_once(folder):
+    """Ends its worker the first time it is called."""
+    if not Path(folder, "died").exists():
+        Path(folder, "died").touch()
+        os.kill(os.getpid(), 9)
+    return "alive"
+
+
+def ends_badly(what):
+    if what == "dies":
+        os.kill(os.getpid(), 9)
+    if what == "raises":
+        raise RuntimeError("no more")
+    time.sleep(0.1)
+    return what
+
+
+@pytest.mark.slow
+def test_jobs_survive_their_workers(tmp_path):
+    told = []
+    with open_fleet(workers=2, memory=1.0) as fleet, fleet.telling_of_deaths(told.extend):
+        assert "2 workers of 1 thread, at most 1.0 GiB each; dashboard http" in fleet.words
+        found = dict(fleet.run(dies_once, [Job(f"job {i}", str(tmp_path)) for i in range(8)]))
+    assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}
+    assert told
+    assert all(name.startswith("job ") for name in told)
+
+
+@pytest.mark.slow
+def test_a_job_that_always_kills_its_worker_is_lost_and_takes_no_other_with_it():
+    jobs = [Job("bad", "dies"), Job("wrong", "raises"), *(Job(f"good {i}", f"{i}") for i in range(20))]
+    with open_fleet(workers=2, memory=1.0) as fleet:
+        found = {job.name: outcome for job, outcome in fleet.run(ends_badly, jobs)}
+    assert len(found) == len(jobs)
+    assert isinstance(found["bad"], Lost)
+    assert "3 workers died" in found["bad"].reason
+    assert "1.0 GiB" in found["bad"].reason
+    assert isinstance(found["wrong"], Lost)
+    assert "RuntimeError: no more" in found["wrong"].reason
+    assert all(found[f"good {i}"] == f"{i}" for i in range(20))
+
+
+@pytest.mark.slow
+def test_results_and_jobs_do_not_pile_up():
+    """Far more jobs than may be with the scheduler at once; what was yielded is let go of."""
+    taken = []
+
+    def many():
+        for i in range(2000):
+            taken.append(i)
+            yield Job(f"{i}", i)
+
+    with open_fleet(workers=1, memory=1.0) as fleet:
+        seen = 0
+        for job, outcome in fleet.run(square, many()):
+            assert outcome == job.argument**2
+            seen += 1
+            assert len(taken) - seen <= fleet._window()
+            assert len(fleet.client.futures) <= fleet._window() + 1
+    assert seen == 2000
+
+
+@pytest.mark.slow
+def test_a_cluster_that_runs_already_is_used(monkeypatch):
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
+        with open_fleet(scheduler=cluster.scheduler_address) as fleet:
+            assert fleet.words.startswith(f"2 workers at {cluster.scheduler_address}, 1 GiB each; dashboard http")
+            assert {outcome for _, outcome in fleet.run(square, [Job("a", 3)])} == {9}
+        monkeypatch.setattr(morphofold, "__version__", "99.0")
+        words = r"has morphofold .*, this is 99\.0"
+        with pytest.raises(ValueError, match=words), open_fleet(scheduler=cluster.scheduler_address):
+            pass
+
+
+def threads_of_kernels(_):
+    return os.environ["NUMBA_NUM_THREADS"]
+
+
+@pytest.mark.slow
+def test_a_worker_does_one_job_at_a_time_with_all_its_threads_and_ours_stay(monkeypatch):
+    """Kernels of two jobs in one process would end it."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with open_fleet(workers=1, threads=2, memory=1.0) as fleet:
+        assert list(fleet.client.nthreads().values()) == [1]
+        assert [outcome for _, outcome in fleet.run(threads_of_kernels, [Job("a", 0)])] == ["2"]
+    assert os.environ["NUMBA_NUM_THREADS"] == "7"                       # which Dask had set to those of its workers
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
+def test_workers_share_what_the_machine_has(monkeypatch):
+    monkeypatch.setattr("distributed.system.MEMORY_LIMIT", int(20 * GiB))
+    monkeypatch.setattr("dask.system.CPU_COUNT", 8)
+    assert _shares(None, 1, None, 0.0) == (8, pytest.approx(18 / 8))
+    assert _shares(None, 2, None, 0.0) == (4, pytest.approx(18 / 4))
+    assert _shares(None, 1, None, 5.0) == (3, pytest.approx(6))         # 3 x 5 GiB fit into 18
+    assert _shares(None, 1, 4.0, 3.0) == (4, 4.0)
+    assert _shares(2, 1, None, 0.0) == (2, pytest.approx(9))
+    assert _shares(None, 1, None, 17.0) == (1, pytest.approx(18))
+    with pytest.raises(ValueError, match=r"takes about 5\.0 GiB, and each of 6 workers may take 3\.0 GiB"):
+        _shares(6, 1, None, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"workers": 0}, "workers must be 1 or more, got 0"),
+        ({"threads": 0}, "threads must be 1 or more"),
+        ({"memory": -1.0}, "memory must be a positive number of GiB, got -1"),
+        ({"memory": float("nan")}, "memory must be"),
+        ({"scheduler": "tcp://127.0.0.1:1", "workers": 2}, "has its own workers"),
+        ({"slurm": 4, "workers": 2}, "Name one of them"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(asked, words):
+    with pytest.raises(ValueError, match=words), open_fleet(**asked):
+        pass
+
+
+def test_the_log_of_dask_is_as_it_was_afterwards(monkeypatch):
+    log = logging.getLogger("distributed")
+    before = log.level
+    with pytest.raises(ConnectionError, match="no scheduler answers"), open_fleet(scheduler="tcp://127.0.0.1:1"):
+        pass
+    assert log.level == before
+
+
+def test_a_scheduler_that_is_gone_is_told():
+    from distributed import CancelledError
+
+    class Gone:
+        def result(self):
+            raise CancelledError("k")
+
+    with pytest.raises(ConnectionError, match="scheduler is gone"):
+        Fleet(None, "", "")._outcome(Gone())
+
+
+def test_slurm_jobs_ask_for_what_was_said():
+    pytest.importorskip("dask_jobqueue", reason="needs the extra slurm")
+    from morphofold.cohort.fleet import _slurm_cluster
+
+    with _slurm_cluster(2, 4.0) as cluster:
+        script = cluster.job_script()
+    assert "#SBATCH --cpus-per-task=2" in script
+    assert "#SBATCH --mem=4G" in script
+    assert "export NUMBA_NUM_THREADS=2" in script
+    assert "--nthreads 1" in script                                     # the last of the two counts

@@ -1,0 +1,352 @@
+"""The page of a group: what it says of whom, that it stays small, and that names can do no harm."""
+
+import base64
+import hashlib
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import assert_quiet, needs_browser, opened
+from made_groups import failed_group, made_group
+from made_measures import made_measures
+from matplotlib.image import imread
+
+from morphofold.cohort.tables import write_tables
+from morphofold.cohort.tasks import write_record
+from morphofold.report import group_page, group_pictures
+from morphofold.report.group_page import group_report
+from morphofold.results import write_analysis, write_dataset
+
+NASTY = '<script>alert("x")</script>&"\''
+THICKNESS = "mean_cortical_thickness_mm"
+pytestmark = pytest.mark.usefixtures("plain_pictures")
+
+
+class Page(HTMLParser):
+    """Scripts of a page, and whatever points elsewhere."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.scripts, self.links, self.ids, self.in_script = [], [], set(), False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        assert not any(k.startswith("on") for k, _ in attrs)
+        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
+        self.ids |= {v for k, v in attrs if k == "id"}
+        self.in_script = tag == "script"
+
+    def handle_data(self, data):
+        if self.in_script:
+            self.scripts.append(data)
+            self.in_script = False
+
+
+def text_of(group, folder):
+    folder.mkdir(exist_ok=True)
+    return group_report(group, folder).read_text(encoding="utf-8")
+
+
+def words_of(text):
+    """What is to be read, without tags, scripts, styles and pictures."""
+    text = re.sub(r"<(script|style|svg).*?</\1>", " ", text, flags=re.S)
+    return " ".join(re.sub(r"<[^>]*>", " ", text).split())
+
+
+def with_outlier(n, k, value, side=0, **more):
+    """A group whose subject ``k`` has a cortical thickness of ``value`` on one side."""
+    thickness = made_group(n).scalars[THICKNESS].copy()
+    thickness[k, side] = value
+    return made_group(n, **{THICKNESS: thickness}, **more)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Results of two subjects in both layouts: {layout: [folder, folder]}."""
+    folder = tmp_path_factory.mktemp("measured")
+    plain = [write_analysis([made_measures(name=name)], folder / name, report=False) for name in ("a", "b")]
+    bids = []
+    for name in ("a", "b"):
+        write_dataset([made_measures(name=name)], folder / "bids", name, report=False)
+        bids.append(folder / "bids" / f"sub-{name}")
+    return {"plain": plain, "bids": bids}
+
+
+# --- what it says
+
+
+def test_the_page_says_how_many_of_how_many_and_their_medians(tmp_path):
+    group = made_group(9, failures=[{"subject": "sub-00003", "hemi": "rh", "reason": "torn", "log": "logs/x.log"}])
+    for values in group.scalars.values():
+        values[3, 1] = np.nan
+    values = group.scalars[THICKNESS]
+    values[:, 0] = 2 + 0.1 * np.arange(9)
+    text = words_of(text_of(group, tmp_path))
+    assert "9 of 9 subjects have measures, 17 hemispheres in all: 8 with both sides, 1 with the left one alone." in text
+    assert "1 subject could not be measured, in whole or in part" in text
+    assert "2.40 2.20 to 2.60" in text
+    assert "sub-00003 right torn logs/x.log" in text
+
+
+@pytest.mark.parametrize("layout", ["plain", "bids"])
+def test_the_planted_outlier_is_named_with_its_picture(tmp_path, measured, layout):
+    results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
+    text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
+    said = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.S))
+    assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", said)
+    assert "Colours: Cortical thickness" in said
+    image = imread(tmp_path / "figures" / "outlier-01.png")
+    assert image.std() > 0.02
+    (data,) = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
+    assert base64.b64decode(data).startswith(b"\x89PNG")
+
+
+def test_a_picture_is_coloured_by_the_map_of_its_measure(tmp_path, measured, monkeypatch):
+    """The thickness that was made, 3 + z / 40, above that of another subject."""
+    rows = []
+    blank = np.full((4, 4, 3), 255, np.uint8)
+    monkeypatch.setattr(group_pictures, "figure", lambda r, *a: (rows.extend(r), blank)[1])
+    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
+    one, typical = rows
+    known = np.isfinite(one.values)
+    np.testing.assert_allclose(one.values[known], 3 + one.surface.verts[known, 2] / 40, rtol=1e-5)
+    assert one.name == "sub-00004"
+    assert typical.name.endswith(", at the median")
+
+
+def test_a_picture_that_cannot_be_drawn_says_why(tmp_path):
+    text = words_of(text_of(with_outlier(20, 4, 7.77), tmp_path))
+    assert re.search(r"sub-00004 , left: .* No picture: nowhere/sub-\d+/surf/lh.pial: no such", text)
+    assert not (tmp_path / "figures").exists()
+
+
+def test_what_differs_where_all_are_alike_is_said_in_words(tmp_path):
+    euler = np.full((30, 2), 2.0)
+    euler[7, 1] = -2
+    text = words_of(text_of(made_group(30, euler_characteristic=euler), tmp_path))
+    assert "sub-00007 , right: Euler characteristic −2, median 2, differs where the others are alike." in text
+    assert "∞" not in text
+
+
+def test_few_subjects_have_no_outliers_and_the_page_says_so(tmp_path):
+    text = words_of(text_of(with_outlier(7, 2, 9.9), tmp_path))
+    assert "Nothing was looked for: fewer than 8 values" in text
+    assert (tmp_path / "outliers.tsv").read_text(encoding="utf-8").count("\n") == 1
+
+
+def test_the_same_surfaces_under_two_names_are_told(tmp_path):
+    text = words_of(text_of(made_group(9, same=[["sub-00001", "sub-00005"]]), tmp_path))
+    assert "2 subjects have the same surfaces as another one" in text
+    assert "under several names: sub-00001, sub-00005" in text
+
+
+def test_the_greater_side_is_named(tmp_path):
+    area = 100 * np.random.default_rng(6).uniform(1, 2, (40, 1)) * [1.05, 0.95]
+    area *= 1 + 0.01 * np.random.default_rng(7).standard_normal(area.shape)
+    text = words_of(text_of(made_group(40, area_pial_mm2=area), tmp_path))
+    assert re.search(r"The sides differ in Pial area \(left greater\).*, by t-tests corrected for 7 measures", text)
+    assert re.search(r"Pial area \+(9\.\d|10) ", text)
+
+
+def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
+    said = "5 of these are simulated: they have no side, and stand where their files do."
+    assert said in words_of(text_of(made_group(9, simulated=5), tmp_path))
+    assert "simulated:" not in words_of(text_of(made_group(9), tmp_path / "none"))
+
+
+def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
+    pytest.importorskip("pyarrow", reason="needs the extra cohort")
+    results = {name: tmp_path / "subjects" / name for name in ("brain", "model")}
+    (tmp_path / "subjects").mkdir()
+    for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):
+        write_analysis([made_measures(name=name, origin=origin)], results[name], report=False)
+        write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True)
+    assert write_tables(tmp_path, tmp_path, results).simulated == 1
+
+
+# --- groups of all kinds
+
+
+def left_only(n):
+    values = made_group(n).scalars
+    return made_group(n, **{name: np.column_stack([v[:, 0], np.full(n, np.nan)]) for name, v in values.items()})
+
+
+@pytest.mark.parametrize(
+    "group", [made_group(1), made_group(2), left_only(1), left_only(12), failed_group(1), failed_group(12)],
+    ids=["one", "two", "one side of one", "left alone", "one failed", "all failed"],
+)  # fmt: skip
+def test_every_group_has_a_page_without_numbers_that_are_none(group, tmp_path):
+    text = text_of(group, tmp_path)
+    visible = words_of(text).lower()
+    assert not re.search(r"\b(nan|inf|none measured|none,)\b", visible.replace("different from none", ""))
+    for svg in re.findall(r"<svg.*?</svg>", text, re.S):
+        assert "nan" not in re.sub(r"<title>.*?</title>", "", svg)
+    for name in ("distributions", "asymmetry", "outliers", "remarks"):
+        assert (tmp_path / f"{name}.tsv").is_file()
+
+
+def test_a_group_of_failures_has_them_and_nothing_else(tmp_path):
+    text = text_of(failed_group(150), tmp_path)
+    words = words_of(text)
+    assert "0 of 150 subjects have measures: none could be measured." in words
+    assert words.count("lh.white: no such file.") == 200
+    assert "And 100 more in failures.tsv ." in words
+    for heading in ("Distributions", "Left against right", "Outliers"):
+        assert f"<h2>{heading}" not in text
+
+
+def test_one_side_alone_is_not_set_against_another(tmp_path):
+    text = text_of(left_only(12), tmp_path)
+    assert "12 of 12 subjects have measures, 12 hemispheres in all: 12 with the left one alone." in words_of(text)
+    assert "<h2>Left against right" not in text
+    assert ">Right<" not in text
+
+
+# --- names and scripts
+
+
+def test_names_are_escaped_everywhere(tmp_path):
+    names = [f"{NASTY}{k}" for k in range(12)]
+    group = with_outlier(12, 4, 9.9, names=names, remarks={names[0]: [NASTY]}, same=[names[:2]], failures=[
+        {"subject": names[2], "hemi": None, "reason": NASTY, "log": NASTY},
+    ])  # fmt: skip
+    group.regions[NASTY] = group.regions["insula"]
+    text = text_of(group, tmp_path)
+    assert "<script>alert" not in text
+    assert text.count("&lt;script&gt;alert") > 8
+    assert len(Page(text).scripts) == 1
+
+
+def test_the_page_asks_for_nothing_outside_itself_and_names_its_one_script(tmp_path, measured):
+    results = {f"sub-{k:05d}": measured["plain"][0] for k in range(12)}
+    failures = [{"subject": "x", "hemi": None, "reason": "y", "log": "z"}]
+    group = with_outlier(12, 4, 9.9, results=results, failures=failures, same=[["a", "b"]])
+    text = text_of(group, tmp_path)
+    page = Page(text)
+    assert all(link.startswith("data:") or link.removeprefix("#") in page.ids for link in page.links)
+    (script,) = page.scripts
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
+    assert f"script-src 'sha256-{digest}'" in policy.replace("&#43;", "+").replace("&#39;", "'")
+    assert policy.startswith("default-src 'none'")
+
+
+# --- sizes
+
+
+def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
+    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    files = []
+    for name in ("one", "other"):
+        text_of(with_outlier(20, 4, 7.77, results=results), tmp_path / name)
+        paths = sorted(p for p in (tmp_path / name).rglob("*") if p.is_file())
+        files.append({str(p.relative_to(tmp_path / name)): p.read_bytes() for p in paths})
+    assert "figures/outlier-01.png" in files[0]
+    assert files[0] == files[1]
+
+
+def test_a_page_holds_a_bounded_number_of_pictures(tmp_path, measured, monkeypatch):
+    """What does not fit lies beside it, and the page says where."""
+    monkeypatch.setattr(group_pictures, "EMBEDDED", 300_000)
+    results = {f"sub-{k:05d}": measured["plain"][0] for k in range(40)}
+    thickness = made_group(40).scalars[THICKNESS].copy()
+    thickness[:9, 0] = 9 + np.arange(9)
+    text = text_of(made_group(40, results=results, **{THICKNESS: thickness}), tmp_path)
+    data = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
+    assert 0 < sum(map(len, data)) <= 300_000
+    assert len(list((tmp_path / "figures").iterdir())) == 9
+    assert text.count("The picture is <code>figures/outlier-") == 9 - len(data)
+
+
+MANY = """
+import resource, sys
+sys.path.insert(0, sys.argv[2])
+from pathlib import Path
+from made_groups import made_group
+from morphofold.analysis.measures import SCALARS
+from morphofold.report.group_page import group_report
+import numpy as np
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+def group(n):
+    noise = np.random.default_rng(1)
+    values = {name: 5 + noise.standard_normal((n, 2)) for name in SCALARS}
+    names = [f"sub-{k:05d}" for k in range(n)]
+    failures = [{"subject": s, "hemi": "lh", "reason": "no " * 60, "log": f"logs/{s}.log"} for s in names[::3]]
+    same = [[a, b] for a, b in zip(names[::2], names[1::2])]
+    return made_group(n, failures=failures, same=same, remarks={s: ["lh: " + "x " * 150] for s in names}, **values)
+
+out = Path(sys.argv[1])
+for n in (100, 10_000):
+    (out / str(n)).mkdir()
+    group_report(group(n), out / str(n))
+    print(peak())
+"""
+
+
+def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_takes(tmp_path):
+    """Under 2 MB; a hundred times the subjects take less than 20 kB more for each of them, points and sentences too."""
+    here = str(Path(__file__).parent)
+    done = subprocess.run([sys.executable, "-c", MANY, str(tmp_path), here], capture_output=True, text=True, check=True)
+    few, many = map(float, done.stdout.split())
+    assert (many - few) * 1024 < 20 * 9900
+    text = (tmp_path / "10000" / "report.html").read_text(encoding="utf-8")
+    assert len(text.encode()) < 2_000_000
+    words = words_of(text)
+    assert "more in failures.tsv" in words
+    assert "9 950 more subjects in remarks.tsv" in words
+    assert "4 950 more such groups" in words
+    assert len((tmp_path / "10000" / "remarks.tsv").read_text(encoding="utf-8").splitlines()) == 10_001
+
+
+# --- charts
+
+
+def test_bins_of_counts_hold_as_many_whole_numbers_each(rng):
+    """Counts from 100 to 299, each once: bins of a side are level but for the last."""
+    edges = group_page._bins(np.arange(100.0, 300.0), 10_000)
+    counts = np.histogram(np.arange(100.0, 300.0), edges)[0]
+    assert set(np.diff(edges)) == {5}
+    assert set(counts[1:-1]) == {5}
+    assert len(edges) <= 49
+    assert group_page._bins(rng.standard_normal(50), 50) == 14
+
+
+def test_a_histogram_of_a_group_counts_every_subject(rng):
+    """Heights of the steps of a side, read off its picture, add up to the subjects."""
+    values = rng.uniform(2, 3, 200)
+    chart = str(group_page._chart(THICKNESS, np.column_stack([values, np.full(200, np.nan)]), group_page.BOTH[:1]))
+    path = re.search(r'class="curve" d="M([^"]+)"', chart).group(1)
+    heights = np.array([[float(v) for v in p.split(",")] for p in path.split("L")])[1:-1:2, 1]
+    ticks = re.findall(r'<text class="tick" x="47" y="([\d.]+)" text-anchor="end">(\d+)</text>', chart)
+    (y0, low), (y1, high) = [(float(y) - 3.5, int(label)) for y, label in (ticks[0], ticks[-1])]
+    counts = low + (heights - y0) / (y1 - y0) * (high - low)
+    np.testing.assert_allclose(counts, np.round(counts), atol=0.05)
+    assert 198 <= round(counts.sum()) <= 200                            # but for those beyond the percentiles
+
+
+def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):
+    text = words_of(text_of(with_outlier(30, 4, 1e4), tmp_path))
+    chart = str(group_page._chart(THICKNESS, with_outlier(30, 4, 1e4).scalars[THICKNESS], group_page.BOTH))
+    ticks = re.findall(r'text-anchor="middle">([\d.]+)</text>', chart)
+    assert max(map(float, ticks)) < 3
+    assert "1 value far beyond, not drawn." in text
+
+
+@needs_browser
+def test_a_browser_has_nothing_to_complain_of_and_a_phone_need_not_scroll_aside(tmp_path, measured):
+    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    failures = [{"subject": "x" * 60, "hemi": None, "reason": "a/" * 80, "log": "logs/x.log"}]
+    group_report(with_outlier(20, 4, 7.77, results=results, failures=failures), tmp_path)
+    with opened(tmp_path / "report.html", tmp_path / "profile", "tables") as tab:
+        assert_quiet(tab)
+        tab.call("Emulation.setDeviceMetricsOverride", width=400, height=900, deviceScaleFactor=1, mobile=True)
+        assert tab.js("document.documentElement.scrollWidth") == 400

@@ -1,0 +1,236 @@
+"""The page of a sweep: numbers in their cells, theory where it belongs, nothing that a name could break."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from morphofold.cohort.grid import make_grid
+from morphofold.cohort.phases import HINGES_PER_AREA, Found, Phases, Theory, write_tables
+from morphofold.io import write_surface
+from morphofold.report import colours
+from morphofold.report.phase_page import _mosaic, missing, phase_report, theory_words, verdict
+from morphofold.report.phase_plots import SHOWN, WAVELENGTH, cell, crossings, curve, diagram, limits_of, slices
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
+pytestmark = pytest.mark.usefixtures("plain_pictures")
+GI, LENGTH, HINGES = SHOWN
+VARY = ("cortex_thickness=1,2,3", "growth.final=1.2,1.8")
+
+
+def gi(at, seed):
+    """A made-up gyrification index, other at each point: 1.2 to 1.7, and 0.1 more or less with the seeds."""
+    return 1.2 + 0.1 * sum(at[:1]) + 0.3 * sum(at[1:]) + (0.1 if seed else -0.1)
+
+
+def made(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="demo", **numbers):
+    """A sweep with made-up measures; ``broken`` are (place, seed) that failed."""
+    grid = make_grid(scene, vary, seeds=seeds)
+    runs = []
+    for point in grid.points:
+        if (point.at, point.seed) in broken:
+            runs.append(Found(point, "left its bounds <at once>"))
+            continue
+        values = {GI.key: gi(point.at, point.seed), WAVELENGTH: 20.0, HINGES_PER_AREA: 3.0, **numbers}
+        known = {key: value for key, value in values.items() if value is not None}
+        runs.append(Found(point, "", known, {WAVELENGTH: "no folds"}, pial=pial))
+    given = {at: Theory(1.5, 1.6, 10.0) for at in grid.places} if theory is None else dict.fromkeys(grid.places, theory)
+    return Phases(grid, tuple(runs), given)
+
+
+def texts(figure):
+    """Words by the place that they stand at."""
+    return {tuple(map(int, text.get_position())): text.get_text() for text in figure.axes[0].texts}
+
+
+def test_every_number_stands_in_its_cell_and_has_its_colour():
+    phases = made()
+    drawn = diagram(phases, GI)
+    found, image = texts(drawn), drawn.axes[0].images[0].get_array()
+    low, high = limits_of(phases, GI)
+    assert set(found) == {(i, j) for i in range(3) for j in range(2)}
+    for (i, j), words in found.items():
+        mean = 1.2 + 0.1 * i + 0.3 * j
+        assert words.splitlines() == [f"{mean:.2f}", "± 0.14", "theory g 1.50"]         # sd of two: 0.2 / sqrt 2
+        want = colours.sequential()[round((mean - low) / (high - low) * 255)]
+        np.testing.assert_array_equal(image[j, i], want)
+    assert [label.get_text() for label in drawn.axes[0].get_xticklabels()] == ["1", "2", "3"]
+    assert [label.get_text() for label in drawn.axes[0].get_yticklabels()] == ["1.2", "1.8"]
+    assert drawn.axes[0].get_xlabel() == "cortex_thickness [mm]"
+    assert drawn.axes[0].get_ylabel() == "growth.final"
+
+
+def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
+    phases = made()
+    low, high = limits_of(phases, GI)
+    assert low == 1.0
+    assert high >= max(gi(run.point.at, run.point.seed) for run in phases.runs)
+    assert limits_of(made(broken=[(at, s) for at in phases.grid.places for s in (0, 1)]), LENGTH) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("nearly", [1 - 1e-12, 1.0, 1 + 1e-12])
+def test_a_smooth_sphere_is_one_whatever_its_round_off(nearly):
+    phases = made(**{GI.key: nearly})
+    assert limits_of(phases, GI) == (1.0, 2.0)
+    assert texts(diagram(phases, GI))[0, 0].splitlines()[:2] == ["1.00", "± 0.00"]
+
+
+def test_failures_and_what_a_surface_does_not_have_are_said():
+    phases = made(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
+    found = texts(diagram(phases, GI))
+    assert found[0, 0].splitlines()[0] == "failed"
+    assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
+    assert cell(phases, (1, 1), GI.key).failed == 1
+    smooth = made(**{WAVELENGTH: None})
+    assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
+    assert missing(smooth) == [
+        "Wavelength of folds: 12 of 12 runs have none. cortex_thickness-1_growth.final-1.2_seed-0 says: no folds."
+    ]
+
+
+def lines_of(drawn):
+    """Points (N, 2) of the line of theory in a diagram; None without it."""
+    paths = [c.get_paths() for c in drawn.axes[0].collections if type(c).__name__ == "QuadContourSet"]
+    return np.concatenate([path.vertices for path in paths[0]]) if paths else None
+
+
+def test_the_line_of_theory_lies_where_final_growth_is_critical():
+    """Critical growth 1.5 lies half way from 1.2 to 1.8, and 1.35 at a quarter."""
+    np.testing.assert_allclose(lines_of(diagram(made(), GI))[:, 1], 0.5, atol=1e-9)
+    quarter = lines_of(diagram(made(theory=Theory(1.35, 1.6, 10.0)), GI))
+    np.testing.assert_allclose(quarter[:, 1], 0.25, atol=1e-9)
+    np.testing.assert_allclose([quarter[:, 0].min(), quarter[:, 0].max()], [-0.5, 2.5])
+
+
+@pytest.mark.parametrize("theory", [Theory(1.1, 1.6, 10.0), Theory(2.5, math.nan, 10.0), Theory(reason="none")])
+def test_no_line_is_drawn_where_all_is_folded_or_smooth_or_unknown(theory):
+    drawn = diagram(made(theory=theory), GI)
+    assert lines_of(drawn) is None
+    assert not drawn.legends
+
+
+def test_one_varied_key_is_a_curve_with_the_seeds_as_dots():
+    phases = made(["growth.final=1.8,1.2,1.4"])
+    drawn = curve(phases, GI).axes[0]
+    dots = [line for line in drawn.lines if line.get_marker() == "o"]
+    for line, final, i in zip(dots, (1.8, 1.2, 1.4), range(3)):
+        np.testing.assert_allclose(line.get_xdata(), final)
+        np.testing.assert_allclose(sorted(line.get_ydata()), [gi((i,), 0), gi((i,), 1)])
+    mean = next(line for line in drawn.lines if line.get_label() == "mean over seeds")
+    np.testing.assert_allclose(mean.get_xdata(), [1.2, 1.4, 1.8])
+    np.testing.assert_allclose(mean.get_ydata(), [1.3, 1.4, 1.2])
+    boundary = next(line for line in drawn.lines if "critical" in str(line.get_label()))
+    np.testing.assert_allclose(boundary.get_xdata(), 1.5)
+    wave = next(line for line in curve(phases, LENGTH).axes[0].lines if "theory" in str(line.get_label()))
+    np.testing.assert_allclose(wave.get_ydata(), 10.0)
+
+
+def test_words_on_an_axis_stand_in_a_row():
+    drawn = curve(made(["law=isotropic,tangential"]), GI).axes[0]
+    assert [label.get_text() for label in drawn.get_xticklabels()] == ["isotropic", "tangential"]
+
+
+def test_crossings_of_a_line_through_zero():
+    assert crossings(np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0, -1.0])) == [0.5, 2.0]
+    assert crossings(np.array([0.0, 1.0]), np.array([math.nan, 1.0])) == []
+
+
+def test_further_keys_have_a_diagram_for_each_of_their_values(tmp_path):
+    phases = made([*VARY, "mu_ratio=1,2", "law=isotropic,tangential"], seeds=1)
+    assert len(slices(phases)) == 4
+    assert texts(diagram(phases, GI, (1, 1)))[2, 1].splitlines()[0] == f"{gi((2, 1, 1, 1), 0):.2f}"
+    page = phase_report(phases, tmp_path).read_text()
+    assert len(list((tmp_path / "figures").glob(f"{GI.key}-*.png"))) == 4
+    assert "at mu_ratio = 2, law = isotropic" in page
+
+
+def test_seeds_alone_have_a_table_and_no_diagram(tmp_path):
+    page = phase_report(made([], seeds=3), tmp_path).read_text()
+    assert list((tmp_path / "figures").iterdir()) == []
+    assert "<h2>Phase diagrams</h2>" not in page
+    assert "3 of 3 runs have measures" in page
+
+
+@pytest.fixture
+def ball(tmp_path):
+    path = tmp_path / "lh.pial"
+    verts, faces = icosphere(3, 30.0)
+    write_surface(path, Surface(verts, faces))
+    return path
+
+
+def test_surfaces_stand_in_the_order_of_the_cells(ball):
+    """One surface is there: the others' places are grey, and its own is dark in the middle."""
+    phases = made()
+    first = {at: phases.at[at][0] for at in phases.grid.places}
+    first[1, 0] = Found(first[1, 0].point, pial=ball)
+    canvas = _mosaic(phases, first, (), "lateral", 60.0)
+    side, left, head, gap = 190, 150, 16, 10
+    for i in range(3):
+        for j in range(2):
+            x, y = left + i * (side + gap), head + (1 - j) * (side + gap)
+            corner = canvas[y + 2, x + 2]
+            assert corner.min() == (255 if (i, j) == (1, 0) else 244)
+            row = canvas[y + side // 3, x : x + side].min(axis=1)
+            assert (row < 240).any() == ((i, j) == (1, 0))
+
+
+def test_a_surface_is_as_large_as_the_ruler_says(ball):
+    phases = made(["mu_ratio=1,2"], pial=ball, seeds=1)
+    first = {at: phases.at[at][0] for at in phases.grid.places}
+    canvas = _mosaic(phases, first, (), "lateral", 60.0)
+    inside = (canvas[16 : 16 + 190, 150 : 150 + 190] < 250).any(axis=2)
+    assert inside.any(axis=0).sum() == pytest.approx(0.94 * 190, abs=3)
+
+
+def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
+    phases = made(broken=[((0, 0), 0)], theory=Theory(reason="the smooth sphere <is> stable"), **{WAVELENGTH: None})
+    phases = replace(phases, grid=replace(phases.grid, name="<script>alert(1)</script>"))
+    page = phase_report(phases, tmp_path).read_text()
+    plain = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
+    assert "<script" not in plain
+    assert "&lt;script&gt;" in plain
+    assert "left its bounds &lt;at once&gt;" in plain
+    assert "It gives nothing everywhere: the smooth sphere &lt;is&gt; stable." in plain
+    assert not re.search(r"\bnan\b", plain, re.IGNORECASE)
+    assert "11 of 12 runs have measures, 1 failed" in plain
+    assert "logs/cortex_thickness-1_growth.final-1.2_seed-0.log" in plain
+    assert "script-src" not in plain
+    assert "http" not in plain.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
+    phases = made(broken=[((0, 0), 0)], pial=ball)
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        phase_report(phases, tmp_path / name)
+        write_tables(phases, tmp_path / name)
+    files = {p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*") if p.is_file()}
+    assert {"report.html", "measures.tsv", "runs.tsv", "theory.tsv", "figures/surfaces.png"} <= set(map(str, files))
+    for file in files:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "other" / file).read_bytes()
+
+
+def test_measured_waves_are_laid_beside_those_of_theory():
+    phases = made(**{WAVELENGTH: 25.0})
+    assert verdict(phases) == (
+        "At 6 points with both, the measured wavelength is 2.50 times that of theory's first wrinkles."
+    )
+    assert verdict(made(**{WAVELENGTH: None})) == ""
+
+
+def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():
+    assert "the core not growing" in theory_words(made())[0]
+    assert theory_words(made(theory=Theory(reason="of spheres"))) == ["It gives nothing everywhere: of spheres."]
+    assert "stays a sphere" in theory_words(made(["mu_ratio=1,2"], scene="radial", seeds=None))[2]
+
+
+def test_long_tables_are_cut_and_say_so(tmp_path):
+    values = ",".join(str(1 + k / 1000) for k in range(500))
+    page = phase_report(made([f"mu_ratio={values}"], seeds=1), tmp_path).read_text()
+    assert "And 100 more points." in page
+
+

@@ -1,0 +1,493 @@
+"""Sweeps: grids of scenes, runs that are done once whatever happens, tables of what they found."""
+
+import csv
+import json
+import multiprocessing
+import threading
+import time
+from contextlib import contextmanager, nullcontext
+
+import numpy as np
+import pytest
+from commands import refused
+
+import morphofold.simulation
+from morphofold.analysis.measures import Measures
+from morphofold.cli import main
+from morphofold.cli.sweep import _anywhere
+from morphofold.cohort import fleet, sweep
+from morphofold.cohort.grid import MOST_RUNS, make_grid
+from morphofold.cohort.phases import HINGES_PER_AREA, Theory, read_run, theory_of
+from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.cohort.tasks import Place, read_record, write_record
+from morphofold.io import read_surface
+from morphofold.results import write_analysis
+from morphofold.shapes import icosphere
+from morphofold.sim import radial_run, run, theory
+from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.folder_lock import alone
+from morphofold.sim.scene_file import load_scene
+from morphofold.surface import Cortex, Surface
+
+pytest.importorskip("distributed", reason="needs the extra cohort")
+
+SPHERE = """
+name = "ball"
+[geometry]
+shape = "radial"
+radius = 12.0
+hole_radius = 6.0
+cortex_thickness = 2.0
+[growth]
+final = 1.3
+[effects.core_growth]
+final = 1.1
+"""
+VARY = ["--vary", "mu_ratio=1,2", "--vary", "cortex_thickness=1,2"]
+NAMES = [f"mu_ratio-{mu}_cortex_thickness-{T}" for mu in (1, 2) for T in (1, 2)]
+
+
+# grids -------------------------------------------------------------------------------------------------------
+
+
+def test_a_grid_has_every_point_with_every_seed_by_its_name():
+    grid = make_grid("demo", ["cortex_thickness=2,3", "material.mu_ratio=1,0.5"], seeds=2)
+    assert [point.name for point in grid.points] == [
+        f"cortex_thickness-{T}_mu_ratio-{mu}_seed-{seed}" for T in (2, 3) for mu in (1, 0.5) for seed in (0, 1)
+    ]
+    for point in grid.points:
+        T, mu = (axis.values[i] for axis, i in zip(grid.axes, point.at))
+        assert point.scene.geometry.cortex_thickness == T
+        assert point.scene.material.mu_ratio == mu
+        assert point.scene.effects.perturbation.seed == point.seed
+        assert point.scene.name == point.name
+    assert grid.places == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_settings_hold_at_every_point_and_what_is_varied_is_put_over_them():
+    grid = make_grid("demo", ["growth.final=1.5,1.6"], settings=["growth.final=1.9", "material.mu_ratio=3"])
+    assert [point.scene.growth.final for point in grid.points] == [1.5, 1.6]
+    assert {point.scene.material.mu_ratio for point in grid.points} == {3}
+    assert all(max(point.scene.stages) == point.scene.growth.final for point in grid.points)
+
+
+def test_names_tell_apart_what_differs():
+    both = make_grid("core", ["growth.final=1.5,1.6", "core_growth.final=1.1,1.2"])
+    assert both.points[0].name == "growth.final-1.5_effects.core_growth.final-1.1_seed-0"
+    signs = make_grid("demo", ["geometry.thickness_spots=[],[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"])
+    assert len({point.name.casefold() for point in signs.points}) == 2
+    long = make_grid("demo", [f"output.stages=[{','.join(f'1.{k}' for k in range(10, 60, 5))}],[1.1]"])
+    names = [point.name for point in long.points]
+    assert len(set(names)) == 2
+    assert max(map(len, names)) <= 80
+
+
+def test_the_seeds_can_be_named_like_any_other_key():
+    grid = make_grid("demo", ["seed=3,7"])
+    assert not grid.axes
+    assert [point.name for point in grid.points] == ["seed-3", "seed-7"]
+    assert [point.scene.effects.perturbation.seed for point in grid.points] == [3, 7]
+
+
+def test_a_scene_without_imperfection_has_no_seed():
+    grid = make_grid("radial", ["mu_ratio=1,2"])
+    assert [(point.name, point.seed) for point in grid.points] == [("mu_ratio-1", None), ("mu_ratio-2", None)]
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ("mu_ratio", "must read KEY=VALUE,VALUE"),
+        ("=1", "must read KEY=VALUE,VALUE"),
+        ("cortex_thicknes=1", "no such key. Did you mean cortex_thickness?"),
+        ("material.mu=1", "Did you mean material.mu_ratio?"),
+        ("final=1.5,2", "is a key of growth and of effects.core_growth. Say which, as growth.final=1.5,2"),
+        ("mu_ratio=1,2,1.0", "names 1.0 twice"),
+        ("mu_ratio=1,,2", "'' is no value"),
+        ("mu_ratio=[1,2", "'[1' is no value"),
+        ("mu_ratio=1]\nx=[2", "is no value"),
+        ("size=[1,2]", "no such key"),
+    ],
+)
+def test_what_cannot_be_varied_is_refused(vary, words):
+    with pytest.raises(ValueError, match="--vary") as told:
+        make_grid("demo", [vary])
+    assert words in str(told.value)
+    assert len(str(told.value).splitlines()) == 1 or "\n" in vary
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "nothing is varied"),
+        (["--vary", "mu_ratio=1,2", "--vary", "material.mu_ratio=3"], "is varied twice"),
+        (["--seeds", "0"], "must be 1 or more"),
+        (["--seeds", "2", "--vary", "seed=1,2"], "Leave one of them out"),
+        (["--seeds", str(MOST_RUNS + 1)], "10,001 runs are more than 10,000"),
+        (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], "is no length"),
+    ],
+)
+def test_a_sweep_that_makes_no_sense_is_refused(here, capsys, arguments, words):
+    refused(capsys, ["sweep", "demo", *arguments, "-o", "x"], words)
+    assert not (here / "x").exists()
+
+
+def test_seeds_of_a_scene_without_imperfection_are_refused(here, capsys):
+    words = "mu_ratio-1, mu_ratio-2: has no [effects.perturbation]"
+    refused(capsys, ["sweep", "radial", "--vary", "mu_ratio=1,2", "--seeds", "3"], words)
+
+
+def test_all_impossible_scenes_are_named_before_anything_runs(here, capsys):
+    assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 3
+    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in told[0]
+    assert any("cortex_thickness 60 leaves no core" in line for line in told)
+    of_mu = next(line for line in told if "less than or equal to 10000" in line)
+    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in of_mu
+    assert not (here / "x").exists()
+
+
+def test_a_mesh_that_is_not_there_is_told_before_anything_runs(here, capsys):
+    argv = ["sweep", "mesh", "--vary", "mu_ratio=1,2", "--set", "geometry.file=none.vtu"]
+    refused(capsys, argv, "none.vtu", "mu_ratio-1")
+
+
+# runs --------------------------------------------------------------------------------------------------------
+
+
+class Here:
+    """A fleet that is this very process."""
+
+    words = "this process"
+
+    def run(self, work, jobs):
+        for job in jobs:
+            yield job, work(job.argument)
+
+    def telling_of_deaths(self, tell):
+        return nullcontext()
+
+
+@pytest.fixture
+def ball(here, monkeypatch):
+    """A scene of a second, no workers, and the names of what was grown and measured."""
+    from morphofold.analysis import measures
+
+    did = {"grown": [], "measured": []}
+    grow, measure = morphofold.simulation.simulate, measures.measure
+
+    def simulate(scene, out, **options):
+        did["grown"].append(scene.name)
+        return grow(scene, out, **options)
+
+    def measured(cortex, **options):
+        did["measured"].append(cortex.info["name"])
+        return measure(cortex, **options)
+
+    @contextmanager
+    def open_fleet(**asked):
+        yield Here()
+
+    monkeypatch.setattr(radial_run, "SPHERE_LEVEL", 3)                  # 642 vertices
+    monkeypatch.setattr(fleet, "open_fleet", open_fleet)
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    monkeypatch.setattr(measures, "measure", measured)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    (here / "ball.toml").write_text(SPHERE)
+    return did
+
+
+def swept(*more, vary=VARY):
+    return main(["sweep", "ball.toml", *vary, "--accuracy", "draft", "--no-report", "-q", "-o", "out", *more])
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ball, capsys):
+    assert swept() == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
+    assert ball == {"grown": NAMES, "measured": NAMES}
+
+    rows = table(here / "out/group/measures.tsv")
+    assert list(rows[0]) == ["run", "mu_ratio", "cortex_thickness", "seed", "measure", "value"]
+    assert len({(row["run"], row["measure"]) for row in rows}) == len(rows)
+    assert list(dict.fromkeys(row["run"] for row in rows)) == NAMES
+    for row in rows:
+        assert row["run"] == f"mu_ratio-{row['mu_ratio']}_cortex_thickness-{row['cortex_thickness']}"
+        if row["measure"] == "area_pial_mm2":                           # the sphere stays one
+            health = json.loads((here / "out/runs" / row["run"] / "simulation/health.json").read_text())
+            radius = health["stages"][-1]["mean_radius_mm"]
+            assert float(row["value"]) == pytest.approx(4 * np.pi * radius**2, rel=0.02)
+
+    before = {path: path.read_bytes() for path in (here / "out/group").rglob("*") if path.is_file()}
+    ball["grown"].clear()
+    ball["measured"].clear()
+    assert swept() == 0
+    assert "4 of 4 runs have results, 4 of them from before -> " in capsys.readouterr().out
+    assert ball == {"grown": [], "measured": []}
+    assert {path: path.read_bytes() for path in before} == before
+
+    assert swept(vary=["--vary", "mu_ratio=1,3", "--vary", "cortex_thickness=1,2"]) == 0
+    assert "4 of 4 runs have results, 2 of them from before" in capsys.readouterr().out
+    assert ball["grown"] == ["mu_ratio-3_cortex_thickness-1", "mu_ratio-3_cortex_thickness-2"]
+
+
+def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name_all(here, ball, capsys):
+    one = ["--vary", "mu_ratio=1"]
+    assert swept(vary=one) == 0
+    assert swept("--curvature-scale", "4", vary=one) == 0
+    assert ball["measured"] == ["mu_ratio-1"] * 2
+    stage = here / "out/runs/mu_ratio-1/simulation/stages"
+    made = (stage / "g1.30/stage.json").stat().st_mtime_ns
+    assert swept("--curvature-scale", "4", "--set", "growth.final=1.2", vary=one) == 0
+    assert [path.name for path in stage.iterdir()] == ["g1.20"]
+    assert ball["measured"] == ["mu_ratio-1"] * 3
+    assert made < (stage / "g1.20/stage.json").stat().st_mtime_ns
+    assert "grown anew" in (here / "out/logs/mu_ratio-1.log").read_text()
+    assert "of them from before" not in capsys.readouterr().out
+
+
+def test_parquet_and_text_hold_the_same(here, ball):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert swept(vary=["--vary", "mu_ratio=1", "--vary", "law=isotropic,tangential"]) == 0
+    text = table(here / "out/group/measures.tsv")
+    binary = parquet.read_table(here / "out/group/measures.parquet").to_pylist()
+    assert len(text) == len(binary)
+    for one, other in zip(text, binary):
+        assert (one["run"], one["law"], one["measure"]) == (other["run"], other["law"], other["measure"])
+        assert float(one["mu_ratio"]) == other["mu_ratio"]
+        assert other["seed"] is None
+        assert one["seed"] == "n/a"
+        if other["value"] is None:
+            assert one["value"] == "n/a"
+        else:
+            assert float(one["value"]) == pytest.approx(other["value"], rel=1e-6)
+
+
+def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(here, ball, capsys, monkeypatch):
+    grow, tried = morphofold.simulation.simulate, []
+
+    def simulate(scene, out, **options):
+        if scene.name == NAMES[1]:
+            tried.append(scene.name)
+            raise UnstableError("left its bounds at g = 1.2", {})
+        return grow(scene, out, **options)
+
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    assert swept() == 1
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == f"{NAMES[1]}: left its bounds at g = 1.2"
+    assert told[-1].startswith("3 of 4 runs have results, 1 failed -> ")
+    assert swept() == 1
+    assert tried == [NAMES[1]]
+    assert "3 of 4 runs have results, 3 of them from before, 1 failed" in capsys.readouterr().out
+    runs = {row["run"]: row for row in table(here / "out/group/runs.tsv")}
+    assert [runs[name]["state"] for name in NAMES] == ["done", "failed", "done", "done"]
+    assert runs[NAMES[1]]["reason"] == "left its bounds at g = 1.2"
+    assert NAMES[1] not in {row["run"] for row in table(here / "out/group/measures.tsv")}
+
+
+def test_what_the_machine_is_to_blame_for_is_tried_again(here, ball, monkeypatch):
+    grow = morphofold.simulation.simulate
+
+    def simulate(*arguments, **options):
+        raise MemoryError("too little")
+
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    assert swept(vary=["--vary", "mu_ratio=1"]) == 1
+    assert "too little" in table(here / "out/group/runs.tsv")[0]["reason"]
+    monkeypatch.setattr(morphofold.simulation, "simulate", grow)
+    assert swept(vary=["--vary", "mu_ratio=1"]) == 0
+
+
+def test_a_run_that_is_not_healthy_is_told(here, ball, capsys, monkeypatch):
+    grow = morphofold.simulation.simulate
+
+    def simulate(scene, out, **options):
+        found = grow(scene, out, **options)
+        health = {**found.health, "healthy": False, "warnings": ["it wobbles"]}
+        (found.path / "health.json").write_text(json.dumps(health))
+        return found
+
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    assert swept(vary=["--vary", "mu_ratio=1"]) == 0
+    assert "warning: mu_ratio-1: it wobbles" in capsys.readouterr().out
+    assert table(here / "out/group/runs.tsv")[0]["warnings"] == "it wobbles"
+
+
+def one_run(here, **options):
+    scene = load_scene(here / "ball.toml").model_copy(update={"name": "one"})
+    return Run(Place(str(here / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
+
+
+def test_a_folder_that_is_held_is_waited_for_and_never_written(here, ball, monkeypatch):
+    one = one_run(here)
+    monkeypatch.setattr(sweep, "PAUSE", 0.01)
+    monkeypatch.setattr(sweep, "LONGEST_WAIT", 0.05)
+    with alone(one.folder):                                             # a worker that the scheduler gave up for lost
+        outcome = grow_and_measure(one)
+    assert outcome.state == "failed"
+    assert "another run is writing here" in outcome.failures[""]
+    assert ball["grown"] == []
+    assert read_record(one.place.record)["key"] == ""                   # and so it is tried again
+
+    monkeypatch.setattr(sweep, "LONGEST_WAIT", 60.0)
+    held = threading.Event()
+
+    def hold():
+        with alone(one.folder):
+            held.set()
+            time.sleep(0.3)
+
+    other = threading.Thread(target=hold)
+    other.start()
+    held.wait()
+    assert grow_and_measure(one).state == "done"
+    other.join()
+    assert "waiting: " in one.place.log.read_text()
+
+
+def test_a_simulation_that_is_damaged_is_grown_anew(here, ball):
+    one = one_run(here)
+    assert grow_and_measure(one).state == "done"
+    (one.simulation / "health.json").write_text("{}")
+    one.place.record.unlink()
+    assert grow_and_measure(one).state == "done"
+    assert json.loads((one.simulation / "health.json").read_text())["healthy"] is True
+    assert "It is grown anew" in one.place.log.read_text()
+
+
+def test_the_threads_are_no_more_than_the_worker_has(here, ball, monkeypatch):
+    asked = []
+    grow = morphofold.simulation.simulate
+
+    def simulate(*arguments, threads, **options):
+        asked.append(threads)
+        return grow(*arguments, threads=threads, **options)
+
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    assert grow_and_measure(one_run(here, threads=1000)).state == "done"
+    import numba
+
+    assert asked == [numba.config.NUMBA_NUM_THREADS]
+
+
+def test_a_page_of_each_run_is_there_if_it_is_asked_for(here, ball):
+    assert grow_and_measure(one_run(here)).state == "done"
+    assert not (here / "out/runs/one/analysis/report.html").exists()
+    assert grow_and_measure(one_run(here, report=True)).state == "done"
+    assert (here / "out/runs/one/analysis/report.html").is_file()
+    assert ball["measured"] == ["one", "one"]
+
+
+def test_memory_rises_with_the_mesh_and_is_not_known_of_a_file():
+    draft, fine = (load_scene("fig5", [f"accuracy.level={level}"]) for level in ("draft", "fine"))
+    assert 0 < memory_of_run(draft, "standard", False) < memory_of_run(fine, "standard", False)
+    assert memory_of_run(load_scene("mesh"), "standard", False) == 0
+    for name in ("ellipsoid", "patch", "strip", "radial"):
+        assert memory_of_run(load_scene(name), "draft", True) > 0
+
+
+def test_a_dry_run_writes_nothing_and_tells_of_the_largest(here, capsys):
+    (here / "ball.toml").write_text(SPHERE)
+    assert main(["sweep", "ball.toml", "--vary", "growth.final=1.2,1.4", "--dry-run", "-o", "out"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("2 runs: 2 points\n")
+    assert "the largest, growth.final-1.4: forecast" in told
+    assert not (here / "out").exists()
+
+
+@pytest.mark.parametrize("portion", [1.0, 1 / 8])
+def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, portion):
+    (point,) = make_grid("demo", ["mu_ratio=1"]).points
+    folder = sweep.folder_of(here, point.name)
+    verts, faces = icosphere(1, 10.0)
+    white, pial = (Surface(verts * size, faces, f"lh.{name}") for name, size in (("white", 0.9), ("pial", 1.0)))
+    cortex = Cortex(white, pial, origin="simulation", portion=portion)
+    found = Measures(cortex, {"n_hinges": 30, "area_pial_mm2": 20_000.0}, {}, notes={"wavelength_mm": "no folds"})
+    write_analysis([found], folder / "analysis", report=False)
+    (folder / "simulation").mkdir()
+    (folder / "simulation/health.json").write_text('{"warnings": ["it wobbles"], "elements": 5, "steps": 7}')
+    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
+    read = read_run(here, point)
+    assert read.measures == {"n_hinges": 30, "area_pial_mm2": 20_000.0, HINGES_PER_AREA: 1.5}
+    assert read.notes == {"wavelength_mm": "no folds"}
+    assert (read.reason, read.warnings, read.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
+    np.testing.assert_allclose(read_surface(read.pial).verts, pial.verts, atol=1e-5)
+    (folder / "analysis/summary.json").unlink()
+    assert "holds no results" in read_run(here, point).reason
+
+
+OCTANT = (
+    "geometry.portion=octant", "accuracy.level=draft", "geometry.radius=20", "geometry.hole_radius=10",
+    "growth.final=1.5", "output.checkpoint_minutes=0.002", "output.stages=[]", "output.volume=false",
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
+    scene = load_scene("demo", OCTANT)
+    runs = {name: Run(Place(str(here / name), "one", "run"), scene, options={"accuracy": "draft"}) for name in "ab"}
+    worker = multiprocessing.get_context("spawn").Process(target=grow_and_measure, args=(runs["a"],))
+    worker.start()
+    while not (runs["a"].simulation / "checkpoint.npz").exists() and worker.is_alive():
+        time.sleep(0.01)
+    worker.kill()
+    worker.join()
+    assert not (runs["a"].simulation / "health.json").exists()
+
+    read, taken_up = run.read_arrays, []
+    monkeypatch.setattr(run, "read_arrays", lambda path, like: taken_up.append(path) or read(path, like))
+    assert grow_and_measure(runs["a"]).state == "done"
+    assert taken_up == [runs["a"].simulation / "checkpoint.npz"]
+    assert grow_and_measure(runs["b"]).state == "done"
+    assert len(taken_up) == 1
+    for name in ("surf/lh.pial", "hinges.tsv"):                         # as if it had never been killed
+        assert (runs["a"].analysis / name).read_bytes() == (runs["b"].analysis / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_two_workers_do_what_one_process_does(here, capsys):
+    (here / "ball.toml").write_text(SPHERE)
+    assert swept("--workers", "2") == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
+    assert {row["run"] for row in table(here / "out/group/measures.tsv")} == set(NAMES)
+    assert swept("--workers", "1") == 0
+    assert "4 of them from before" in capsys.readouterr().out
+
+
+def test_a_mesh_file_is_found_from_where_a_worker_is(here):
+    (here / "mine.vtu").write_bytes(b"")
+    mine, sample = load_scene("mesh", ["geometry.file=mine.vtu"]), load_scene("mesh")
+    assert _anywhere(mine).geometry.file == str(here / "mine.vtu")
+    assert _anywhere(sample) == sample
+    assert _anywhere(load_scene("demo")) == load_scene("demo")
+
+
+# theory ------------------------------------------------------------------------------------------------------
+
+
+def test_theory_of_a_scene_is_that_of_its_sphere():
+    scene = load_scene("demo", ["geometry.radius=40", "geometry.hole_radius=10", "material.mu_ratio=3"])
+    found = theory_of(scene)
+    truth = theory.bifurcation(3 / 40, 3, "isotropic", 50, A_over_C=10 / 40)
+    assert found == Theory(truth.g_crit, truth.g_crease, 40 * truth.wavelength_deformed)
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings", "words"),
+    [
+        ("patch", [], "theory is of spheres, this is of shape patch"),
+        ("core", [], "theory knows no core_growth"),
+        ("skull", [], "theory knows no enclosure"),
+        ("demo", ["geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"], "of one thickness"),
+    ],
+)
+def test_theory_says_nothing_of_what_it_does_not_know(scene, settings, words):
+    found = theory_of(load_scene(scene, settings))
+    assert words in found.reason
+    assert np.isnan([found.g_crit, found.g_crease, found.wavelength]).all()
