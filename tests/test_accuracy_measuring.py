@@ -46,6 +46,7 @@ def test_the_error_of_a_field_is_weighed_by_area_and_counts_what_is_missing_as_z
     assert relative_rms(missing, exact, areas) == pytest.approx(math.sqrt((4 + 2 * 1) / (1 + 4 + 18)))
 
 
+@pytest.mark.slow
 def test_curvature_errors_are_those_of_another_calculation_and_fall_with_the_mesh(alone):
     points = measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 4, 5))
     assert {p.axis for p in points} == {"mesh", "mesh at 3 mm"}
@@ -65,6 +66,7 @@ def test_curvature_errors_are_those_of_another_calculation_and_fall_with_the_mes
         assert mine.fastest <= mine.seconds <= mine.slowest
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_is_an_error_of_two(alone, monkeypatch):
     def turned(verts, faces, scale):
         found = curvature(verts, faces, scale)
@@ -170,6 +172,7 @@ def test_folds_are_better_known_on_finer_meshes_and_the_fine_accuracy_is_a_finer
     assert (same.error, same.seconds) == (coarse.error, coarse.seconds)
 
 
+@pytest.mark.slow
 def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds():
     sheets = measuring_folds.width_of_sheet((3.0, 2.0))
     assert all(p.error < 0.02 for p in sheets)

@@ -66,6 +66,7 @@ def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_anothe
     body.grow(1.0)
 
 
+@pytest.mark.slow
 def test_a_smooth_body_errs_less_on_a_finer_mesh_and_knows_its_preset():
     found = [smooth_points(Setting("mesh", f"{e}", e, edge=e)) for e in (2.4, 1.6)]
     coarse, fine = ({(p.quantity, p.against): p for p in points} for points in found)

@@ -73,6 +73,7 @@ def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys, pla
             assert both[0] == both[1], name
 
 
+@pytest.mark.slow
 def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsys):
     assert main([*pair, "--no-report", "-o", "out"]) == 0
     cost = cost_in(here / "out" / "cost.json")

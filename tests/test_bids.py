@@ -197,6 +197,7 @@ def test_an_analysis_reads_back_alike_from_both_layouts(both):
                 assert ours["length"] == theirs["length"]
 
 
+@pytest.mark.slow
 def test_compare_takes_a_subject_beside_an_analysis_and_names_those_of_a_dataset(both, tmp_path, capsys):
     plain, place = both
     assert main(["compare", f"a={place}", f"b={plain}", "-o", str(tmp_path / "out"), "-q"]) == 0
@@ -375,6 +376,7 @@ def _spoil(m, path):
     return path
 
 
+@pytest.mark.slow
 def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     argv = ["analyze", str(sample_path("simulated")), "--name", "fig5 g1.8", "--layout", "bids", "-q"]

@@ -38,6 +38,7 @@ def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
     assert hemispheres(here / "bert") == ("rh",)                        # for the reader to say what is missing
 
 
+@pytest.mark.slow
 def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_left_out(here, capsys, monkeypatch):
     there = subjects(here / "all", "bert")
     before = sorted((p, p.stat().st_mtime_ns) for p in there.rglob("*"))
@@ -54,6 +55,7 @@ def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_le
     assert sorted((p, p.stat().st_mtime_ns) for p in there.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_the_name_of_a_subject_is_that_of_its_link(here, capsys, monkeypatch):
     monkeypatch.setenv("SUBJECTS_DIR", str(here / "nowhere"))
     (subjects(here / "all", "bert") / "ernie").symlink_to("bert")

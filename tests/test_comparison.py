@@ -86,6 +86,7 @@ def test_regions_of_one_surface_are_not_set_beside_crests_of_another():
     assert [c.kind for c in compare({"one": brain, "two": made_measures()}).clouds] == ["region", "region"]
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
     """95 % of intervals from noisy lines contain the slope they came from: 475 of 500, standard error 5."""
     x, inside = np.linspace(2, 3, 12), 0
@@ -226,6 +227,7 @@ def test_colours_that_are_none_are_refused(colours, message):
         compare({"a": made_measures(), "b": made_measures()}, colours=colours)
 
 
+@pytest.mark.slow
 def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path, monkeypatch):
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     page = compare({"a<b>": balls[0], "c": balls[1]}).report(tmp_path / "out")

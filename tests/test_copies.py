@@ -123,6 +123,7 @@ def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():
     np.testing.assert_array_equal(thickness[1:], copied(cortex, THIN).cortical_thickness(cap=None))
 
 
+@pytest.mark.slow
 def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers(ball, monkeypatch):
     monkeypatch.setitem(copies.ACCURACIES, "draft", THIN)
     x = ball.pial.verts[:, 0]

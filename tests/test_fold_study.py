@@ -357,6 +357,7 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
 # grown for true -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsys, monkeypatch):
     monkeypatch.setitem(scenes.LEVELS, "draft", 6.0)                    # six edges to a quarter of a great circle
     monkeypatch.setitem(scenes.LEVELS, "standard", 4.5)

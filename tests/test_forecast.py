@@ -144,6 +144,7 @@ def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_it
     assert "octant body" in scaled.how["elements"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), [("octant", "single"), ("octant", "double"), ("quarter", "single")])
 def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
     source, *settings = BODIES[name]

@@ -39,6 +39,7 @@ def test_a_curtain_along_a_koch_curve_has_one_more_than_the_curve():
     assert found == pytest.approx(1 + np.log(4) / np.log(3), abs=0.05)
 
 
+@pytest.mark.slow
 def test_rotation_and_unit_change_little_and_the_seed_says_the_rest(rng):
     shape = bumpy_sphere(6)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]

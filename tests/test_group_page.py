@@ -251,6 +251,7 @@ def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
     assert files[0] == files[1]
 
 
+@pytest.mark.slow
 def test_a_page_holds_a_bounded_number_of_pictures(tmp_path, measured, monkeypatch):
     """What does not fit lies beside it, and the page says where."""
     monkeypatch.setattr(group_pictures, "EMBEDDED", 300_000)
@@ -292,6 +293,7 @@ for n in (100, 10_000):
 """
 
 
+@pytest.mark.slow
 def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_takes(tmp_path):
     """Under 2 MB; a hundred times the subjects take less than 20 kB more for each of them, points and sentences too."""
     here = str(Path(__file__).parent)

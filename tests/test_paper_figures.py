@@ -16,6 +16,8 @@ from morphofold.sim.scene_file import load_scene
 
 KINDS = sorted(line_plots.FORMATS)
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def cases():
@@ -401,6 +403,7 @@ def made(tmp_path, monkeypatch):
     return asked, MadeRuns(grow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("figure", "scenes"), [("fig5", ["fig5"]), ("fig6", ["fig6-thin", "fig5", "fig6-thick"])])
 def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_path, figure, scenes):
     asked, runs = made

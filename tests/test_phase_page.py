@@ -138,6 +138,7 @@ def test_crossings_of_a_line_through_zero():
     assert crossings(np.array([0.0, 1.0]), np.array([math.nan, 1.0])) == []
 
 
+@pytest.mark.slow
 def test_further_keys_have_a_diagram_for_each_of_their_values(tmp_path):
     phases = made([*VARY, "mu_ratio=1,2", "law=isotropic,tangential"], seeds=1)
     assert len(slices(phases)) == 4
@@ -202,6 +203,7 @@ def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
     assert "http" not in plain.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
 
 
+@pytest.mark.slow
 def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
     phases = made(broken=[((0, 0), 0)], pial=ball)
     for name in ("one", "other"):
@@ -228,6 +230,7 @@ def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():
     assert "stays a sphere" in theory_words(made(["mu_ratio=1,2"], scene="radial", seeds=None))[2]
 
 
+@pytest.mark.slow
 def test_long_tables_are_cut_and_say_so(tmp_path):
     values = ",".join(str(1 + k / 1000) for k in range(500))
     page = phase_report(made([f"mu_ratio={values}"], seeds=1), tmp_path).read_text()

@@ -52,6 +52,7 @@ def test_any_other_error_is_refused(text):
         error_share(text)
 
 
+@pytest.mark.slow
 def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
     picks = [pick(scene, budget=seconds, threads=1) for seconds in (8, 15, 30, 60)]

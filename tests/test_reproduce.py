@@ -58,6 +58,7 @@ def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_reproduce_writes_figures_tables_and_an_index(here, grown, capsys):
     assert main(["reproduce", "fig4", "fig3", "fig4", "-o", "out", "--json", "-q"]) == 0
     index = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
@@ -88,6 +89,7 @@ def test_a_theory_figure_grows_nothing(here, grown):
     assert names(here / "out") == {"fig4.png", "fig4.tsv", "summary.json", "report.html", ".morphofold"}
 
 
+@pytest.mark.slow
 def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, capsys):
     assert main(["reproduce", "fig5", "-o", "out", "--draft", "--threads", "1"]) == 0
     assert grown == [("out/simulations/fig5-draft", 1, "draft")]

@@ -35,7 +35,7 @@ def test_what_the_tests_need_is_enough_for_the_commands_and_not_the_other_way_ro
     task.called.clear()
     task.main(["setup"])
     assert task.called == []
-    task.ready_file("[test,docs,bench]").rename(task.ready_file(""))
+    task.ready_file(task.ALL).rename(task.ready_file(""))
     task.main(["test"])
     assert any("pip" in command for command in task.called)
 

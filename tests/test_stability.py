@@ -59,6 +59,7 @@ def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, 
     assert radial_statics.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
 
 
+@pytest.mark.slow
 def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
     for law, (T_over_C, mu_ratio) in itertools.product(LAWS, [(1 / 50, 1), (3 / 50, 4), (0.3, 1)]):
         found = theory.bifurcation(T_over_C, mu_ratio, law)
@@ -320,6 +321,7 @@ def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
     assert abs(gap[-1]) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("T_over_C", "mu_ratio", "law", "kappa_ratio"),
     [(0.3, 0.2, "isotropic", 20.0), (0.3, 3.0, "tangential", 20.0), (0.02, 3.0, "tangential", 5.0)],
@@ -357,6 +359,7 @@ def test_a_thin_stiff_cortex_wrinkles_as_a_film_on_a_soft_substrate(law):
     assert np.polyfit(np.log(stiffness), np.log(np.abs(wave_error)), 1)[0] == pytest.approx(-2 / 3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_thin_cortices_of_both_laws_wrinkle_alike():
     """A layer that cannot spread only feels the growth along the surface; along the radius it is free."""
     for mu_ratio in (1.0, 10.0):
@@ -376,6 +379,7 @@ def test_incompressible_is_the_limit_at_rate_one_over_kappa():
 # -- what a result says ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
     found = [theory.bifurcation(0.04, m) for m in (1.0, 2.0, 4.0, 20.0, 100.0)]
     assert np.all(np.diff([f.g_crit for f in found]) < 0)
@@ -409,6 +413,7 @@ def test_a_sphere_that_stays_stable_is_nan_with_the_reason():
     assert np.isnan(found.curve.g).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_one_growth(law):
     """At the interface lambda_theta is 1/g whatever the thickness, and half-spaces know no other length."""

@@ -198,6 +198,7 @@ def test_a_strip_wrinkles_as_the_large_sphere_does_at_second_order(monkeypatch):
     assert np.isnan(found[1].degree)
 
 
+@pytest.mark.slow
 def test_critical_growth_lies_between_a_stable_and_an_unstable_state(monkeypatch):
     body = wave_strip(monkeypatch, "isotropic", 1.0, 1)
     found = statics.bifurcation_of_body(body)
@@ -219,6 +220,7 @@ def test_a_body_that_stays_stable_has_no_critical_growth():
     assert found.history[-1, 0] == 1.1
 
 
+@pytest.mark.slow
 def test_an_ellipsoid_that_bends_into_folds_is_said_to():
     """All modes of an octant have the symmetry of its smooth state: they grow about where a sphere loses its own."""
     body = Body(bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", 8), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,

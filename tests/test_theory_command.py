@@ -229,6 +229,7 @@ def test_a_plot_that_cannot_be_written_is_refused_before_anything_is_computed(he
     assert [p.name for p in here.iterdir()] == ["folder.png"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "start"),
     [
@@ -283,6 +284,7 @@ def test_a_question_that_is_not_drawn_loads_no_plotting():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_check_prints_the_same_growth_by_finite_elements(capsys):
     words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
     assert main(words) == 0
@@ -298,6 +300,7 @@ def test_check_prints_the_same_growth_by_finite_elements(capsys):
     assert {row["degree"] == "inf" for row in rows} == {True, False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [1.3, float("nan")])
 def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
     monkeypatch.setattr("morphofold.sim.smooth.radial_statics.critical_growth_of_degree", lambda *_, **__: wrong)
@@ -323,6 +326,7 @@ STRIP = ("--body", "strip", "--set", "geometry.length=22", "--set", "accuracy.ed
          "--set", "accuracy.elements_through_cortex=2")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, monkeypatch):
     asked_for, found, once = [], [], statics.bifurcation_of_scene
 
@@ -397,6 +401,7 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert said[0].endswith("  stable at g = 1.05000")
 
 
+@pytest.mark.slow
 def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
     mode, scene = np.zeros((3, 3)), load_scene("demo", ["geometry.portion=octant", "accuracy.edge=12"])
     history = np.array([[1.05, 1.0], [3.0, 0.5]])

@@ -18,6 +18,7 @@ from typing import Any
 
 GiB = 2**30
 DEATHS = 3              # of workers under one job, after which it is put last
+ANSWER = 20             # [s] that a scheduler has to answer
 AHEAD = 4               # jobs handed over per thread of a worker; the scheduler holds these alone
 AT_LEAST = 64           # of them
 LOOK_AGAIN = 32         # jobs after which workers are counted again: clusters grow
@@ -170,7 +171,7 @@ def open_fleet(
         stack.enter_context(_quietly())
         if scheduler is not None:
             try:
-                client = stack.enter_context(Client(scheduler, timeout="20s"))
+                client = stack.enter_context(Client(scheduler, timeout=ANSWER))
             except (OSError, TimeoutError) as error:
                 raise ConnectionError(f"{scheduler}: no scheduler answers. Start one, or leave it out.") from error
             _refuse_other_versions(client)
