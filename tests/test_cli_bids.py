@@ -6,8 +6,6 @@ from made_cohort import write_subject
 
 from morphofold.cli import main
 
-pytest.importorskip("distributed", reason="needs the extra cohort")
-
 
 def dataset(here, place="derivatives/freesurfer"):
     for i, name in enumerate(("sub-01", "sub-02_ses-a", "sub-02_ses-b")):

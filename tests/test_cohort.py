@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
+from pyarrow import parquet
 
 import morphofold
 from morphofold.cli import main
@@ -21,9 +22,9 @@ from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.subjects import find_subjects, named_subjects
 from morphofold.cohort.tables import TIDY, read_results
+from morphofold.io import write_annotation, write_morph
 from morphofold.results import read_analysis
-
-parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra cohort")
+from morphofold.surface import Regions
 
 
 @pytest.fixture
@@ -101,9 +102,10 @@ def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
     rows = grouped(three, out)
     assert {(r["subject"], r["hemi"]) for r in rows} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
     told = {(r["subject"], r["hemi"]): r["reason"] for r in failures(out)}
-    assert set(told) == {("ben", "rh"), ("cleo", "lh")}
+    assert set(told) == {("ben", "rh"), ("cleo", "lh"), ("cleo", "rh")}
     assert "rh.pial" in told["ben", "rh"]
     assert "lh.white" in told["cleo", "lh"]
+    assert "rh.white" in told["cleo", "rh"]
     log = (out / "logs" / "ben.log").read_text()
     assert "rh failed: " in log
     assert "done in" in log
@@ -123,17 +125,25 @@ def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch
 def test_a_changed_input_is_measured_anew(three, tmp_path, quick, name):
     out = tmp_path / "out"
     measured(three, out)
+    before = (three[1] / name).read_bytes()
     other = write_subject(tmp_path / "other", 1.3)
-    if name == "surf/rh.thickness":
-        morphofold.io.write_morph(other / name, np.full(162, 3.0))
-    if name == "label/lh.aparc.annot":
-        (three[1] / name).unlink()                                      # what is missing is a change, too
-        (three[1] / "label" / "lh.cortex.label").write_text("#!ascii label\n1\n0 1 2 3 0\n")
-    else:
-        shutil.copy(other / name, three[1] / name)
-    if name == "label/lh.aparc.annot":
-        shutil.copy(three[0] / name, three[1] / name)
+    write_morph(other / "surf" / "rh.thickness", np.full(162, 3.0))
+    regions = Regions(np.zeros(162, int), ("all",), np.array([[9, 9, 9]], np.uint8))
+    write_annotation(other / "label" / "lh.aparc.annot", regions)
+    shutil.copy(other / name, three[1] / name)
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    (three[1] / name).write_bytes(before)
+    assert states(measured(three, out, "3"))["ben"] == "done"
+
+
+@pytest.mark.parametrize("name", ["surf/rh.thickness", "label/lh.aparc.annot"])
+def test_an_input_that_comes_or_goes_is_a_change(three, tmp_path, quick, name):
+    out = tmp_path / "out"
+    measured(three, out)
+    held = (three[1] / name).rename(tmp_path / "held")
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    held.rename(three[1] / name)
+    assert states(measured(three, out, "3"))["ben"] == "done"
 
 
 def test_other_options_and_versions_are_measured_anew(three, tmp_path, quick, monkeypatch):
@@ -152,6 +162,35 @@ def test_results_that_are_lost_are_measured_anew(three, tmp_path, quick):
     shutil.rmtree(out / "subjects" / "ben")
     (out / "records" / "cleo.json").write_text("{")
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "done"}
+
+
+@pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])
+def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, quick, name):
+    out = tmp_path / "out"
+    measured(three, out)
+    whole = grouped(three, out)
+    file = out / "subjects" / "ben" / name
+    file.write_bytes(file.read_bytes()[:-40])
+    assert {row["subject"] for row in grouped(three, out)} == {"anna", "cleo"}
+    (told,) = failures(out)
+    assert (told["subject"], told["hemi"]) == ("ben", "n/a")
+    assert name in told["reason"]
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    assert grouped(three, out) == whole
+    assert failures(out) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("hemi", "left"), ("measures", [1.0]), ("notes", None)], ids=["hemi", "measures", "notes"]
+)
+def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
+    measured(three[:1], tmp_path / "out")
+    file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
+    said = json.loads(file.read_text())
+    said["surfaces"][1][key] = value
+    file.write_text(json.dumps(said))
+    with pytest.raises(ValueError, match="not as morphofold writes it"):
+        read_results(file.parent)
 
 
 def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
@@ -310,6 +349,20 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
     ):  # fmt: skip
         refused(capsys, ["cohort", *words], told)
     assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
+    assert sorted(os.listdir(here)) == ["subjects", "theirs"]
+
+
+def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):
+    write_subject(here / "subjects" / "anna")
+    monkeypatch.setattr("morphofold.cohort.fleet.ANSWER", 0.2)
+    for words, told in (
+        (["--scheduler", "tcp://127.0.0.1:9"], "no scheduler answers"), (["--memory", "0.001"], "GiB"),
+        (["--workers", "2", "--slurm", "2"], "Name one of them"),
+    ):  # fmt: skip
+        refused(capsys, ["cohort", "subjects", "-o", "out", *words], told)
+        refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], told)
+        refused(capsys, ["bids", "subjects", "out", "participant", *words], told)
+    assert os.listdir(here) == ["subjects"]
 
 
 @pytest.mark.slow
@@ -327,6 +380,11 @@ def test_the_command_from_end_to_end(here, capsys):
     write_subject(here / "subjects" / "ben", 1.1)
     assert main([*asked, "-q"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results, 1 of them from before -> ")
+    (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
+    assert main([*asked, "-q", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert [said[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 1, 0, 1]
+    assert "lh.pial" in said["failures"]["ben"]["lh"]
     assert contents(here / "out" / "group") != before
     assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
 

@@ -11,8 +11,6 @@ import morphofold
 import morphofold.cohort.fleet as fleet_module
 from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
 
-pytest.importorskip("distributed", reason="needs the extra cohort")
-
 
 def square(x):
     return x * x
@@ -94,8 +92,8 @@ def test_a_cluster_that_runs_already_is_used(monkeypatch):
             pass
 
 
-def threads_of_kernels(_):
-    return os.environ["NUMBA_NUM_THREADS"]
+def environment_of_worker(name):
+    return os.environ[name]
 
 
 @pytest.mark.slow
@@ -105,7 +103,9 @@ def test_a_worker_does_one_job_at_a_time_with_all_its_threads_and_ours_stay(monk
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with open_fleet(workers=1, threads=2, memory=1.0) as fleet:
         assert list(fleet.client.nthreads().values()) == [1]
-        assert [outcome for _, outcome in fleet.run(threads_of_kernels, [Job("a", 0)])] == ["2"]
+        names = ("NUMBA_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_")         # Dask has another value of the second
+        found = {job.argument: value for job, value in fleet.run(environment_of_worker, [Job(n, n) for n in names])}
+        assert found == {"NUMBA_NUM_THREADS": "2", "MALLOC_TRIM_THRESHOLD_": str(2**28)}
     assert os.environ["NUMBA_NUM_THREADS"] == "7"                       # which Dask had set to those of its workers
     assert "OMP_NUM_THREADS" not in os.environ
 
@@ -168,4 +168,5 @@ def test_slurm_jobs_ask_for_what_was_said():
     assert "#SBATCH --cpus-per-task=2" in script
     assert "#SBATCH --mem=4G" in script
     assert "export NUMBA_NUM_THREADS=2" in script
+    assert "export MALLOC_TRIM_THRESHOLD_=268435456" in script
     assert "--nthreads 1" in script                                     # the last of the two counts

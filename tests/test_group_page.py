@@ -160,7 +160,6 @@ def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
 
 
 def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
-    pytest.importorskip("pyarrow", reason="needs the extra cohort")
     results = {name: tmp_path / "subjects" / name for name in ("brain", "model")}
     (tmp_path / "subjects").mkdir()
     for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):

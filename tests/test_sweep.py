@@ -29,8 +29,6 @@ from morphofold.sim.folder_lock import alone
 from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Cortex, Surface
 
-pytest.importorskip("distributed", reason="needs the extra cohort")
-
 SPHERE = """
 name = "ball"
 [geometry]
@@ -212,6 +210,11 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ba
     assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
     assert ball == {"grown": NAMES, "measured": NAMES}
 
+    assert swept("--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [said[k] for k in ("runs", "with_results", "from_before", "failed")] == [4, 4, 4, 0]
+    assert said["warnings"] == said["failures"] == {}
+
     rows = table(here / "out/group/measures.tsv")
     assert list(rows[0]) == ["run", "mu_ratio", "cortex_thickness", "seed", "measure", "value"]
     assert len({(row["run"], row["measure"]) for row in rows}) == len(rows)
@@ -252,7 +255,8 @@ def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name
 
 
 def test_parquet_and_text_hold_the_same(here, ball):
-    parquet = pytest.importorskip("pyarrow.parquet")
+    from pyarrow import parquet
+
     assert swept(vary=["--vary", "mu_ratio=1", "--vary", "law=isotropic,tangential"]) == 0
     text = table(here / "out/group/measures.tsv")
     binary = parquet.read_table(here / "out/group/measures.parquet").to_pylist()
@@ -398,6 +402,9 @@ def test_a_dry_run_writes_nothing_and_tells_of_the_largest(here, capsys):
     told = capsys.readouterr().out
     assert told.startswith("2 runs: 2 points\n")
     assert "the largest, growth.final-1.4: forecast" in told
+    assert main(["sweep", "ball.toml", "--vary", "growth.final=1.2,1.4", "--dry-run", "-o", "out", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["runs"], said["points"], said["largest"]["scene"]) == (2, 2, "growth.final-1.4")
     assert not (here / "out").exists()
 
 
@@ -458,6 +465,20 @@ def test_two_workers_do_what_one_process_does(here, capsys):
     assert {row["run"] for row in table(here / "out/group/measures.tsv")} == set(NAMES)
     assert swept("--workers", "1") == 0
     assert "4 of them from before" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_cluster_that_runs_already_gives_the_same_tables(here, capsys):
+    from distributed import LocalCluster
+
+    (here / "ball.toml").write_text(SPHERE)
+    assert swept("--workers", "1") == 0
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        assert swept("--scheduler", cluster.scheduler_address, "-o", "elsewhere") == 0
+    tables = [sorted((here / out / "group").glob("*.tsv")) for out in ("out", "elsewhere")]
+    assert [p.name for p in tables[0]] == [p.name for p in tables[1]] != []
+    for one, other in zip(*tables):
+        assert one.read_bytes() == other.read_bytes()
 
 
 def test_a_mesh_file_is_found_from_where_a_worker_is(here):

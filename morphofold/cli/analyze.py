@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from morphofold.cli.measuring import add_measuring_args, measuring_options
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -24,20 +26,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
-    parser.add_argument(
-        "--curvature-scale", type=float, metavar="MM",
-        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--gyral-width", type=float, metavar="MM",
-        help="lengths of the gyral net are shares of it; hold it to compare hinges of meshes of one brain, or of a "
-        "group (default: from the surface)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--accuracy", choices=["draft", "standard", "fine"], default="standard",
-        help="draft: thicknesses and the gyral net are of a thinned copy of a mesh of more than 50,000 vertices; fine: "
-        "of a split one of a mesh of less than 40,000 (default: standard, of the mesh as it is)",
-    )  # fmt: skip
+    add_measuring_args(parser)
     parser.add_argument(
         "--dry-run", action="store_true",
         help="say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
@@ -81,16 +70,14 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
-    for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
-        if length is not None and not 0 < length < float("inf"):
-            raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
+    options = measuring_options(args)
     _find_subject(args)
     if (args.input is None) == (args.white is None and args.pial is None):
         raise ValueError("name either INPUT, or -s, or --white and --pial.")
     if args.input is None and (args.white is None or args.pial is None):
         raise ValueError("--white and --pial go together; the other one is missing.")
     if args.stages:
-        return _stages(args)
+        return _stages(args, options)
     bids = args.layout == "bids"
     if bids and args.out is None:
         raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
@@ -125,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
             measures.append(_measure(cortex, args, share, clock))
         tell(0.8, "writing")
         clock.begin(READING)
-        asked = {"hemi": args.hemi, "name": args.name, **_scales(args)}
+        asked = {"hemi": args.hemi, "name": args.name, **options}
         report = not args.no_report
         stages = [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)] if report else []
         if bids:
@@ -186,7 +173,7 @@ def _find_subject(args: argparse.Namespace) -> None:
     args.input, args.subject = str(folder), folder.name
 
 
-def _stages(args: argparse.Namespace) -> int:
+def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) -> int:
     """Analyses of all stages of a simulation, those that are there already left as they are."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
@@ -218,7 +205,7 @@ def _stages(args: argparse.Namespace) -> int:
             clock.begin(READING)
             cortex = read_cortex(place, hemi="lh", name=args.name)
             share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
-            asked = {"hemi": None, "name": args.name, **_scales(args)}
+            asked = {"hemi": None, "name": args.name, **options}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
@@ -227,12 +214,6 @@ def _stages(args: argparse.Namespace) -> int:
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
-
-
-def _scales(args: argparse.Namespace) -> dict[str, float | str | None]:
-    """What was asked for; the standard accuracy goes without saying, so that analyses of older runs stay."""
-    asked = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
-    return asked if args.accuracy == "standard" else {**asked, "accuracy": args.accuracy}
 
 
 def _measure(

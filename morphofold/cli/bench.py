@@ -1,5 +1,5 @@
 """Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
-``bench measures`` the measuring room; ``bench folds`` grows folds on several meshes and from several imperfections
+``bench measures`` the measuring room, ``bench cohort`` what is around it; ``bench folds`` grows folds on several meshes and from several imperfections
 and says how far they agree, and ``bench accuracy`` what accuracy costs in time."""
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
     "measures": "seconds of each measure on this machine, from 10,000 to 1,000,000 vertices",
+    "cohort": "what many subjects cost beside being measured: made-up small ones, on local workers",
     "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
     "accuracy": "what accuracy costs in time: error against seconds of many settings, and of peers",
 }
@@ -59,6 +60,13 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     measures.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     _add_common(measures, "print as JSON")
 
+    cohort = question("cohort", "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.")
+    cohort.add_argument("-o", "--out", metavar="DIR", required=True, help="folder to write; made-up subjects there stay")
+    cohort.add_argument("--subjects", metavar="N,N", default="100,400",
+                        help="numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)")
+    cohort.add_argument("--workers", metavar="N,N", default="1,2", help="numbers of workers (default: 1,2)")
+    _add_common(cohort, "print summary.json")
+
     folds = question("folds", FOLDS)
     folds.add_argument("-o", "--out", metavar="DIR", required=True,
                        help="folder to write; simulations of an earlier study there stay")  # fmt: skip
@@ -93,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
         return _folds(args)
     if args.what == "accuracy":
         return _accuracy(args)
+    if args.what == "cohort":
+        return _cohort(args)
     if args.what == "measures":
         rows, lines = _measures(args)
     elif not 0 < args.seconds < 3600:
@@ -162,6 +172,32 @@ def _accuracy(args: argparse.Namespace) -> int:
         return 0
     print("\n".join(text_answers(out)))
     print(f"-> {out / 'summary.json'}")
+    return 0
+
+
+def _cohort(args: argparse.Namespace) -> int:
+    if not args.out:
+        raise ValueError("-o: no folder is named; give one to write, such as -o load.")
+    from morphofold.cli.progress import progress
+    from morphofold.cli.runs import begin
+    from morphofold.cohort.load import Load, measure_load, text_table
+    from morphofold.io import atomic_file, refuse_foreign
+    from morphofold.records import strict_json
+
+    counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
+    if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000:
+        raise ValueError(f"--subjects {args.subjects} --workers {args.workers}: at least 1 of each, 1,000 workers at most.")
+    out, loads = Path(args.out).absolute(), list[Load]()
+    refuse_foreign(out)
+    begin(out)
+    for count in counts:
+        for several in workers:
+            with progress(f"{count} subjects, {several} workers", args.quiet) as tell:
+                loads.append(measure_load(out, count, several, tell))
+    said = strict_json({"loads": [load.as_dict() for load in loads]})
+    with atomic_file(out / "summary.json") as file:
+        file.write_text(said, encoding="utf-8")
+    print(said.rstrip() if args.json else "\n".join(text_table(loads)))
     return 0
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from morphofold.cli.cohort import add_measuring_args, add_worker_args
+from morphofold.cli.cohort import add_group_args
 
 PLACES = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
@@ -24,8 +24,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "itself)",
     )  # fmt: skip
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
-    add_measuring_args(parser)
-    add_worker_args(parser)
+    add_group_args(parser)
     parser.set_defaults(layout="bids")
 
 

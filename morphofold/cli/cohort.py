@@ -6,11 +6,15 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from morphofold.cli.measuring import add_measuring_args, measuring_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from contextlib import AbstractContextManager
 
+    from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
     from morphofold.cohort.tasks import Outcome
 
@@ -28,25 +32,15 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain", help="of the subjects; bids: DIR is a BIDS dataset"
     )
+    add_group_args(parser)
+
+
+def add_group_args(parser: argparse.ArgumentParser, one: str = "subject", all: str = "the group") -> None:
+    """How each is measured, and who does the work."""
     add_measuring_args(parser)
-    add_worker_args(parser)
-
-
-def add_measuring_args(parser: argparse.ArgumentParser, one: str = "subject", all: str = "the group") -> None:
-    """What measuring a subject takes."""
-    parser.add_argument(
-        "--curvature-scale", type=float, metavar="MM",
-        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--gyral-width", type=float, metavar="MM",
-        help="lengths of the gyral net are shares of it; hold it to compare hinges of the group (default: from each "
-        "surface)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--accuracy", choices=["draft", "standard", "fine"], default="standard", help="as for analyze",
-    )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help=f"no page of each {one}; that of {all} is drawn")
+    add_worker_args(parser)
+    parser.add_argument("--json", action="store_true", help=f"print how many {one}s have results, who failed, and why")
 
 
 def add_worker_args(parser: argparse.ArgumentParser) -> None:
@@ -76,25 +70,23 @@ def run(args: argparse.Namespace) -> int:
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
     if templates and args.subjects is None:
-        print(f"left out: {', '.join(templates)} (templates; --subjects can name them)")
+        told(f"left out: {', '.join(templates)} (templates; --subjects can name them)", args.quiet)
     return run_cohort({name: source / name for name in names}, out, args)
 
 
 def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True) -> int:
     """Measure subjects and, where it is wanted, write their group."""
     import secrets
+    from contextlib import ExitStack
 
     from morphofold.cli.progress import progress
-    from morphofold.cohort.fleet import open_fleet
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.tasks import Place
     from morphofold.sim.folder_lock import alone
 
-    check_lengths(args)
-    options = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
-    options |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
+    options = measuring_options(args)
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, report, run_id = args.layout == "bids", not args.no_report, secrets.token_hex(4)
     out = out.absolute()
@@ -102,21 +94,29 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
         Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
         for name, folder in sorted(folders.items())
     ]
-    refuse_namesakes(subjects)
-    begin_cohort(out, bids=bids)
-    args.on_interrupt = " Run it again to go on."
-    with alone(out):
-        with open_fleet(
-            workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler,
-            slurm=args.slurm, need=memory_needed(subjects, args.accuracy, report),
-        ) as fleet, progress("cohort", args.quiet) as tell:  # fmt: skip
-            if not args.quiet:
-                print(f"{len(subjects)} subjects, {fleet.words}", file=sys.stderr)
-            outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
+    refuse_other_cohort(out, subjects)
+    with ExitStack() as held:
+        with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
+            begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
+            held.enter_context(alone(out))
+            args.on_interrupt = " Run it again to go on."
+            told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
+            with progress("cohort", args.quiet) as tell:
+                outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
         if group:
             with progress("group ", args.quiet) as tell:
                 write_group(out, {one.name: one.results for one in subjects}, progress=tell)
-    return ended(outcomes, "subject", out / "group" / "report.html" if group else out)
+    return ended(outcomes, "subject", out / "group" / "report.html" if group else out, as_json=args.json)
+
+
+def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
+    """The workers that were asked for, each of which needs so much memory [GiB]."""
+    from morphofold.cohort.fleet import open_fleet
+
+    return open_fleet(
+        workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, slurm=args.slurm,
+        need=need,
+    )
 
 
 def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
@@ -133,34 +133,41 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     """Write the group of what was measured before."""
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
+    from morphofold.records import strict_json
     from morphofold.sim.folder_lock import alone
 
     with alone(out), progress("group ", args.quiet) as tell:
         group = write_group(out, results, progress=tell)
     failed = len({row["subject"] for row in group.failures})
-    print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
+    if args.json:
+        said = {"subjects": len(results), "with_failures": failed, "failures": group.failures, "page": out / "group"}
+        print(strict_json(said).rstrip())
+    else:
+        print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
 
 
-def begin_cohort(out: Path, *, bids: bool) -> None:
-    """Make or take the folder of a cohort; raise if it is somebody else's."""
-    from morphofold.cli.runs import begin
+def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
+    """Raise if a folder is somebody else's, or the results of two subjects would have one place in it."""
     from morphofold.io import refuse_foreign
-    from morphofold.results.bids import begin_dataset
 
-    if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock"))
-        return
-    refuse_foreign(out)
-    begin(out)
-
-
-def refuse_namesakes(subjects: Sequence[Participant]) -> None:
-    """Raise ``ValueError`` if the results of two subjects would have one place."""
+    if not any(one.bids for one in subjects):
+        refuse_foreign(out)
     names: dict[Path, str] = {}
     for one in subjects:
         if (other := names.setdefault(one.results, one.name)) != one.name:
             raise ValueError(f"{other}, {one.name}: BIDS shortens both to {one.results.name}. Rename one of them.")
+
+
+def begin_cohort(out: Path, *, bids: bool) -> None:
+    """Make or take the folder of a cohort."""
+    from morphofold.cli.runs import begin
+    from morphofold.results.bids import begin_dataset
+
+    if bids:
+        begin_dataset(out, ignoring=("group", "logs", "records", "lock"))
+    else:
+        begin(out)
 
 
 def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) -> float:
@@ -187,23 +194,25 @@ def told(text: str, quiet: bool) -> None:
         print(text, file=sys.stderr)
 
 
-def ended(outcomes: Sequence[Outcome], what: str, page: Path) -> int:
-    """Say how many of how many, and the first that failed; the exit code."""
+def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
+    """Say how many of how many, and the first that failed, or as JSON all of it and ``more``; the exit code."""
+    from morphofold.records import strict_json
+
     failed = [one for one in outcomes if one.state == "failed"]
     partly = [one for one in outcomes if one.state != "failed" and one.failures]
+    before = sum(one.state == "reused" for one in outcomes)
+    if as_json:
+        said: dict[str, Any] = {f"{what}s": len(outcomes), "with_results": len(outcomes) - len(failed)}
+        who = {one.name: dict(one.failures) for one in failed + partly}
+        said |= {"from_before": before, "failed": len(failed), "in_part": len(partly), "failures": who, "page": page}
+        print(strict_json({**said, **more}).rstrip())
+        return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
         for part, why in one.failures.items():
             print(f"{' '.join(filter(None, (one.name, part)))}: {why}")
-    before = sum(one.state == "reused" for one in outcomes)
     words = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
     words += [f"{before} of them from before"] if before else []
     words += [f"{len(failed)} failed"] if failed else []
     words += [f"{len(partly)} in part"] if partly else []
     print(f"{', '.join(words)} -> {page}")
     return 1 if failed or partly else 0
-
-
-def check_lengths(args: argparse.Namespace) -> None:
-    for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
-        if length is not None and not 0 < length < float("inf"):
-            raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")

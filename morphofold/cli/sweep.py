@@ -8,7 +8,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.cli.cohort import add_measuring_args, add_worker_args
+from morphofold.cli.cohort import add_group_args
+from morphofold.cli.measuring import measuring_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,33 +35,34 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="say how many runs, and what the largest would take; write nothing"
     )
-    add_measuring_args(parser, "run", "the sweep")
-    add_worker_args(parser)
+    add_group_args(parser, "run", "the sweep")
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.cohort import check_lengths, ended
+    from morphofold.cli.cohort import ended
     from morphofold.cohort.grid import make_grid
 
-    check_lengths(args)
+    measuring_options(args)                                             # refused before a scene is read
     grid = make_grid(args.scene, args.vary, seeds=args.seeds, settings=args.settings)
     if args.dry_run:
         return _dry_run(grid, args)
     out = Path(args.out).absolute()
     runs, outcomes, phases = _run_all(grid, out, args)
     unhealthy = [run for run in phases.runs if run.warnings]
-    for found in unhealthy[:5]:
+    for found in [] if args.json else unhealthy[:5]:
         print(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
-    if len(unhealthy) > 5:
+    if len(unhealthy) > 5 and not args.json:
         print(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {out / 'group' / 'runs.tsv'} says which")
-    return ended(outcomes, "run", out / "group" / "report.html")
+    warnings = {found.point.name: found.warnings for found in unhealthy}
+    return ended(outcomes, "run", out / "group" / "report.html", as_json=args.json, warnings=warnings)
 
 
 def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run], list[Any], Phases]:
-    from morphofold.cli.cohort import told
+    from contextlib import ExitStack
+
+    from morphofold.cli.cohort import fleet_asked, told
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
-    from morphofold.cohort.fleet import open_fleet
     from morphofold.cohort.phases import theory_by_place, write_sweep
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
@@ -68,16 +70,13 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.sim.folder_lock import alone
 
     refuse_foreign(out)
-    begin(out)
     runs = runs_of(grid.points, out, args)
-    report = not args.no_report
-    args.on_interrupt = " Run it again to go on."
-    with alone(out):
-        need = max(memory_of_run(point.scene, args.accuracy, report) for point in grid.points)
-        with open_fleet(
-            workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler,
-            slurm=args.slurm, need=need,
-        ) as fleet:  # fmt: skip
+    need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
+    with ExitStack() as held:
+        with fleet_asked(args, need) as fleet:
+            begin(out)                                                  # nothing is written where there are no workers
+            held.enter_context(alone(out))
+            args.on_interrupt = " Run it again to go on."
             told(f"{len(runs)} runs, {fleet.words}", args.quiet)
             with progress("sweep ", args.quiet) as tell:
                 outcomes = run_tasks(fleet, grow_and_measure, runs, tell, lambda text: told(text, args.quiet))
@@ -95,9 +94,7 @@ def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> lis
     from morphofold.cohort.sweep import Run
     from morphofold.cohort.tasks import Place
 
-    options = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
-    options |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
-    run_id = secrets.token_hex(4)
+    options, run_id = measuring_options(args), secrets.token_hex(4)
     return [
         Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, not args.no_report, options)
         for point in points
@@ -125,6 +122,12 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     largest = max(grid.points, key=size)
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
+    if args.json:
+        from morphofold.records import strict_json
+
+        said = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
+        print(strict_json({**said, "largest": found.as_dict()}).rstrip())
+        return 0
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")
     print(f"the largest, {table_of(found)}")

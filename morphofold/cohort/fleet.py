@@ -151,19 +151,20 @@ def open_fleet(
     Raises
     ------
     ImportError
-        If Dask is not installed, or dask-jobqueue where SLURM is asked for.
+        If SLURM is asked for and dask-jobqueue is not installed.
     ValueError
         If a number is none, or a job needs more memory than a worker may take.
     ConnectionError
         If nothing answers at ``scheduler``.
     """
-    dask = _dask()
+    import dask
     from distributed import Client
 
     _check(workers, threads, memory, scheduler, slurm)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.scheduler.worker-saturation": 1.0,
-        **{f"distributed.nanny.pre-spawn-environ.{name}": str(threads) for name in THREADS},
+        "distributed.worker.profile.enabled": False,
+        **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
     }  # fmt: skip
     with ExitStack() as stack:
         stack.enter_context(_environment_kept())
@@ -196,6 +197,14 @@ def open_fleet(
 
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: of glibc [bytes]: Dask's own gives every large array back to the system at once, and a fifth of a worker's time goes
+#: into pages that it gets again; these keep a quarter of a GiB at most
+ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
+
+
+def _environment(threads: int) -> dict[str, str]:
+    """Of a worker, from its first moment: libraries look once."""
+    return {name: str(threads) for name in THREADS} | ALLOCATOR
 
 
 def version_here() -> str:
@@ -213,15 +222,6 @@ def _refuse_other_versions(client: Any) -> None:
     other = {worker: version for worker, version in sorted(found.items()) if version != version_here()}
     for worker, version in other.items():
         raise ValueError(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
-
-
-def _dask() -> Any:
-    try:
-        import dask
-        import distributed  # noqa: F401
-    except ImportError:
-        raise ImportError("cohorts and sweeps run on Dask: pip install 'morphofold[cohort]'.") from None
-    return dask
 
 
 def _check(
@@ -273,9 +273,9 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
     try:
         from dask_jobqueue import SLURMCluster
     except ImportError:
-        raise ImportError("workers on SLURM need dask-jobqueue: pip install 'morphofold[slurm]'.") from None
+        raise ImportError("workers on SLURM need the package dask-jobqueue: pip install dask-jobqueue.") from None
     given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
-    prologue = [f"export {name}={threads}" for name in THREADS]
+    prologue = [f"export {name}={value}" for name, value in _environment(threads).items()]
     try:
         return SLURMCluster(
             cores=threads, processes=1, job_script_prologue=prologue, worker_extra_args=["--nthreads", "1"], **given
@@ -286,9 +286,9 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 
 @contextmanager
 def _environment_kept() -> Iterator[None]:
-    """With the threads that this process was told afterwards as before, and none of them for workers to inherit: what
-    is in the environment overrules what Dask is told, and Dask leaves here what it told workers."""
-    before = {name: os.environ.pop(name, None) for name in THREADS}
+    """With what this process was told afterwards as before, and none of it for workers to inherit: what is in the
+    environment overrules what Dask is told, and Dask leaves here what it told workers."""
+    before = {name: os.environ.pop(name, None) for name in (*THREADS, *ALLOCATOR)}
     try:
         yield
     finally:

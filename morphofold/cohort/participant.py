@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
+    from morphofold.clock import Stages
 
 
 @dataclass(frozen=True)
@@ -69,18 +71,23 @@ def measure_participant(subject: Participant) -> Outcome:
         return digest(asked, files)
 
     def whole() -> bool:
-        found = subject.results
-        return (found / "summary.json").is_file() or any((found / "anat").glob("*_provenance.json"))
+        from morphofold.cohort.tables import read_results
+
+        try:
+            return bool(read_results(subject.results).entries)
+        except (OSError, ValueError):
+            return False                                                # lost or damaged: measured anew
 
     return perform(subject.place, key, whole, lambda say: _measure(subject, hemis, say), parts=len(hemis))
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
-    """Those that a subject has; both where one of them is half there, so that it fails and the other does not."""
+    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is."""
     try:
-        return hemispheres(Path(subject.folder))
+        found = hemispheres(Path(subject.folder))
     except FileNotFoundError:
-        return ("lh", "rh")
+        found = ()
+    return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
 
 def _files(subject: Participant, hemi: str) -> dict[str, Path]:
@@ -118,22 +125,11 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
     return failures
 
 
-def _measures(subject: Participant, hemi: str, say: Say, clock: Any) -> Measures:
-    from morphofold.analysis.measures import measure
+def _measures(subject: Participant, hemi: str, say: Say, clock: Stages) -> Measures:
     from morphofold.forecasts.analysis_cost import READING
 
     say(f"{hemi} reading")
     clock.begin(READING)
     cortex = read_cortex(subject.folder, hemi, name=subject.name)
     clock.end()
-
-    def tell(what: str, share: float) -> None:
-        clock.at(what, share)
-        if share < 1:
-            say(f"{hemi} {what}")
-
-    options = subject.options
-    return measure(
-        cortex, curvature_scale=options.get("curvature_scale_mm"), gyral_width=options.get("gyral_width_mm"),
-        accuracy=options.get("accuracy", "standard"), progress=tell,
-    )  # fmt: skip
+    return measure_as_asked(cortex, subject.options, clock, lambda what: say(f"{hemi} {what}"))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file
 from morphofold.sim.folder_check import inputs_of
@@ -170,7 +171,6 @@ def _threads(run: Run) -> int:
 
 def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage, unless it is there."""
-    from morphofold.analysis.measures import measure
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING
     from morphofold.results import is_analysis_of, write_analysis
@@ -186,15 +186,7 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []
     clock.end()
 
-    def tell(what: str, share: float) -> None:
-        clock.at(what, share)
-        if share < 1:
-            say(what)
-
-    found = measure(
-        cortex, curvature_scale=run.options.get("curvature_scale_mm"), gyral_width=run.options.get("gyral_width_mm"),
-        accuracy=run.options.get("accuracy", "standard"), progress=tell,
-    )  # fmt: skip
+    found = measure_as_asked(cortex, run.options, clock, say)
     say("writing")
     write_analysis([found], run.analysis, parameters=asked, report=run.report, stages=stages, clock=clock)
 

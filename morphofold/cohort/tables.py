@@ -87,13 +87,18 @@ def read_results(folder: Path) -> Found:
         path = folder / "anat" / f"{folder.name}_desc-morphofold_provenance.json"
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
-        raise FileNotFoundError(f"{folder}: holds no results. Run the cohort again.")
+        raise FileNotFoundError(f"{folder}: holds no results.")
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
         surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
         wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
         entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
-        return Found(entries, read_table(table, WORDS, said["rows"]["regions"]), " ".join(wanted))
+        regions = read_table(table, WORDS, said["rows"]["regions"])
+        if not all(isinstance(entry[key], dict) for entry in entries for key in ("measures", "notes")):
+            raise TypeError("measures and notes are not by name")
+        if not all(one["hemi"] in HEMIS for one in (*entries, *regions)):
+            raise TypeError("a hemisphere is neither lh nor rh")
+        return Found(entries, regions, " ".join(wanted))
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
 
@@ -161,15 +166,19 @@ def write_tables(
     try:
         for i, (subject, place) in enumerate(sorted(results.items())):
             record = read_record(out / "records" / f"{subject}.json")
-            missing = record.get("failures", {"": "not measured yet. Run the cohort again."})
+            missing = dict(record.get("failures", {"": "not measured yet. Run the cohort again."}))
+            if record.get("results"):
+                try:
+                    found = read_results(place)
+                except (OSError, ValueError) as error:
+                    missing[""] = f"{' '.join(str(error).split())} Run the cohort again."
+                else:
+                    rows += tidy_rows(subject, found)
+                    gathered.add(i, subject, found)
             failures += [
                 {"subject": subject, "hemi": hemi or None, "reason": why, "log": f"logs/{subject}.log"}
                 for hemi, why in sorted(missing.items())
             ]
-            if record.get("results"):
-                found = read_results(place)
-                rows += tidy_rows(subject, found)
-                gathered.add(i, subject, found)
             if i % BATCH == BATCH - 1:
                 writer.write(rows)
                 rows.clear()
@@ -201,7 +210,7 @@ class _Gathered:
             if told:
                 self.remarks.setdefault(subject, []).extend(told)
         for row in found.regions:
-            pair = np.array([_number(row["cortical_thickness_mm"]), _number(row["gyral_thickness_mm"])])
+            pair = np.array([_number(row.get(f"{kind}_thickness_mm")) for kind in ("cortical", "gyral")])
             if np.isfinite(pair).all():
                 sums = self.regions.setdefault(row["region"], np.zeros((2, 2, 3)))
                 sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])

@@ -1,0 +1,26 @@
+"""A surface measured with the options of a group, its stages timed and told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
+    from morphofold.clock import Stages
+    from morphofold.surface import Cortex
+
+
+def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
+    """Measure with ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, where ``options`` have them."""
+    from morphofold.analysis.measures import measure
+
+    def tell(what: str, share: float) -> None:
+        clock.at(what, share)
+        if share < 1:
+            say(what)
+
+    return measure(
+        cortex, curvature_scale=options.get("curvature_scale_mm"), gyral_width=options.get("gyral_width_mm"),
+        accuracy=options.get("accuracy", "standard"), progress=tell,
+    )  # fmt: skip
