@@ -37,7 +37,7 @@ def quick_measure(cortex, *, progress=None, **options):
     rows = [
         {"hemi": cortex.hemi, "region": name, "n_vertices": int((cortex.regions.labels == i).sum()),
          "cortical_thickness_mm": radius / 10 + i, "gyral_thickness_mm": radius / 4}
-        for i, name in enumerate(cortex.regions.names)
+        for i, name in enumerate(cortex.regions.names if cortex.regions else ())
     ]  # fmt: skip
     maps = {"H": np.full(cortex.n_vertices, 1 / radius)}
     return Measures(cortex, scalars, maps, rows, parameters={"accuracy": "standard"}, notes={})

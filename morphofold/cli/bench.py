@@ -1,6 +1,6 @@
 """Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
-``bench measures`` the measuring room, ``bench cohort`` what is around it; ``bench folds`` grows folds on several meshes and from several imperfections
-and says how far they agree, and ``bench accuracy`` what accuracy costs in time."""
+``bench measures`` the measuring room, ``bench cohort`` what is around it; ``bench folds`` grows folds on several meshes
+and from several imperfections and says how far they agree, and ``bench accuracy`` what accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     _add_common(measures, "print as JSON")
 
     cohort = question("cohort", "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.")
-    cohort.add_argument("-o", "--out", metavar="DIR", required=True, help="folder to write; made-up subjects there stay")
+    cohort.add_argument("-o", "--out", metavar="DIR", required=True, help="folder to write; made-up subjects stay")
     cohort.add_argument("--subjects", metavar="N,N", default="100,400",
                         help="numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)")
     cohort.add_argument("--workers", metavar="N,N", default="1,2", help="numbers of workers (default: 1,2)")
@@ -186,7 +186,8 @@ def _cohort(args: argparse.Namespace) -> int:
 
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000:
-        raise ValueError(f"--subjects {args.subjects} --workers {args.workers}: at least 1 of each, 1,000 workers at most.")
+        words = "name at least 1 of each, and 1,000 workers at most."
+        raise ValueError(f"--subjects {args.subjects} --workers {args.workers}: {words}")
     out, loads = Path(args.out).absolute(), list[Load]()
     refuse_foreign(out)
     begin(out)

@@ -163,7 +163,7 @@ def open_fleet(
     _check(workers, threads, memory, scheduler, slurm)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.scheduler.worker-saturation": 1.0,
-        "distributed.worker.profile.enabled": False,
+        **LESS_WATCHING,
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
     }  # fmt: skip
     with ExitStack() as stack:
@@ -205,6 +205,14 @@ ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str
 def _environment(threads: int) -> dict[str, str]:
     """Of a worker, from its first moment: libraries look once."""
     return {name: str(threads) for name in THREADS} | ALLOCATOR
+
+
+#: every process of Dask wakes 50 times a second to see whether it is late, and workers note what they are doing 100
+#: times: of two busy cores that took a twentieth
+LESS_WATCHING = {
+    "distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
+}  # fmt: skip
 
 
 def version_here() -> str:
