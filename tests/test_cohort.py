@@ -115,10 +115,11 @@ def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
 def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
     measured(three, out)
-    before = contents(out / "subjects")
+    before = contents(out)
+    assert b"done in" in before["logs/ben.log"]
     monkeypatch.setattr("morphofold.analysis.measures.measure", None)       # nothing may be measured
     assert states(measured(three, out, "2")) == dict.fromkeys(("anna", "ben", "cleo"), "reused")
-    assert contents(out / "subjects") == before
+    assert contents(out) == before                                      # logs, too: they tell of what is there
 
 
 @pytest.mark.parametrize("name", ["surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"])

@@ -70,17 +70,34 @@ class Place:
         return Path(self.out) / "records" / f"{self.name}.json"
 
 
-@dataclass
 class Say:
-    """Writes lines into a log, with the seconds since it began."""
+    """Writes lines into the log of a task, with the seconds since it began.
 
-    path: Path
-    attempt: int
-    began: float
+    The log is begun anew by each run of the command that has something to say, and gone on with by each attempt of one
+    run; where nothing is done it stays, so that it tells how the results that are there came to be.
+    """
+
+    def __init__(self, place: Place):
+        self._path, self._head, self._began = place.log, f"run {place.run}\n", time.perf_counter()
+        text = place.log.read_text(encoding="utf-8", errors="replace") if place.log.is_file() else ""
+        self._new_run, self._silent = not text.startswith(self._head), True
+        self.attempt = 1 if self._new_run else text.count("  attempt ") + 1
 
     def __call__(self, text: str) -> None:
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(f"{time.perf_counter() - self.began:8.1f} s  {text.rstrip()}\n")
+        self.begin()
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
+
+    def begin(self) -> None:
+        """Say which attempt this is, unless that was said."""
+        if not self._silent:
+            return
+        self._silent = False
+        if self._new_run:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_file(self._path) as file:
+                file.write_text(self._head, encoding="utf-8")
+        self(f"attempt {self.attempt}")
 
 
 def perform(
@@ -107,8 +124,8 @@ def perform(
             now = key()
             known = read_record(place.record)
             if known.get("key") == now and (not known["results"] or whole()):
-                log("nothing has changed: what is there stays")
                 return Outcome(place.name, "reused" if known["results"] else "failed", known["failures"])
+            log.begin()
             place.record.unlink(missing_ok=True)                        # what is there is no longer what it spoke of
             failures = work(log)
             results = len(failures) < parts
@@ -135,16 +152,8 @@ def _held() -> float:
 
 @contextmanager
 def _logged(place: Place) -> Iterator[Say]:
-    """The log of a task: begun anew by each run of the command, gone on with by each attempt of one run."""
-    head = f"run {place.run}\n"
-    place.log.parent.mkdir(parents=True, exist_ok=True)
-    before = place.log.read_text(encoding="utf-8", errors="replace") if place.log.is_file() else ""
-    if not before.startswith(head):
-        with atomic_file(place.log) as file:
-            file.write_text(head, encoding="utf-8")
-        before = ""
-    say = Say(place.log, before.count("  attempt ") + 1, time.perf_counter())
-    say(f"attempt {say.attempt}")
+    """The log of a task, with what is warned of in it."""
+    say = Say(place)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         warnings.showwarning = lambda message, *more, **others: say(f"warning: {message}")
