@@ -128,13 +128,14 @@ def measure_load(
     began = time.perf_counter()
     write_group(place, results, progress=lambda share, text: progress(0.9 + 0.1 * share, text))
     group = time.perf_counter() - began
-    tables = [place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html")]
-    with tables[0].open("rb") as file:
+    text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
+    with text.open("rb") as file:
         rows = sum(1 for _ in file) - 1
     of_subjects = sum(file.stat().st_size for file in place.rglob("*") if file.is_file() and GROUP not in file.parts)
     return Load(
         count, workers, seconds, sum(one.seconds for one in done), again, group, peak_memory() or 0.0,
-        max(one.memory_GiB for one in done), rows, *(file.stat().st_size for file in tables), of_subjects / count,
+        max(one.memory_GiB for one in done), rows, text.stat().st_size, parquet.stat().st_size, page.stat().st_size,
+        of_subjects / count,
     )  # fmt: skip
 
 
