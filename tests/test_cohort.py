@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from pyarrow import parquet
 
 import morphofold
 from morphofold.cli import main
-from morphofold.cohort import participant, tables
+from morphofold.cohort import participant, tables, tasks
 from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
@@ -243,6 +245,36 @@ def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(three, 
     grouped(three, out)
     assert [(r["subject"], r["reason"]) for r in failures(out)] == [("ben", "3 workers died")]
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+
+
+def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(three, tmp_path, quick, monkeypatch):
+    """One of an earlier run with other options; results and record are those of one worker in the end."""
+    out, other = tmp_path / "out", {"options": {"curvature_scale_mm": 4.0}}
+    at_it, go = threading.Event(), threading.Event()
+
+    def measure(cortex, curvature_scale=None, **options):
+        if curvature_scale is None:
+            at_it.set()
+            assert go.wait(60)
+        return quick_measure(cortex)
+
+    monkeypatch.setattr("morphofold.analysis.measures.measure", measure)
+    monkeypatch.setattr(tasks, "PAUSE", 0.01)
+    lost = threading.Thread(target=measured, args=(three[:1], out))
+    following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
+    with warnings.catch_warnings():                                     # what two threads do to them is undone
+        lost.start()
+        assert at_it.wait(60)
+        following.start()
+        while following.is_alive() and "waiting: " not in (out / "logs" / "anna.log").read_text():
+            time.sleep(0.01)
+        go.set()
+        lost.join()
+        following.join()
+    said = json.loads((out / "subjects" / "anna" / "summary.json").read_text())
+    assert said["parameters"]["curvature_scale_mm"] == 4.0
+    assert states(measured(three[:1], out, "3", **other)) == {"anna": "reused"}
+    assert sorted(os.listdir(out / "records")) == ["anna.json"]
 
 
 def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +12,6 @@ from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file
 from morphofold.sim.folder_check import inputs_of
-from morphofold.sim.folder_lock import alone
 from morphofold.sim.scene import MeshFile, Radial, Scene
 from morphofold.sim.scene_file import to_toml
 
@@ -22,8 +19,6 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
 
 RUNS = "runs"
-LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same run
-PAUSE = 2.0             # [s] between two looks
 
 
 @dataclass(frozen=True)
@@ -90,38 +85,13 @@ def _grown_key(scene: Scene) -> str:
 def _work(run: Run, say: Say) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
 
-    with _alone_when_free(run.folder, say):
-        try:
-            _measure(run, _grown(run, say), say)
-        except (UnstableError, *REFUSALS) as error:
-            shutil.rmtree(run.analysis, ignore_errors=True)             # of what the scene once was
-            return {"": " ".join(str(error).split())}
+    run.folder.mkdir(parents=True, exist_ok=True)
+    try:
+        _measure(run, _grown(run, say), say)
+    except (UnstableError, *REFUSALS) as error:
+        shutil.rmtree(run.analysis, ignore_errors=True)                 # of what the scene once was
+        return {"": " ".join(str(error).split())}
     return {}
-
-
-@contextmanager
-def _alone_when_free(folder: Path, say: Say) -> Iterator[None]:
-    """Hold the folder of a run; wait for a worker that is at it still, though the scheduler has given it up for lost.
-
-    Raises
-    ------
-    FileExistsError
-        If it is at it for longer than LONGEST_WAIT.
-    """
-    with ExitStack() as stack:
-        until, told = time.monotonic() + LONGEST_WAIT, False
-        while True:
-            try:
-                stack.enter_context(alone(folder))
-                break
-            except FileExistsError as error:
-                if time.monotonic() > until:
-                    raise
-                if not told:
-                    say(f"waiting: {error}")
-                told = True
-                time.sleep(PAUSE)
-        yield
 
 
 def _grown(run: Run, say: Say) -> Simulation:
