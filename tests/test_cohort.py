@@ -184,8 +184,10 @@ def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, 
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("hemi", "left"), ("measures", [1.0]), ("notes", None)], ids=["hemi", "measures", "notes"]
-)
+    ("key", "value"),
+    [("hemi", "left"), ("measures", [1.0]), ("measures", {"n_vertices": "many"}), ("measures", {"n_vertices": [1]}),
+     ("measures", {"n_vertices": np.nan}), ("measures", {"n_vertices": 10**400}), ("notes", None)],
+)  # fmt: skip
 def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
     measured(three[:1], tmp_path / "out")
     file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
@@ -194,6 +196,30 @@ def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, 
     file.write_text(json.dumps(said))
     with pytest.raises(ValueError, match="not as morphofold writes it"):
         read_results(file.parent)
+
+
+@pytest.mark.parametrize(("old", "new"), [("\t10\t", "\t1O\t"), ("gyral_thickness_mm", "gyral"), ("front", "n/a")])
+def test_a_damaged_number_in_a_table_is_told_and_measured_anew(three, tmp_path, quick, old, new):
+    out = tmp_path / "out"
+    measured(three, out)
+    whole = grouped(three, out)
+    file = out / "subjects" / "anna" / "regions.tsv"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    assert {row["subject"] for row in grouped(three, out)} == {"ben", "cleo"}
+    assert "not as morphofold writes it" in failures(out)[0]["reason"]
+    assert states(measured(three, out, "2"))["anna"] == "done"
+    assert grouped(three, out) == whole
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"key": "a"}', '{"key": 1, "failures": {}, "results": true}', "[" * 10**5,
+             '{"key": "a", "failures": {"lh": 5}, "results": false}', "\ud800"],
+)  # fmt: skip
+def test_a_damaged_record_is_none(tmp_path, text):
+    (tmp_path / "anna.json").write_bytes(text.encode("utf-8", "surrogatepass"))
+    assert tasks.read_record(tmp_path / "anna.json") == {}
 
 
 def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):

@@ -366,6 +366,21 @@ def test_a_simulation_that_is_damaged_is_grown_anew(here, ball):
     assert "It is grown anew" in one.place.log.read_text()
 
 
+@pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])
+def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(here, ball, name):
+    one = one_run(here)
+    assert grow_and_measure(one).state == "done"
+    file = one.analysis / name
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-10])
+    stage = (one.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns
+    assert grow_and_measure(one).state == "done"
+    assert file.read_bytes() == whole
+    assert (one.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns == stage
+    assert ball["measured"] == ["one", "one"]
+    assert grow_and_measure(one).state == "reused"
+
+
 def test_the_threads_are_no_more_than_the_worker_has(here, ball, monkeypatch):
     asked = []
     grow = morphofold.simulation.simulate

@@ -71,12 +71,9 @@ def measure_participant(subject: Participant) -> Outcome:
         return digest(asked, files)
 
     def whole() -> bool:
-        from morphofold.cohort.tables import read_results
+        from morphofold.cohort.tables import results_are_whole
 
-        try:
-            return bool(read_results(subject.results).entries)
-        except (OSError, ValueError):
-            return False                                                # lost or damaged: measured anew
+        return results_are_whole(subject.results)
 
     return perform(subject.place, key, whole, lambda say: _measure(subject, hemis, say), parts=len(hemis))
 

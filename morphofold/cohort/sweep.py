@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
+from morphofold.cohort.tables import results_are_whole
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file
 from morphofold.sim.folder_check import inputs_of
@@ -72,7 +73,7 @@ def grow_and_measure(run: Run) -> Outcome:
         return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options}, {})
 
     def whole() -> bool:
-        return (run.analysis / "summary.json").is_file() and (run.simulation / "health.json").is_file()
+        return results_are_whole(run.analysis) and (run.simulation / "health.json").is_file()
 
     return perform(run.place, key, whole, lambda say: _work(run, say))
 
@@ -150,7 +151,7 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     cortex = simulation.cortex()
     asked = {"hemi": None, "name": None, **run.options}
     paged = (run.analysis / "report.html").is_file()
-    if paged == run.report and is_analysis_of(run.analysis, cortex, asked):
+    if paged == run.report and is_analysis_of(run.analysis, cortex, asked) and results_are_whole(run.analysis):
         say("was measured before")
         return
     stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []

@@ -213,7 +213,7 @@ def read_record(path: Path) -> dict[str, Any]:
         return {}
     kinds = {"key": str, "failures": dict, "results": bool}
     good = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
-    return found if good else {}
+    return found if good and all(isinstance(why, str) for why in found["failures"].values()) else {}
 
 
 def write_record(path: Path, key: str, failures: Mapping[str, str], *, results: bool) -> None:
