@@ -5,6 +5,8 @@ from commands import refused
 from made_cohort import write_subject
 
 from morphofold.cli import main
+from morphofold.cli.cohort import measured_before
+from morphofold.results.bids import begin_dataset, subject_place
 
 
 def dataset(here, place="derivatives/freesurfer"):
@@ -28,6 +30,21 @@ def test_names_that_bids_shortens_to_one_are_refused(here, capsys):
     dataset(here)
     write_subject(here / "data" / "derivatives" / "freesurfer" / "sub-02sesa", hemis=("lh",))
     refused(capsys, ["bids", "data", "out", "participant"], "BIDS shortens both to sub-02sesa")
+
+
+def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
+    begin_dataset(here)
+    (here / "records").mkdir()
+    for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):
+        (here / "records" / name).touch()
+    assert list(measured_before(here, bids=True)) == ["sub-01"]
+
+
+def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):
+    """Else the time of a cohort grows with the square of its subjects."""
+    begin_dataset(here / "out")
+    monkeypatch.setattr("pathlib.Path.iterdir", None)
+    assert subject_place(here / "out", "sub-01") == here / "out" / "sub-01"
 
 
 @pytest.mark.slow

@@ -232,6 +232,16 @@ def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
     assert "anna" not in {row["subject"] for row in grouped(three, out)}
 
 
+def test_somebody_elses_folder_stays_where_a_subject_cannot_be_measured(three, tmp_path, quick):
+    place = tmp_path / "out" / "subjects" / "anna"
+    place.mkdir(parents=True)
+    (place / "notes.txt").write_text("mine")
+    assert "did not write this folder" in measured(three, tmp_path / "out")["anna"].failures[""]
+    shutil.rmtree(three[0] / "surf")
+    assert set(measured(three, tmp_path / "out", "2")["anna"].failures) == {"lh", "rh"}
+    assert (place / "notes.txt").read_text() == "mine"
+
+
 def test_what_the_machine_is_to_blame_for_is_tried_again(three, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
 
@@ -409,6 +419,16 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
         refused(capsys, ["cohort", *words], told)
     assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
     assert sorted(os.listdir(here)) == ["subjects", "theirs"]
+
+
+@pytest.mark.parametrize("command", [["cohort", "subjects"], ["sweep", "demo", "--seeds", "2"]])
+def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(here, capsys, command):
+    write_subject(here / "subjects" / "anna")
+    (here / "out" / "group").mkdir(parents=True)
+    (here / "out" / ".morphofold").touch()
+    (here / "out" / "group" / "notes.txt").touch()
+    refused(capsys, [*command, "-o", "out"], "group: morphofold did not write this folder")
+    assert sorted(os.listdir(here / "out")) == [".morphofold", "group"]
 
 
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.io import refuse_foreign
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 
 if TYPE_CHECKING:
@@ -108,7 +110,9 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:
-        shutil.rmtree(place, ignore_errors=True)                        # of what the files once were
+        with suppress(FileExistsError):                                 # somebody's stay
+            refuse_foreign(place)
+            shutil.rmtree(place, ignore_errors=True)                    # of what the files once were
         return failures
     say("writing")
     asked = {"hemi": None, "name": None, **subject.options}

@@ -30,6 +30,7 @@ def run_tasks(
     """
     jobs = [Job(task.place.name, task) for task in tasks]
     found: dict[str, Outcome] = {}
+    failed = 0
 
     def died(names: list[str]) -> None:
         who = ", ".join(names[:3]) + " ..." * (len(names) > 3)
@@ -41,7 +42,7 @@ def run_tasks(
                 write_record(job.argument.place.record, "", {"": outcome.reason}, results=False)
                 outcome = Outcome(job.name, "failed", {"": outcome.reason})
             found[job.name] = outcome
-            failed = sum(one.state == "failed" for one in found.values())
+            failed += outcome.state == "failed"
             words = f"{len(found)} of {len(jobs)}{f', {failed} failed' if failed else ''}, {job.name}"
             progress(len(found) / len(jobs), words)
     return [found[job.name] for job in jobs]

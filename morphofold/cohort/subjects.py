@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def named_subjects(file: Path) -> list[str]:
     if not names:
         raise ValueError(f"{file}: names no subject. Write one name in a line.")
     refuse_paths(names, str(file))
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise ValueError(f"{file}: names {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. Name each once.")
     return names
