@@ -149,6 +149,47 @@ def test_an_input_that_comes_or_goes_is_a_change(three, tmp_path, quick, name):
     assert states(measured(three, out, "3"))["ben"] == "done"
 
 
+def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(three, tmp_path, quick):
+    measured(three, tmp_path / "first")
+    folder = tmp_path / "first" / "subjects" / "ben"                    # analysed, and analysed again
+    assert states(measured([folder], tmp_path / "out")) == {"ben": "done"}
+    said = json.loads((folder / "summary.json").read_text())
+    for entry in said["surfaces"]:
+        entry["units"] = "scene"
+    (folder / "summary.json").write_text(json.dumps(said))
+    assert states(measured([folder], tmp_path / "out", "2")) == {"ben": "done"}
+    (entry, _) = json.loads((tmp_path / "out" / "subjects" / "ben" / "summary.json").read_text())["surfaces"]
+    assert entry["units"] == "scene"
+
+
+def test_the_reason_is_that_of_the_surface_that_is_missing_now(three, tmp_path, quick):
+    out, surf = tmp_path / "out", three[0] / "surf"
+    (surf / "rh.white").rename(surf / "held")
+    assert "rh.white: no such" in measured(three, out)["anna"].failures["rh"]
+    (surf / "held").rename(surf / "rh.white")
+    (surf / "rh.pial").unlink()
+    assert "rh.pial: no such" in measured(three, out, "2")["anna"].failures["rh"]
+    assert states(measured(three, out, "3"))["anna"] == "reused"
+
+
+def test_a_subject_that_may_not_be_looked_into_fails_by_itself(three, tmp_path, quick, monkeypatch):
+    from pathlib import Path
+
+    look = Path.is_dir
+
+    def is_dir(path, **how):
+        if three[1] in path.parents:
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path, **how)
+
+    monkeypatch.setattr(Path, "is_dir", is_dir)
+    assert find_subjects(three[0].parent)[0] == ["anna", "ben", "cleo"]
+    found = measured(three, tmp_path / "out")
+    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
+    assert "Permission denied" in found["ben"].failures[""]
+    assert "Permission denied" in (tmp_path / "out" / "logs" / "ben.log").read_text()
+
+
 def test_other_options_and_versions_are_measured_anew(three, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
     measured(three, out)

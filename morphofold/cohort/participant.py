@@ -69,8 +69,10 @@ def measure_participant(subject: Participant) -> Outcome:
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": subject.report, **subject.options}
 
     def key() -> str:
-        files = {f"{hemi} {what}": path for hemi in hemis for what, path in _files(subject, hemi).items()}
-        return digest(asked, files)
+        files = {hemi: _files(subject, hemi) for hemi in hemis}
+        half = {hemi: _half(subject, hemi) for hemi in hemis if not files[hemi]}
+        named = {f"{hemi} {what}": path for hemi, found in files.items() for what, path in found.items()}
+        return digest({**asked, "half": half}, named)
 
     def whole() -> bool:
         from morphofold.cohort.tables import results_are_whole
@@ -81,19 +83,29 @@ def measure_participant(subject: Participant) -> Outcome:
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
-    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is."""
+    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is seen."""
     try:
         found = hemispheres(Path(subject.folder))
-    except FileNotFoundError:
+    except OSError:                                                     # looking for its files tells
         found = ()
     return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
 
 def _files(subject: Participant, hemi: str) -> dict[str, Path]:
+    """All that is read of a hemisphere; nothing if a surface is missing."""
     try:
-        return cortex_files(subject.folder, hemi)
+        found = cortex_files(subject.folder, hemi)
     except REFUSALS:
         return {}                                                       # which reading it will tell
+    said = Path(subject.folder) / "summary.json"                        # of one that analyze has written
+    return {**found, "summary": said} if said.is_file() else found
+
+
+def _half(subject: Participant, hemi: str) -> list[str]:
+    """Names of the surfaces of a hemisphere that are there, of which one is missing: why it fails follows from them."""
+    folder = Path(subject.folder)
+    there = [path.name for at in (folder, folder / "surf") for path in at.glob(f"{hemi}.*")]
+    return sorted(name for name in there if name.startswith((f"{hemi}.white", f"{hemi}.pial")))
 
 
 def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:

@@ -37,9 +37,12 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def _is_subject(path: Path) -> bool:
-    if not path.is_dir():
-        return False
-    return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
+    try:
+        if not path.is_dir():
+            return False
+        return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
+    except PermissionError:                                             # it fails by itself, and stops no other
+        return True
 
 
 def named_subjects(file: Path) -> list[str]:

@@ -193,8 +193,7 @@ def _logged(place: Place) -> Iterator[Say]:
 
 
 def digest(content: Mapping[str, Any], files: Mapping[str, Path]) -> str:
-    """SHA-256 of this version, of plain values, and of the bytes of files by their names; one that is missing counts
-    as such."""
+    """SHA-256 of this version, of plain values, and of the bytes of files by their names."""
     import morphofold
 
     sums = {}
