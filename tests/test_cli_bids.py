@@ -1,12 +1,15 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
+from contextlib import contextmanager
+
 import pytest
 from commands import refused
-from made_cohort import write_subject
+from made_cohort import HereFleet, quick_measure, write_subject
 
 from morphofold.cli import main
 from morphofold.cli.cohort import measured_before
 from morphofold.results.bids import begin_dataset, subject_place
+from morphofold.sim.folder_lock import alone
 
 
 def dataset(here, place="derivatives/freesurfer"):
@@ -45,6 +48,21 @@ def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):
     begin_dataset(here / "out")
     monkeypatch.setattr("pathlib.Path.iterdir", None)
     assert subject_place(here / "out", "sub-01") == here / "out" / "sub-01"
+
+
+def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here, capsys, monkeypatch):
+    @contextmanager
+    def open_fleet(**asked):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    dataset(here)
+    begin_dataset(here / "out")
+    with alone(here / "out"):
+        assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
+        assert capsys.readouterr().out.startswith("3 of 3 subjects have results -> ")
+        refused(capsys, ["bids", "data", "out", "group"], "another run is writing here")
 
 
 @pytest.mark.slow

@@ -98,7 +98,8 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
             begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
-            held.enter_context(alone(out))
+            if group:                                                   # several may measure participants at once
+                held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
             with progress("cohort", args.quiet) as tell:
