@@ -17,8 +17,10 @@ _NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
     """Hold ``folder``, made if need be, so that no other run writes there; a folder made and left empty goes again.
+
+    With a ``name`` of its own a lock is of that part of the folder alone.
 
     On a file system without locks a warning says so, and nothing is held.
 
@@ -30,11 +32,11 @@ def alone(folder: Path) -> Iterator[None]:
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        file = _hold(folder)
+        file = _hold(folder, name)
         try:
             yield
         finally:
-            _let_go(folder / LOCK, file)
+            _let_go(folder / name, file)
     except BaseException:
         for path in made:
             with suppress(OSError):                                     # not empty: what was written stays
@@ -42,13 +44,13 @@ def alone(folder: Path) -> Iterator[None]:
         raise
 
 
-def _hold(folder: Path) -> IO[str]:
+def _hold(folder: Path, name: str) -> IO[str]:
     """The open lock file of a folder, locked, with this process's number in it."""
-    path = folder / LOCK
+    path = folder / name
     while True:
         file = path.open("a+", encoding="ascii")
         try:
-            _lock(file, folder)
+            _lock(file, folder if name == LOCK else path)
             if not _is_at(file, path):                                  # whoever held it has just removed it
                 file.close()
                 continue
@@ -61,17 +63,17 @@ def _hold(folder: Path) -> IO[str]:
         return file
 
 
-def _lock(file: IO[str], folder: Path) -> None:
+def _lock(file: IO[str], place: Path) -> None:
     try:
         _try_lock(file)
     except OSError as error:
         if error.errno in _BUSY:
             raise FileExistsError(
-                f"{folder}: another run is writing here{_number(file)}. Wait for its end, or choose another folder."
+                f"{place}: another run is writing here{_number(file)}. Wait for its end, or choose another folder."
             ) from None
         if error.errno not in _NO_LOCKS:
             raise
-        warnings.warn(f"{folder}: its file system has no locks; let no other run write here.", stacklevel=4)
+        warnings.warn(f"{place}: its file system has no locks; let no other run write here.", stacklevel=4)
 
 
 if sys.platform == "win32":

@@ -1,10 +1,15 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
+from contextlib import contextmanager
+
 import pytest
 from commands import refused
-from made_cohort import write_subject
+from made_cohort import HereFleet, quick_measure, write_subject
 
 from morphofold.cli import main
+from morphofold.cli.cohort import measured_before
+from morphofold.results.bids import begin_dataset, subject_place
+from morphofold.sim.folder_lock import alone
 
 
 def dataset(here, place="derivatives/freesurfer"):
@@ -28,6 +33,36 @@ def test_names_that_bids_shortens_to_one_are_refused(here, capsys):
     dataset(here)
     write_subject(here / "data" / "derivatives" / "freesurfer" / "sub-02sesa", hemis=("lh",))
     refused(capsys, ["bids", "data", "out", "participant"], "BIDS shortens both to sub-02sesa")
+
+
+def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
+    begin_dataset(here)
+    (here / "records").mkdir()
+    for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):
+        (here / "records" / name).touch()
+    assert list(measured_before(here, bids=True)) == ["sub-01"]
+
+
+def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):
+    """Else the time of a cohort grows with the square of its subjects."""
+    begin_dataset(here / "out")
+    monkeypatch.setattr("pathlib.Path.iterdir", None)
+    assert subject_place(here / "out", "sub-01") == here / "out" / "sub-01"
+
+
+def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here, capsys, monkeypatch):
+    @contextmanager
+    def open_fleet(**asked):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    dataset(here)
+    begin_dataset(here / "out")
+    with alone(here / "out"):
+        assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
+        assert capsys.readouterr().out.startswith("3 of 3 subjects have results -> ")
+        refused(capsys, ["bids", "data", "out", "group"], "another run is writing here")
 
 
 @pytest.mark.slow

@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from pyarrow import parquet
 
 import morphofold
 from morphofold.cli import main
-from morphofold.cohort import participant, tables
+from morphofold.cohort import participant, tables, tasks
 from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
@@ -147,6 +149,47 @@ def test_an_input_that_comes_or_goes_is_a_change(three, tmp_path, quick, name):
     assert states(measured(three, out, "3"))["ben"] == "done"
 
 
+def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(three, tmp_path, quick):
+    measured(three, tmp_path / "first")
+    folder = tmp_path / "first" / "subjects" / "ben"                    # analysed, and analysed again
+    assert states(measured([folder], tmp_path / "out")) == {"ben": "done"}
+    said = json.loads((folder / "summary.json").read_text())
+    for entry in said["surfaces"]:
+        entry["units"] = "scene"
+    (folder / "summary.json").write_text(json.dumps(said))
+    assert states(measured([folder], tmp_path / "out", "2")) == {"ben": "done"}
+    (entry, _) = json.loads((tmp_path / "out" / "subjects" / "ben" / "summary.json").read_text())["surfaces"]
+    assert entry["units"] == "scene"
+
+
+def test_the_reason_is_that_of_the_surface_that_is_missing_now(three, tmp_path, quick):
+    out, surf = tmp_path / "out", three[0] / "surf"
+    (surf / "rh.white").rename(surf / "held")
+    assert "rh.white: no such" in measured(three, out)["anna"].failures["rh"]
+    (surf / "held").rename(surf / "rh.white")
+    (surf / "rh.pial").unlink()
+    assert "rh.pial: no such" in measured(three, out, "2")["anna"].failures["rh"]
+    assert states(measured(three, out, "3"))["anna"] == "reused"
+
+
+def test_a_subject_that_may_not_be_looked_into_fails_by_itself(three, tmp_path, quick, monkeypatch):
+    from pathlib import Path
+
+    look = Path.is_dir
+
+    def is_dir(path, **how):
+        if three[1] in path.parents:
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path, **how)
+
+    monkeypatch.setattr(Path, "is_dir", is_dir)
+    assert find_subjects(three[0].parent)[0] == ["anna", "ben", "cleo"]
+    found = measured(three, tmp_path / "out")
+    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
+    assert "Permission denied" in found["ben"].failures[""]
+    assert "Permission denied" in (tmp_path / "out" / "logs" / "ben.log").read_text()
+
+
 def test_other_options_and_versions_are_measured_anew(three, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
     measured(three, out)
@@ -182,8 +225,10 @@ def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, 
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("hemi", "left"), ("measures", [1.0]), ("notes", None)], ids=["hemi", "measures", "notes"]
-)
+    ("key", "value"),
+    [("hemi", "left"), ("measures", [1.0]), ("measures", {"n_vertices": "many"}), ("measures", {"n_vertices": [1]}),
+     ("measures", {"n_vertices": np.nan}), ("measures", {"n_vertices": 10**400}), ("notes", None)],
+)  # fmt: skip
 def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
     measured(three[:1], tmp_path / "out")
     file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
@@ -194,6 +239,30 @@ def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, 
         read_results(file.parent)
 
 
+@pytest.mark.parametrize(("old", "new"), [("\t10\t", "\t1O\t"), ("gyral_thickness_mm", "gyral"), ("front", "n/a")])
+def test_a_damaged_number_in_a_table_is_told_and_measured_anew(three, tmp_path, quick, old, new):
+    out = tmp_path / "out"
+    measured(three, out)
+    whole = grouped(three, out)
+    file = out / "subjects" / "anna" / "regions.tsv"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    assert {row["subject"] for row in grouped(three, out)} == {"ben", "cleo"}
+    assert "not as morphofold writes it" in failures(out)[0]["reason"]
+    assert states(measured(three, out, "2"))["anna"] == "done"
+    assert grouped(three, out) == whole
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"key": "a"}', '{"key": 1, "failures": {}, "results": true}', "[" * 10**5,
+             '{"key": "a", "failures": {"lh": 5}, "results": false}', "\ud800"],
+)  # fmt: skip
+def test_a_damaged_record_is_none(tmp_path, text):
+    (tmp_path / "anna.json").write_bytes(text.encode("utf-8", "surrogatepass"))
+    assert tasks.read_record(tmp_path / "anna.json") == {}
+
+
 def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
     out = tmp_path / "out"
     measured(three, out)
@@ -202,6 +271,16 @@ def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
     assert states(measured(three, out, "2"))["anna"] == "failed"
     assert not (out / "subjects" / "anna").exists()
     assert "anna" not in {row["subject"] for row in grouped(three, out)}
+
+
+def test_somebody_elses_folder_stays_where_a_subject_cannot_be_measured(three, tmp_path, quick):
+    place = tmp_path / "out" / "subjects" / "anna"
+    place.mkdir(parents=True)
+    (place / "notes.txt").write_text("mine")
+    assert "did not write this folder" in measured(three, tmp_path / "out")["anna"].failures[""]
+    shutil.rmtree(three[0] / "surf")
+    assert set(measured(three, tmp_path / "out", "2")["anna"].failures) == {"lh", "rh"}
+    assert (place / "notes.txt").read_text() == "mine"
 
 
 def test_what_the_machine_is_to_blame_for_is_tried_again(three, tmp_path, quick, monkeypatch):
@@ -243,6 +322,36 @@ def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(three, 
     grouped(three, out)
     assert [(r["subject"], r["reason"]) for r in failures(out)] == [("ben", "3 workers died")]
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+
+
+def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(three, tmp_path, quick, monkeypatch):
+    """One of an earlier run with other options; results and record are those of one worker in the end."""
+    out, other = tmp_path / "out", {"options": {"curvature_scale_mm": 4.0}}
+    at_it, go = threading.Event(), threading.Event()
+
+    def measure(cortex, curvature_scale=None, **options):
+        if curvature_scale is None:
+            at_it.set()
+            assert go.wait(60)
+        return quick_measure(cortex)
+
+    monkeypatch.setattr("morphofold.analysis.measures.measure", measure)
+    monkeypatch.setattr(tasks, "PAUSE", 0.01)
+    lost = threading.Thread(target=measured, args=(three[:1], out))
+    following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
+    with warnings.catch_warnings():                                     # what two threads do to them is undone
+        lost.start()
+        assert at_it.wait(60)
+        following.start()
+        while following.is_alive() and "waiting: " not in (out / "logs" / "anna.log").read_text():
+            time.sleep(0.01)
+        go.set()
+        lost.join()
+        following.join()
+    said = json.loads((out / "subjects" / "anna" / "summary.json").read_text())
+    assert said["parameters"]["curvature_scale_mm"] == 4.0
+    assert states(measured(three[:1], out, "3", **other)) == {"anna": "reused"}
+    assert sorted(os.listdir(out / "records")) == ["anna.json"]
 
 
 def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):
@@ -351,6 +460,16 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
         refused(capsys, ["cohort", *words], told)
     assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
     assert sorted(os.listdir(here)) == ["subjects", "theirs"]
+
+
+@pytest.mark.parametrize("command", [["cohort", "subjects"], ["sweep", "demo", "--seeds", "2"]])
+def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(here, capsys, command):
+    write_subject(here / "subjects" / "anna")
+    (here / "out" / "group").mkdir(parents=True)
+    (here / "out" / ".morphofold").touch()
+    (here / "out" / "group" / "notes.txt").touch()
+    refused(capsys, [*command, "-o", "out"], "group: morphofold did not write this folder")
+    assert sorted(os.listdir(here / "out")) == [".morphofold", "group"]
 
 
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):

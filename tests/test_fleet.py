@@ -159,6 +159,17 @@ def test_a_scheduler_that_is_gone_is_told():
         Fleet(None, "", "")._outcome(Gone())
 
 
+def test_what_its_machine_is_to_blame_for_is_no_defect():
+    class Full:
+        def result(self):
+            raise OSError(28, "No space left on device", "anna.log")
+
+    lost, died = Fleet(None, "", "")._outcome(Full())
+    assert not died
+    assert "No space left on device: 'anna.log'" in lost.reason
+    assert "defect" not in lost.reason
+
+
 def test_slurm_jobs_ask_for_what_was_said():
     pytest.importorskip("dask_jobqueue", reason="needs the extra slurm")
     from morphofold.cohort.fleet import _slurm_cluster

@@ -38,6 +38,7 @@ def test_made_up_subjects_are_whole_of_other_sizes_and_stay(tmp_path):
 
 
 def test_what_is_counted_is_there(tmp_path, here_fleet):
+    tmp_path /= "group"                                                 # a name that parts of it have, too
     found = measure_load(tmp_path, 5, 2)
     group = tmp_path / "cohort-5-2" / "group"
     assert found.rows == 5 * (len(SCALARS) + REGIONS * len(REGION_MEASURES))

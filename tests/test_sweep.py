@@ -15,7 +15,7 @@ import morphofold.simulation
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _anywhere
-from morphofold.cohort import fleet, sweep
+from morphofold.cohort import fleet, sweep, tasks
 from morphofold.cohort.grid import MOST_RUNS, make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, Theory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
@@ -328,22 +328,23 @@ def one_run(here, **options):
     return Run(Place(str(here / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
 
 
-def test_a_folder_that_is_held_is_waited_for_and_never_written(here, ball, monkeypatch):
+def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypatch):
     one = one_run(here)
-    monkeypatch.setattr(sweep, "PAUSE", 0.01)
-    monkeypatch.setattr(sweep, "LONGEST_WAIT", 0.05)
-    with alone(one.folder):                                             # a worker that the scheduler gave up for lost
+    held_place = one.place.record.parent, "one.lock"
+    monkeypatch.setattr(tasks, "PAUSE", 0.01)
+    monkeypatch.setattr(tasks, "LONGEST_WAIT", 0.05)
+    with alone(*held_place):                                            # a worker that the scheduler gave up for lost
         outcome = grow_and_measure(one)
     assert outcome.state == "failed"
     assert "another run is writing here" in outcome.failures[""]
     assert ball["grown"] == []
     assert read_record(one.place.record)["key"] == ""                   # and so it is tried again
 
-    monkeypatch.setattr(sweep, "LONGEST_WAIT", 60.0)
+    monkeypatch.setattr(tasks, "LONGEST_WAIT", 60.0)
     held = threading.Event()
 
     def hold():
-        with alone(one.folder):
+        with alone(*held_place):
             held.set()
             time.sleep(0.3)
 
@@ -363,6 +364,21 @@ def test_a_simulation_that_is_damaged_is_grown_anew(here, ball):
     assert grow_and_measure(one).state == "done"
     assert json.loads((one.simulation / "health.json").read_text())["healthy"] is True
     assert "It is grown anew" in one.place.log.read_text()
+
+
+@pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])
+def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(here, ball, name):
+    one = one_run(here)
+    assert grow_and_measure(one).state == "done"
+    file = one.analysis / name
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-10])
+    stage = (one.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns
+    assert grow_and_measure(one).state == "done"
+    assert file.read_bytes() == whole
+    assert (one.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns == stage
+    assert ball["measured"] == ["one", "one"]
+    assert grow_and_measure(one).state == "reused"
 
 
 def test_the_threads_are_no_more_than_the_worker_has(here, ball, monkeypatch):

@@ -98,7 +98,8 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
             begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
-            held.enter_context(alone(out))
+            if group:                                                   # several may measure participants at once
+                held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
             with progress("cohort", args.quiet) as tell:
@@ -123,7 +124,8 @@ def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     """Where the results of all subjects of earlier runs are, or would be."""
     from morphofold.cohort.participant import results_of
 
-    names = sorted(path.stem for path in (out / "records").glob("*.json"))
+    there = (out / "records").glob("*.json")
+    names = sorted(path.stem for path in there if not path.name.startswith("."))     # what a killed run left of one
     if not names:
         raise FileNotFoundError(f"{out}: holds no subject that was measured. Measure participants first.")
     return {name: results_of(out, name, bids=bids) for name in names}
@@ -149,10 +151,12 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 
 def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
     """Raise if a folder is somebody else's, or the results of two subjects would have one place in it."""
+    from morphofold.cohort.group import GROUP
     from morphofold.io import refuse_foreign
 
     if not any(one.bids for one in subjects):
         refuse_foreign(out)
+    refuse_foreign(out / GROUP)                                         # before hours of work, not after them
     names: dict[Path, str] = {}
     for one in subjects:
         if (other := names.setdefault(one.results, one.name)) != one.name:

@@ -98,11 +98,13 @@ class Fleet:
 
         try:
             return future.result(), False
-        except KilledWorker:
-            how = f"{DEATHS} workers died while they measured it, one after the other; each may take {self.bound}"
-            return Lost(f"{how}. Give workers more memory, and see its log."), True
+        except KilledWorker as error:                                   # a scheduler of others has its own number
+            how = f"{error.allowed_failures + 1} workers died while they measured it, one after the other"
+            return Lost(f"{how}; each may take {self.bound}. Give workers more memory, and see its log."), True
         except CancelledError as error:
             raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
+        except (OSError, MemoryError) as error:                         # of its machine: a log that can't be written
+            return Lost(" ".join(str(error).split()) or type(error).__name__), False
         except Exception as error:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 

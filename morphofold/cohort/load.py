@@ -131,7 +131,10 @@ def measure_load(
     text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with text.open("rb") as file:
         rows = sum(1 for _ in file) - 1
-    of_subjects = sum(file.stat().st_size for file in place.rglob("*") if file.is_file() and GROUP not in file.parts)
+    of_subjects = sum(
+        file.stat().st_size for name in ("subjects", "logs", "records") for file in (place / name).rglob("*")
+        if file.is_file()
+    )  # fmt: skip
     return Load(
         count, workers, seconds, sum(one.seconds for one in done), again, group, peak_memory() or 0.0,
         max(one.memory_GiB for one in done), rows, text.stat().st_size, parquet.stat().st_size, page.stat().st_size,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.io import refuse_foreign
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 
 if TYPE_CHECKING:
@@ -67,34 +69,43 @@ def measure_participant(subject: Participant) -> Outcome:
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": subject.report, **subject.options}
 
     def key() -> str:
-        files = {f"{hemi} {what}": path for hemi in hemis for what, path in _files(subject, hemi).items()}
-        return digest(asked, files)
+        files = {hemi: _files(subject, hemi) for hemi in hemis}
+        half = {hemi: _half(subject, hemi) for hemi in hemis if not files[hemi]}
+        named = {f"{hemi} {what}": path for hemi, found in files.items() for what, path in found.items()}
+        return digest({**asked, "half": half}, named)
 
     def whole() -> bool:
-        from morphofold.cohort.tables import read_results
+        from morphofold.cohort.tables import results_are_whole
 
-        try:
-            return bool(read_results(subject.results).entries)
-        except (OSError, ValueError):
-            return False                                                # lost or damaged: measured anew
+        return results_are_whole(subject.results)
 
     return perform(subject.place, key, whole, lambda say: _measure(subject, hemis, say), parts=len(hemis))
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
-    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is."""
+    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is seen."""
     try:
         found = hemispheres(Path(subject.folder))
-    except FileNotFoundError:
+    except OSError:                                                     # looking for its files tells
         found = ()
     return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
 
 def _files(subject: Participant, hemi: str) -> dict[str, Path]:
+    """All that is read of a hemisphere; nothing if a surface is missing."""
     try:
-        return cortex_files(subject.folder, hemi)
+        found = cortex_files(subject.folder, hemi)
     except REFUSALS:
         return {}                                                       # which reading it will tell
+    said = Path(subject.folder) / "summary.json"                        # of one that analyze has written
+    return {**found, "summary": said} if said.is_file() else found
+
+
+def _half(subject: Participant, hemi: str) -> list[str]:
+    """Names of the surfaces of a hemisphere that are there, of which one is missing: why it fails follows from them."""
+    folder = Path(subject.folder)
+    there = [path.name for at in (folder, folder / "surf") for path in at.glob(f"{hemi}.*")]
+    return sorted(name for name in there if name.startswith((f"{hemi}.white", f"{hemi}.pial")))
 
 
 def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
@@ -111,7 +122,9 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:
-        shutil.rmtree(place, ignore_errors=True)                        # of what the files once were
+        with suppress(FileExistsError):                                 # somebody's stay
+            refuse_foreign(place)
+            shutil.rmtree(place, ignore_errors=True)                    # of what the files once were
         return failures
     say("writing")
     asked = {"hemi": None, "name": None, **subject.options}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,9 +37,12 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def _is_subject(path: Path) -> bool:
-    if not path.is_dir():
-        return False
-    return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
+    try:
+        if not path.is_dir():
+            return False
+        return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
+    except PermissionError:                                             # it fails by itself, and stops no other
+        return True
 
 
 def named_subjects(file: Path) -> list[str]:
@@ -61,7 +65,7 @@ def named_subjects(file: Path) -> list[str]:
     if not names:
         raise ValueError(f"{file}: names no subject. Write one name in a line.")
     refuse_paths(names, str(file))
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise ValueError(f"{file}: names {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. Name each once.")
     return names

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import shutil
-import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
+from morphofold.cohort.tables import results_are_whole
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file
 from morphofold.sim.folder_check import inputs_of
-from morphofold.sim.folder_lock import alone
 from morphofold.sim.scene import MeshFile, Radial, Scene
 from morphofold.sim.scene_file import to_toml
 
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
 
 RUNS = "runs"
-LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same run
-PAUSE = 2.0             # [s] between two looks
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ def grow_and_measure(run: Run) -> Outcome:
         return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options}, {})
 
     def whole() -> bool:
-        return (run.analysis / "summary.json").is_file() and (run.simulation / "health.json").is_file()
+        return results_are_whole(run.analysis) and (run.simulation / "health.json").is_file()
 
     return perform(run.place, key, whole, lambda say: _work(run, say))
 
@@ -90,38 +86,13 @@ def _grown_key(scene: Scene) -> str:
 def _work(run: Run, say: Say) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
 
-    with _alone_when_free(run.folder, say):
-        try:
-            _measure(run, _grown(run, say), say)
-        except (UnstableError, *REFUSALS) as error:
-            shutil.rmtree(run.analysis, ignore_errors=True)             # of what the scene once was
-            return {"": " ".join(str(error).split())}
+    run.folder.mkdir(parents=True, exist_ok=True)
+    try:
+        _measure(run, _grown(run, say), say)
+    except (UnstableError, *REFUSALS) as error:
+        shutil.rmtree(run.analysis, ignore_errors=True)                 # of what the scene once was
+        return {"": " ".join(str(error).split())}
     return {}
-
-
-@contextmanager
-def _alone_when_free(folder: Path, say: Say) -> Iterator[None]:
-    """Hold the folder of a run; wait for a worker that is at it still, though the scheduler has given it up for lost.
-
-    Raises
-    ------
-    FileExistsError
-        If it is at it for longer than LONGEST_WAIT.
-    """
-    with ExitStack() as stack:
-        until, told = time.monotonic() + LONGEST_WAIT, False
-        while True:
-            try:
-                stack.enter_context(alone(folder))
-                break
-            except FileExistsError as error:
-                if time.monotonic() > until:
-                    raise
-                if not told:
-                    say(f"waiting: {error}")
-                told = True
-                time.sleep(PAUSE)
-        yield
 
 
 def _grown(run: Run, say: Say) -> Simulation:
@@ -180,7 +151,7 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     cortex = simulation.cortex()
     asked = {"hemi": None, "name": None, **run.options}
     paged = (run.analysis / "report.html").is_file()
-    if paged == run.report and is_analysis_of(run.analysis, cortex, asked):
+    if paged == run.report and is_analysis_of(run.analysis, cortex, asked) and results_are_whole(run.analysis):
         say("was measured before")
         return
     stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []

@@ -98,9 +98,23 @@ def read_results(folder: Path) -> Found:
             raise TypeError("measures and notes are not by name")
         if not all(one["hemi"] in HEMIS for one in (*entries, *regions)):
             raise TypeError("a hemisphere is neither lh nor rh")
+        numbers = [entry["measures"].get(name) for entry in entries for name in SCALARS]
+        numbers += [row[name] for row in regions for name in REGION_MEASURES]
+        if not all(x is None or (isinstance(x, int | float) and np.isfinite(float(x))) for x in numbers):
+            raise TypeError("a measure is no number")
+        if not all(isinstance(row["region"], str) for row in regions):
+            raise TypeError("a region has no name")
         return Found(entries, regions, " ".join(wanted))
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
+
+
+def results_are_whole(folder: Path) -> bool:
+    """Whether the numbers of a subject are there as they were written; else it is measured anew."""
+    try:
+        return bool(read_results(folder).entries)
+    except (OSError, ValueError):
+        return False
 
 
 def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
@@ -110,7 +124,7 @@ def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
             yield subject, entry["hemi"], WHOLE, measure, entry["measures"].get(measure)
     for row in found.regions:
         for measure in REGION_MEASURES:
-            yield subject, row["hemi"], row["region"], measure, row.get(measure)
+            yield subject, row["hemi"], row["region"], measure, row[measure]
 
 
 class TidyWriter:
@@ -134,7 +148,7 @@ class TidyWriter:
             return
         self._lines.writerows([*row[:-1], cell(row[-1])] for row in rows)
         columns = dict(zip(TIDY, zip(*rows)))
-        columns["value"] = tuple(None if x is None or not np.isfinite(x) else float(x) for x in columns["value"])
+        columns["value"] = tuple(None if x is None else float(x) for x in columns["value"])
         self._parquet.write_table(self._table.from_pydict(columns, schema=self._schema))
         self.rows += len(rows)
 
@@ -210,7 +224,7 @@ class _Gathered:
             if told:
                 self.remarks.setdefault(subject, []).extend(told)
         for row in found.regions:
-            pair = np.array([_number(row.get(f"{kind}_thickness_mm")) for kind in ("cortical", "gyral")])
+            pair = np.array([_number(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])
             if np.isfinite(pair).all():
                 sums = self.regions.setdefault(row["region"], np.zeros((2, 2, 3)))
                 sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])
@@ -229,4 +243,4 @@ class _Gathered:
 
 
 def _number(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else np.nan
+    return np.nan if value is None else float(value)

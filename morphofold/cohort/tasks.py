@@ -14,7 +14,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,10 @@ from typing import Any
 from morphofold.clock import peak_memory
 from morphofold.io import atomic_file
 from morphofold.records import strict_json
+from morphofold.sim.folder_lock import alone
+
+LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same task
+PAUSE = 2.0             # [s] between two looks
 
 #: what reading and measuring raise of an input that is not as it should be
 REFUSALS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
@@ -106,6 +110,9 @@ def perform(
 ) -> Outcome:  # fmt: skip
     """Do a task unless it has been done, and keep its log and record.
 
+    One worker at a time is at a task, from the look at its record until that is written: a worker that the scheduler
+    gave up for lost, or one of an earlier run, may be at it still, and is waited for.
+
     Parameters
     ----------
     place : Place
@@ -119,8 +126,9 @@ def perform(
         Of which all must have failed for the task to be.
     """
     began = time.perf_counter()
-    with _logged(place) as log:
+    with _logged(place) as log, ExitStack() as held:
         try:
+            _hold_when_free(place, log, held)
             now = key()
             known = read_record(place.record)
             if known.get("key") == now and (not known["results"] or whole()):
@@ -136,6 +144,30 @@ def perform(
         seconds = time.perf_counter() - began
         log(f"{'done' if results else 'failed'} in {seconds:.1f} s, {_held():.2f} GiB")
         return Outcome(place.name, "done" if results else "failed", failures, seconds, _held(), log.attempt)
+
+
+def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
+    """Hold a task, once no other worker is at it.
+
+    Raises
+    ------
+    FileExistsError
+        If another is at it for longer than LONGEST_WAIT.
+    """
+    until, told = time.monotonic() + LONGEST_WAIT, False
+    while True:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")                         # no locks there: who began the run was told
+                held.enter_context(alone(place.record.parent, f"{place.name}.lock"))
+            return
+        except FileExistsError as error:
+            if time.monotonic() > until:
+                raise
+            if not told:
+                say(f"waiting: {error}")
+            told = True
+            time.sleep(PAUSE)
 
 
 def _told(error: Exception) -> str:
@@ -161,8 +193,7 @@ def _logged(place: Place) -> Iterator[Say]:
 
 
 def digest(content: Mapping[str, Any], files: Mapping[str, Path]) -> str:
-    """SHA-256 of this version, of plain values, and of the bytes of files by their names; one that is missing counts
-    as such."""
+    """SHA-256 of this version, of plain values, and of the bytes of files by their names."""
     import morphofold
 
     sums = {}
@@ -181,7 +212,7 @@ def read_record(path: Path) -> dict[str, Any]:
         return {}
     kinds = {"key": str, "failures": dict, "results": bool}
     good = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
-    return found if good else {}
+    return found if good and all(isinstance(why, str) for why in found["failures"].values()) else {}
 
 
 def write_record(path: Path, key: str, failures: Mapping[str, str], *, results: bool) -> None:

@@ -193,9 +193,9 @@ def subject_place(dataset: Path, name: str) -> Path:
 
 
 def _refuse_other(dataset: Path) -> None:
-    if dataset.exists():
+    if dataset.exists() and not _ours(dataset):                         # which is quick however many there are
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
-        if names and not _ours(dataset):
+        if names:
             raise FileExistsError(
                 f"{dataset}: is not a BIDS dataset that morphofold wrote, whose dataset_description.json says so. "
                 "Name such a one, or a new folder."
