@@ -86,12 +86,12 @@ def shown_of(phases: Phases) -> tuple[Shown, ...]:
     """The measures that mean something of the shape of a sweep.
 
     A patch or strip has a border, so no gyrification index: its area over that of the flat piece takes its place. A
-    strip is a section through folds, and has no hinges.
+    strip is a section through folds: it has no hinges, and is too narrow for the relief that wavelengths are taken of.
     """
     shape = phases.grid.points[0].scene.geometry.shape
     if shape not in ("patch", "strip"):
         return SHOWN
-    return (FLAT, *(one for one in SHOWN[1:] if shape == "patch" or one.key != HINGES_PER_AREA))
+    return (FLAT, *SHOWN[1:]) if shape == "patch" else (FLAT,)
 
 
 def measured(phases: Phases, shown: Shown) -> bool:
