@@ -207,6 +207,35 @@ def test_one_side_alone_is_not_set_against_another(tmp_path):
     assert ">Right<" not in text
 
 
+def test_methods_tell_of_what_the_page_has(tmp_path):
+    def said(group, name):
+        text = text_of(group, tmp_path / name)
+        return re.search(r'<textarea id="methods".*?</textarea>', text, re.S).group(0)
+
+    for name, group, has in (("both", made_group(12), True), ("left", left_only(12), False)):
+        assert ("Holm" in said(group, name)) is has
+    assert "through subjects and through the means of regions" in said(made_group(12), "lines")
+    assert "Iglewicz" not in said(made_group(3), "few")
+    assert "least squares through the means of regions, each" in said(made_group(2), "fewer")   # no line of two points
+    assert "least squares" not in said(failed_group(12), "none")
+
+
+def test_measures_that_are_the_same_of_all_are_said_and_not_drawn(tmp_path):
+    alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))       # but for round-off
+    text = text_of(made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=alike), tmp_path)
+    said = "The same of all, and not drawn: Euler characteristic 2; Gyrification index 1.75; Hinges 0."
+    assert said in words_of(text)
+    drawn = re.findall(r'aria-label="Distribution of ([^"]+)"', text)
+    assert "Pial area" in drawn
+    assert not {"Hinges", "Gyrification index", "Euler characteristic"} & set(drawn)
+
+
+def test_the_number_of_vertices_has_no_sides(tmp_path):
+    text = text_of(made_group(12, n_vertices=np.array([[100.0, 200.0]] * 12)), tmp_path)
+    assert "n_vertices" not in (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
+    assert "Vertices" in re.findall(r'aria-label="Distribution of ([^"]+)"', text)
+
+
 # --- names and scripts
 
 
@@ -318,7 +347,9 @@ def test_bins_of_counts_hold_as_many_whole_numbers_each(rng):
     assert set(np.diff(edges)) == {5}
     assert set(counts[1:-1]) == {5}
     assert len(edges) <= 49
-    assert group_page._bins(rng.standard_normal(50), 50) == 14
+    values = rng.standard_normal(50)
+    edges = group_page._bins(values, 50)
+    np.testing.assert_allclose(edges, np.linspace(values.min(), values.max(), 15))
 
 
 def test_a_histogram_of_a_group_counts_every_subject(rng):
@@ -331,7 +362,7 @@ def test_a_histogram_of_a_group_counts_every_subject(rng):
     (y0, low), (y1, high) = [(float(y) - 3.5, int(label)) for y, label in (ticks[0], ticks[-1])]
     counts = low + (heights - y0) / (y1 - y0) * (high - low)
     np.testing.assert_allclose(counts, np.round(counts), atol=0.05)
-    assert 198 <= round(counts.sum()) <= 200                            # but for those beyond the percentiles
+    assert round(counts.sum(), 1) == 200                                # the least and the greatest, too
 
 
 def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):

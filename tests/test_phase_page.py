@@ -11,8 +11,19 @@ from morphofold.cohort.grid import make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, Found, Phases, Theory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
-from morphofold.report.phase_page import _mosaic, missing, phase_report, theory_words, verdict
-from morphofold.report.phase_plots import SHOWN, WAVELENGTH, cell, crossings, curve, diagram, limits_of, slices
+from morphofold.report.phase_page import _drawn, _mosaic, missing, phase_report, section, theory_words, verdict
+from morphofold.report.phase_plots import (
+    FLAT,
+    SHOWN,
+    WAVELENGTH,
+    cell,
+    crossings,
+    curve,
+    diagram,
+    limits_of,
+    shown_of,
+    slices,
+)
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -133,6 +144,52 @@ def test_words_on_an_axis_stand_in_a_row():
     assert [label.get_text() for label in drawn.get_xticklabels()] == ["isotropic", "tangential"]
 
 
+def test_between_words_which_have_no_order_nothing_is_joined():
+    phases = made(["law=isotropic,tangential", "growth.final=1.2,1.8"])
+    critical = {(0, 0): 1.35, (0, 1): 1.35, (1, 0): 1.5, (1, 1): 1.5}
+    phases = replace(phases, theory={at: Theory(g, 1.6, 10.0) for at, g in critical.items()})
+    drawn = diagram(phases, GI).axes[0]
+    ends = [path.vertices for c in drawn.collections for path in c.get_paths()]
+    levels = {(float(v[:, 0].min()), float(v[:, 0].max()), round(float(v[:, 1].mean()), 6)) for v in ends if len(v)}
+    assert levels == {(-0.5, 0.5, 0.25), (0.5, 1.5, 0.5)}                # a quarter and half of the way up
+    assert all(np.ptp(v[:, 1]) < 1e-9 for v in ends if len(v))
+    lines = curve(made(["law=isotropic,tangential"]), LENGTH).axes[0].lines
+    named = [line for line in lines if not line.get_label().startswith("_")]
+    assert len(named) == 2
+    assert {line.get_linestyle() for line in named} == {"None"}
+
+
+def test_a_run_that_is_not_healthy_is_marked_where_its_number_stands():
+    phases = made()
+    runs = tuple(
+        replace(run, warnings=("it wobbles",)) if run.point.at == (1, 0) and run.point.seed == 0 else run
+        for run in phases.runs
+    )
+    found = texts(diagram(replace(phases, runs=runs), GI))
+    assert {at for at, words in found.items() if "*" in words} == {(1, 0)}
+    assert found[1, 0].splitlines()[0] == "1.30*"
+
+
+def test_a_small_spread_is_no_spread_of_zero():
+    phases = made()
+    runs = tuple(replace(run, measures={GI.key: 1.5 + 0.002 * run.point.seed}) for run in phases.runs)
+    assert cell(replace(phases, runs=runs), (0, 0), GI.key).words == ["1.50", "± 0.001"]    # 0.002 / sqrt 2
+
+
+def contrast(one, other):
+    """Ratio of the relative luminances of two colours in bytes, WCAG 2."""
+    def luminance(rgb):
+        parts = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(rgb) / 255]
+        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2] + 0.05
+    high, low = sorted([luminance(one), luminance(other)], reverse=True)
+    return high / low
+
+
+def test_words_stand_out_from_every_colour():
+    inks = {"white": (255, 255, 255), "black": (0, 0, 0)}
+    assert min(contrast(rgb, inks[colours.ink(rgb)]) for rgb in [*colours.sequential(), *colours.diverging()]) >= 4.5
+
+
 def test_crossings_of_a_line_through_zero():
     assert crossings(np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0, -1.0])) == [0.5, 2.0]
     assert crossings(np.array([0.0, 1.0]), np.array([math.nan, 1.0])) == []
@@ -163,13 +220,68 @@ def ball(tmp_path):
     return path
 
 
+def test_what_no_run_has_has_no_diagram(tmp_path):
+    nothing = made(**{WAVELENGTH: None}, theory=Theory(reason="of spheres"))
+    page = phase_report(nothing, tmp_path).read_text()
+    assert not (tmp_path / "figures" / f"{WAVELENGTH}.png").exists()
+    assert (tmp_path / "figures" / f"{GI.key}.png").exists()
+    assert "Wavelength of folds: 12 of 12 runs have none." in page
+    words = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
+    assert "critical growth" not in words                               # of which theory says nothing
+    assert "Final growth</th>" not in words                             # it is an axis
+
+
+@pytest.mark.parametrize(
+    ("scene", "measures", "says"),
+    [
+        ("demo", [GI.key, WAVELENGTH, HINGES_PER_AREA], "the whole closed surface"),
+        ("patch", [FLAT.key, WAVELENGTH, HINGES_PER_AREA], "crests end at its border"),
+        ("strip", [FLAT.key], "no gyrification index and no hinges"),
+    ],
+)
+def test_a_page_shows_what_means_something_of_its_shape(tmp_path, scene, measures, says):
+    phases = made(["growth.final=1.2,1.5"], scene=scene, **{FLAT.key: 1.7})
+    assert [one.key for one in shown_of(phases)] == measures
+    page = phase_report(phases, tmp_path).read_text()
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(measures)
+    assert says in page
+
+
+def folded_strip(length=20.0, thick=2.0, height=3.0, n=400):
+    """Pial and white surface of a strip one brick deep, a wave of three folds."""
+    x = np.linspace(0, length, n + 1)
+    z = height * np.sin(3 * 2 * np.pi * x / length)
+    k = np.arange(n)
+    faces = np.concatenate([np.stack([k, k + 1, k + n + 2], 1), np.stack([k, k + n + 2, k + n + 1], 1)])
+    pial, white = (
+        np.concatenate([np.stack([x, np.full(n + 1, y), z - down], 1) for y in (0.0, 0.5)]) for down in (0.0, thick)
+    )
+    return Surface(pial, faces), Surface(white, faces)
+
+
+def test_a_strip_is_seen_from_the_side(tmp_path):
+    """Its section has the area between both lines, all of it seen from above, and its height is that of its folds."""
+    pial, white = folded_strip()
+    found = section(pial, white)
+    one, other = (found.verts[found.faces[:, k]] - found.verts[found.faces[:, 0]] for k in (1, 2))
+    areas = np.cross(one, other)[:, 2] / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(20.0 * 2.0)                     # the lines are 2 mm apart, straight down
+    np.testing.assert_allclose(np.ptp(found.verts, axis=0), [20.0, 3.0 + 3.0 + 2.0, 0.0], atol=1e-3)
+    for name, surface in (("lh.pial", pial), ("lh.white", white)):
+        write_surface(tmp_path / name, surface)
+    (point,) = make_grid("strip", ["growth.final=1.2"]).points
+    drawn = _drawn(Found(point, pial=tmp_path / "lh.pial"))
+    np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(found.verts, axis=0), atol=1e-4)
+
+
 def test_surfaces_stand_in_the_order_of_the_cells(ball):
     """One surface is there: the others' places are grey, and its own is dark in the middle."""
     phases = made()
     first = {at: phases.at[at][0] for at in phases.grid.places}
     first[1, 0] = Found(first[1, 0].point, pial=ball)
     canvas = _mosaic(phases, first, (), "lateral", 60.0)
-    side, left, head, gap = 190, 150, 16, 10
+    side, left, head, gap = 190, 110, 44, 10
     for i in range(3):
         for j in range(2):
             x, y = left + i * (side + gap), head + (1 - j) * (side + gap)
@@ -183,7 +295,7 @@ def test_a_surface_is_as_large_as_the_ruler_says(ball):
     phases = made(["mu_ratio=1,2"], pial=ball, seeds=1)
     first = {at: phases.at[at][0] for at in phases.grid.places}
     canvas = _mosaic(phases, first, (), "lateral", 60.0)
-    inside = (canvas[16 : 16 + 190, 150 : 150 + 190] < 250).any(axis=2)
+    inside = (canvas[16 : 16 + 190, 110 : 110 + 190] < 250).any(axis=2)
     assert inside.any(axis=0).sum() == pytest.approx(0.94 * 190, abs=3)
 
 
@@ -195,7 +307,7 @@ def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
     assert "<script" not in plain
     assert "&lt;script&gt;" in plain
     assert "left its bounds &lt;at once&gt;" in plain
-    assert "It gives nothing everywhere: the smooth sphere &lt;is&gt; stable." in plain
+    assert "Theory says nothing here: the smooth sphere &lt;is&gt; stable." in plain
     assert not re.search(r"\bnan\b", plain, re.IGNORECASE)
     assert "11 of 12 runs have measures, 1 failed" in plain
     assert "logs/cortex_thickness-1_growth.final-1.2_seed-0.log" in plain
@@ -219,14 +331,14 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
 def test_measured_waves_are_laid_beside_those_of_theory():
     phases = made(**{WAVELENGTH: 25.0})
     assert verdict(phases) == (
-        "At 6 points with both, the measured wavelength is 2.50 times that of theory's first wrinkles."
+        "Where both are known (6 points), the measured wavelength is 2.50 times that of theory's first wrinkles."
     )
     assert verdict(made(**{WAVELENGTH: None})) == ""
 
 
 def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():
     assert "the core not growing" in theory_words(made())[0]
-    assert theory_words(made(theory=Theory(reason="of spheres"))) == ["It gives nothing everywhere: of spheres."]
+    assert theory_words(made(theory=Theory(reason="of spheres"))) == ["Theory says nothing here: of spheres."]
     assert "stays a sphere" in theory_words(made(["mu_ratio=1,2"], scene="radial", seeds=None))[2]
 
 

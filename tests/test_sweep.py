@@ -17,7 +17,7 @@ from morphofold.cli import main
 from morphofold.cli.sweep import _anywhere
 from morphofold.cohort import fleet, sweep, tasks
 from morphofold.cohort.grid import MOST_RUNS, make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, Theory, read_run, theory_of
+from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Theory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import Place, read_record, write_record
 from morphofold.io import read_surface
@@ -443,6 +443,24 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, p
     np.testing.assert_allclose(read_surface(read.pial).verts, pial.verts, atol=1e-5)
     (folder / "analysis/summary.json").unlink()
     assert "holds no results" in read_run(here, point).reason
+
+
+@pytest.mark.parametrize(("scene", "sizes"), [("patch", "size=[20.0, 10.0]"), ("strip", "length=20")])
+def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_one(here, scene, sizes):
+    """A piece of 20 by 10 mm, with slopes of 45 degrees: sqrt 2."""
+    (point,) = make_grid(scene, ["mu_ratio=1"], settings=[f"geometry.{sizes}"]).points
+    x, y, z = np.array([0.0, 10.0, 20.0]), np.array([0.0, 10.0]), np.array([0.0, 10.0, 0.0])
+    verts = np.array([[a, b, c] for b in y for a, c in zip(x, z)])
+    faces = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+    pial, white = (Surface(verts - [0, 0, down], faces) for down in (0.0, 1.0))
+    area = float(np.linalg.norm(np.cross(*(verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))), axis=1).sum() / 2)
+    cortex = Cortex(white, pial, origin="simulation")
+    folder = sweep.folder_of(here, point.name)
+    write_analysis([Measures(cortex, {"n_hinges": 1, "area_pial_mm2": area}, {})], folder / "analysis", report=False)
+    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
+    read = read_run(here, point)
+    assert read.measures[OVER_FLAT] == pytest.approx(np.sqrt(2))
+    assert (HINGES_PER_AREA in read.measures) == (scene == "patch")      # a section has no hinges
 
 
 OCTANT = (

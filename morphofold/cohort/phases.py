@@ -10,19 +10,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from morphofold.analysis.measures import SCALARS
 from morphofold.cohort.fleet import Fleet, Job, Lost
 from morphofold.cohort.grid import Grid, Point
 from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import read_results
 from morphofold.cohort.tasks import read_record
-from morphofold.io import atomic_folder
-from morphofold.sim.scene import Radial, Scene, Sphere
+from morphofold.io import atomic_folder, read_surface
+from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.tables import write_table
 
 GROUP = "group"
 HINGES_PER_AREA = "hinges_per_1000_mm2"
-MEASURES = (*SCALARS, HINGES_PER_AREA)
+OVER_FLAT = "area_over_flat"
+MEASURES = (*SCALARS, HINGES_PER_AREA, OVER_FLAT)
 #: effects of which the theory of the sphere knows nothing
 UNKNOWN = ("core_growth", "regional_growth", "enclosure")
 
@@ -38,7 +41,9 @@ class Found:
         Why it has no measures; empty if it has.
     measures : mapping of measure to float
         Those of MEASURES that it has; ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface, both of the
-        whole closed surface, as it was mirrored: the share that was simulated makes no difference.
+        whole closed surface, as it was mirrored: the share that was simulated makes no difference. A strip, a section,
+        has no hinges. ``area_over_flat`` is of patches and strips alone: their pial area over that of the flat piece
+        that they began as, as the symmetry planes on their sides hold its extent.
     notes : mapping of measure to str
         Why it has none of a measure.
     warnings : tuple of str
@@ -147,10 +152,24 @@ def read_run(out: Path, point: Point) -> Found:
     except (OSError, ValueError, IndexError) as error:
         return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
-    if "n_hinges" in measures and measures.get("area_pial_mm2"):
-        measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / measures["area_pial_mm2"]
+    pial = folder / "analysis" / "surf" / "lh.pial"
+    area, geometry = measures.get("area_pial_mm2"), point.scene.geometry
+    if area and "n_hinges" in measures and not isinstance(geometry, Strip):
+        measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
+    if area and isinstance(geometry, Patch | Strip):
+        try:
+            measures[OVER_FLAT] = area / _flat_area(geometry, pial)
+        except (OSError, ValueError) as error:
+            return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
     notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
-    return Found(point, "", measures, notes, warnings, numbers, folder / "analysis" / "surf" / "lh.pial")
+    return Found(point, "", measures, notes, warnings, numbers, pial)
+
+
+def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
+    """Area of the flat piece that a patch or strip began as [mm^2]; a strip is as wide as its mesh is fine."""
+    if isinstance(geometry, Patch):
+        return geometry.size[0] * geometry.size[1]
+    return geometry.length * float(np.ptp(read_surface(pial).verts[:, 1]))
 
 
 def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
@@ -196,7 +215,7 @@ def write_tables(phases: Phases, folder: Path) -> None:
         {**_told(phases.grid, run.point), "measure": key, "value": run.measures.get(key)}
         for run in phases.runs
         for key in MEASURES
-        if not run.reason
+        if not run.reason and (key != OVER_FLAT or key in run.measures)
     ]
     columns = ("run", *labels, "seed", "measure", "value")
     write_table(folder / "measures.tsv", columns, rows)

@@ -33,7 +33,8 @@ MOST_POINTS = 400       # subjects that are points of a plot; more are put into 
 BINS = 20
 BOOTSTRAPPED = 1000     # points at most through which the robust line goes: all their pairs are compared
 BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")     # of another measure, not one themselves
-UNSIDED = ("euler_characteristic", *LINE)       # may be negative or near 0, so that a ratio of sides says nothing
+#: of a mesh, not of a brain; and what may be negative or near 0, so that a ratio of sides says nothing
+UNSIDED = ("n_vertices", "euler_characteristic", *LINE)
 
 DISTRIBUTIONS = (
     "measure", "hemi", "n", "mean", "sd", "least", "lower_quartile", "median", "upper_quartile", "greatest",
@@ -161,7 +162,8 @@ def distributions(scalars: Scalars) -> list[Distribution]:
 
 
 def asymmetry(scalars: Scalars) -> list[Asymmetry]:
-    """Left against right, of every measure that is a positive quantity and that a subject has on both sides."""
+    """Left against right, of every measure that is a positive quantity of the brain and that a subject has on both
+    sides."""
     pairs = {name: _asymmetries(values) for name, values in scalars.items() if name not in UNSIDED}
     found = [_asymmetry(name, values) for name, values in pairs.items() if values.size]
     corrected = holm(np.array([p for _, p in found]))

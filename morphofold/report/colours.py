@@ -83,3 +83,11 @@ def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
     colours = table[index]
     colours[~known] = NOT_MEASURED
     return colours
+
+
+def ink(rgb: np.ndarray) -> str:
+    """White or black, whichever stands out more from a colour (3,) in bytes, by WCAG's relative luminance."""
+    part = np.asarray(rgb, dtype=np.float64) / 255
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    luminance = float(linear @ np.array([0.2126, 0.7152, 0.0722]))
+    return "white" if 1.05 * 0.05 > (luminance + 0.05) ** 2 else "black"

@@ -23,6 +23,7 @@ from morphofold.cohort.statistics import (
     FAR,
     FEWEST,
     HEMIS,
+    ROUND_OFF,
     Asymmetry,
     Distribution,
     Outlier,
@@ -60,6 +61,7 @@ REMARKS = 50            # subjects with remarks, and subjects under several name
 BEYOND = 10.0           # robust z of values that charts leave out
 FEWEST_DRAWN = 3        # values of a side of which a chart is drawn
 LISTED = 5              # measures that a sentence names
+POINTS = {"subject": "subjects", "region": "the means of regions"}      # of a plot, as methods call them
 STRIP = 260.0           # width of a line of the chart of asymmetry
 FILES = (
     ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
@@ -111,15 +113,17 @@ def group_report(
     progress(0.9, "page")
     script = resources.files("morphofold.report").joinpath("templates", "tables.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    said, references = methods(versions()[0][1])
+    lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
+    said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     page = plots.environment().get_template("group.html").render(
         title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
         script=Markup(script), number=plots.number, told=told_number, percent=percent, beside=beside, p_told=p_told,
         words=scalar_words, sides=SIDES, there=there, verdict=verdict(group, scalars), warnings=warnings(group),
         headlines=headlines(spread, there), charts=[charts[name] for name in CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
+        alike=alike(scalars),
         strips=strips(sides), sided=sided(sides), scatters=[cloud for cloud in clouds if cloud["plot"]],
-        fitted=any(line["fit"] for cloud in clouds for line in cloud["fits"]),
+        fitted=bool(lined),
         outliers=far.found[:ROWS], more_outliers=len(far.found) - ROWS, outlying=outlying(far, len(by_subject)),
         pictures=[one for one in pictures if one.data], others=[one for one in pictures if not one.data],
         rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]}, far=FAR,
@@ -227,19 +231,29 @@ def sided(sides: Sequence[Asymmetry]) -> str:
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
 
-def methods(version: str) -> tuple[str, list[str]]:
-    """A paragraph for a paper, and the references that it cites."""
-    said = [
-        *measured([], version),
-        "Over the group, distributions are those of one value per subject and side.",
-        "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides, given with its mean, a 95 % interval by "
-        "Student's t and the paired effect size d_z, mean over standard deviation; t-tests against 0 were corrected "
-        "over all measures (Holm 1979).",
-        f"Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
-        f"deviation of their measure and side, is above {FAR:g} in size (Iglewicz and Hoaglin 1993).",
-        "Gyral was compared with cortical thickness by least squares through subjects, each side by itself, and "
-        "through the means of regions (after Razavi et al. 2015).",
-    ]
+def methods(
+    version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()
+) -> tuple[str, list[str]]:
+    """A paragraph for a paper, and the references that it cites, of what the page has: ``sides`` against each other,
+    values ``far`` out, and lines through ``clouds`` of gyral against cortical thickness."""
+    said = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
+    if sides:
+        said.append(
+            "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides, given with its mean, a 95 % interval "
+            "by Student's t and the paired effect size d_z, mean over standard deviation; t-tests against 0 were "
+            "corrected over all measures (Holm 1979)."
+        )
+    if far:
+        said.append(
+            "Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
+            f"deviation of their measure and side, is above {FAR:g} in size (Iglewicz and Hoaglin 1993)."
+        )
+    if clouds:
+        through = " and through ".join(clouds)
+        said.append(
+            f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
+            "(after Razavi et al. 2015)."
+        )
     text = " ".join(said)
     return text, [work for cited, work in REFERENCES.items() if cited in text]
 
@@ -313,7 +327,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     """Left and right over each other, without what lies far beyond, of which the chart says how many."""
     label, unit = scalar_words(name)
     held = np.isfinite(values)
-    if held.sum(axis=0).max() < FEWEST_DRAWN:
+    if held.sum(axis=0).max() < FEWEST_DRAWN or are_alike(values[held]):
         return None
     z, _ = robust_z(values[held])
     beyond = np.zeros(values.shape, dtype=bool)
@@ -331,14 +345,30 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     return chart
 
 
-def _bins(values: NDArray[np.float64], n: int) -> int | NDArray[np.float64]:
-    """How many bins suit ``n`` values of a side, or edges between whole numbers where all values are such."""
+def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Edges of bins that hold all values and suit ``n`` of a side; between whole numbers where all values are such."""
     most = int(np.clip(2 * np.sqrt(n), 6, 48))
+    low, high = float(values.min()), float(values.max())
     if (values != np.round(values)).any():
-        return most
-    low, high = np.round(np.percentile(values, [0.5, 99.5])).tolist()
+        return np.linspace(low, high, most + 1)
     step = int(np.ceil((high - low + 1) / most))
     return np.asarray(np.arange(low - 0.5, high + step + 0.5, step))
+
+
+def are_alike(values: NDArray[np.float64]) -> bool:
+    """Whether known values are one number but for round-off."""
+    return bool(np.ptp(values) <= ROUND_OFF * np.abs(values).max())
+
+
+def alike(scalars: Scalars) -> list[str]:
+    """Measures that are the same of all subjects and sides, of which there is nothing to draw, and their value."""
+    said = []
+    for name, values in scalars.items():
+        known = values[np.isfinite(values)]
+        if known.size >= FEWEST_DRAWN and are_alike(known):
+            label, unit = scalar_words(name)
+            said.append(f"{label} {told_number(name, float(np.median(known)))} {unit}".strip())
+    return said
 
 
 def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from morphofold.io import read_surface
 from morphofold.report import colours, contents, figures, plots
 from morphofold.report.line_plots import save
 from morphofold.report.phase_plots import (
-    SHOWN,
     WAVELENGTH,
     Shown,
     axis_title,
@@ -24,7 +23,9 @@ from morphofold.report.phase_plots import (
     cell,
     curve,
     diagram,
+    measured,
     others_words,
+    shown_of,
     slices,
 )
 from morphofold.report.png import png_bytes
@@ -35,7 +36,7 @@ from morphofold.surface import Surface
 MOST_ROWS = 400         # of the table of numbers, and of that of failures
 MOST_PIXELS = 190       # of a thumbnail
 WIDTH = 1520            # [px] of a picture of thumbnails
-SURFACES = "Pial surfaces"
+SURFACES, SECTIONS = "Pial surfaces", "Sections"
 
 
 def phase_report(
@@ -43,23 +44,26 @@ def phase_report(
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; the path of the page."""
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    diagrams = []
-    for k, shown in enumerate(SHOWN):
-        progress(0.5 * k / len(SHOWN), shown.label)
-        diagrams.append((shown.label, _diagrams(phases, shown, folder / "figures")))
+    measures, diagrams = shown_of(phases), []
+    for k, shown in enumerate(measures):
+        progress(0.5 * k / len(measures), shown.label)
+        if measured(phases, shown):
+            diagrams += _diagrams(phases, shown, folder / "figures")
     progress(0.5, "surfaces")
     pictures = _surfaces(phases, folder / "figures")
     failed = [run for run in phases.runs if run.reason]
     unhealthy = [run for run in phases.runs if run.warnings]
     page = plots.environment().get_template("phases.html").render(
         title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes, seeds=_seeds(phases),
+        seeds_n=len(phases.grid.seeds),
         places=phases.grid.places, runs=phases.runs, done=len(phases.runs) - len(failed),
-        diagrams=[(label, parts) for label, parts in diagrams if parts], pictures=pictures, surfaces=SURFACES,
-        shown=SHOWN, rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
+        diagrams=diagrams, pictures=pictures, surfaces=_what(phases), shown=measures,
+        rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
         more=max(0, len(phases.grid.places) - MOST_ROWS),
         titles=[axis_title(phases, axis) for axis in phases.grid.axes], missing=missing(phases),
         theory=theory_words(phases), verdict=verdict(phases), failed=failed, unhealthy=unhealthy, most=MOST_ROWS,
-        levels=_levels(phases), versions=contents.versions(),
+        levels=_levels(phases), shape=_shape(phases), known=_known(phases),
+        final=all(axis.key != "growth.final" for axis in phases.grid.axes), versions=contents.versions(),
     )  # fmt: skip
     path = folder / "report.html"
     path.write_text(page, encoding="utf-8")
@@ -101,11 +105,20 @@ def _picture(path: Path, words: str) -> dict[str, Any]:
 # surfaces ----------------------------------------------------------------------------------------------------
 
 
+def _shape(phases: Phases) -> str:
+    return phases.grid.points[0].scene.geometry.shape
+
+
+def _what(phases: Phases) -> str:
+    """What thumbnails show."""
+    return SECTIONS if _shape(phases) == "strip" else SURFACES
+
+
 def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
-    """Write the pial surfaces of the first seed, a grid for each diagram, all at one scale."""
+    """Write the pial surfaces of the first seed, or the sections of strips: a grid for each diagram, all at one
+    scale."""
     first = {at: phases.at[at][0] for at in phases.grid.places}
-    flat = phases.grid.points[0].scene.geometry.shape in ("patch", "strip")
-    view = "top" if flat else "lateral"
+    view = "top" if _shape(phases) in ("patch", "strip") else "lateral"
     extent = max((_extent(run, view) for run in first.values()), default=0.0)
     if not extent:
         return []
@@ -114,21 +127,44 @@ def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
         at = others_words(phases, others)
         path = folder / ("surfaces.png" if not others else f"surfaces-{k}.png")
         path.write_bytes(png_bytes(_mosaic(phases, first, others, view, extent)))
-        parts.append(_picture(path, f"{SURFACES}{f' at {at}' if at else ''}"))
+        parts.append(_picture(path, f"{_what(phases)}{f' at {at}' if at else ''}"))
     return parts
 
 
 def _extent(run: Found, view: str) -> float:
-    """Larger side of a pial surface as it is seen [mm]; 0 for a run without one."""
-    surface = _pial(run)
+    """Larger side of a surface as it is seen [mm]; 0 for a run without one."""
+    surface = _drawn(run)
     return 0.0 if surface is None else float(np.ptp(surface.verts @ figures.camera(view, "lh").T, axis=0)[:2].max())
 
 
-def _pial(run: Found) -> Surface | None:
+def _drawn(run: Found) -> Surface | None:
+    """The pial surface of a run, or the section of a strip; None where there is none."""
+    if run.pial is None:
+        return None
     try:
-        return None if run.pial is None else read_surface(run.pial)
+        pial = read_surface(run.pial)
+        if run.point.scene.geometry.shape != "strip":
+            return pial
+        return section(pial, read_surface(run.pial.with_name(run.pial.name.replace("pial", "white"))))
     except (OSError, ValueError):
         return None
+
+
+def section(pial: Surface, white: Surface) -> Surface:
+    """The cortex of a strip, from the side: between the edges of both surfaces that have the least y, x to the right
+    and z up, in the plane z = 0."""
+    edges = np.unique(np.sort(np.concatenate([pial.faces[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
+    y = pial.verts[:, 1]
+    a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
+    n = len(y)
+    faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
+    verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
+    verts[:, 2] = 0.0
+    one, other = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
+    below = one[:, 0] * other[:, 1] < one[:, 1] * other[:, 0]
+    faces[below] = faces[below][:, [0, 2, 1]]                           # all are seen from above
+    used, place = np.unique(faces, return_inverse=True)
+    return Surface(verts[used], place.reshape(faces.shape))
 
 
 def _mosaic(
@@ -137,7 +173,7 @@ def _mosaic(
     """Thumbnails, columns and rows as the cells of the diagram."""
     axes = phases.grid.axes[:2]
     columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
-    left, head, foot, gap = 150, 16, 104, 10
+    left, head, foot, gap = 110, 44 if len(axes) > 1 else 16, 104, 10
     side = min(MOST_PIXELS, (WIDTH - left - gap) // columns - gap)
     canvas = np.full((head + rows * (side + gap) + foot, left + columns * (side + gap) + gap, 3), 255, dtype=np.uint8)
     per_mm = 0.94 * side / extent
@@ -145,7 +181,7 @@ def _mosaic(
     for i, j in itertools.product(range(columns), range(rows)):
         run = first[(i, j)[: len(axes)] + others]
         x, y = left + i * (side + gap), head + (rows - 1 - j) * (side + gap)
-        surface = _pial(run)
+        surface = _drawn(run)
         if surface is None:
             canvas[y : y + side, x : x + side] = 244
             words = "failed" if run.reason else "not there"
@@ -164,11 +200,11 @@ def _mosaic(
             figures.write(canvas, figures.fitted(word, 15, side), (x, bottom), 15, anchor="middle")
         figures.write(canvas, title, (float(across.mean()), bottom + 26), 16, bold=True, anchor="middle")
     if len(axes) > 1:
-        title = figures.fitted(axis_title(phases, axes[1]), 16, left - 12, bold=True)
+        title = figures.fitted(axis_title(phases, axes[1]), 16, canvas.shape[1] - 12, bold=True)
         up = head + np.arange(rows)[::-1] * (side + gap) + side / 2 - 12
         for y, word in zip(up.tolist(), axes[1].words):
-            figures.write(canvas, figures.fitted(word, 15, 100), (left - 60, y), 15, anchor="middle")
-        figures.write(canvas, title, (6, bottom), 16, bold=True)
+            figures.write(canvas, figures.fitted(word, 15, 100), (left - 54, y), 15, anchor="middle")
+        figures.write(canvas, title, (12, 12), 16, bold=True)
     figures.ruler(canvas, per_mm, (12, bottom + 62))
     return canvas
 
@@ -179,7 +215,7 @@ def _mosaic(
 def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     """A line of the table of numbers."""
     theory, final = phases.theory[at], phases.grid.scenes[at].growth.final
-    cells = [cell(phases, at, shown.key) for shown in SHOWN]
+    cells = [cell(phases, at, shown.key) for shown in shown_of(phases)]
     return {
         "values": [axis.words[i] for axis, i in zip(phases.grid.axes, at)] or ["the scene"],
         "cells": [" ".join(one.words) for one in cells],
@@ -193,11 +229,16 @@ def _state(above: float) -> str:
     return "–" if math.isnan(above) else "folded" if above > 0 else "smooth"
 
 
+def _known(phases: Phases) -> bool:
+    """Whether theory says something of any point."""
+    return any(math.isfinite(one.g_crit) for one in phases.theory.values())
+
+
 def theory_words(phases: Phases) -> list[str]:
     """What the theory assumes, and where it says nothing."""
     found = list(phases.theory.values())
     said = []
-    if any(math.isfinite(one.g_crit) for one in found):
+    if _known(phases):
         said.append(
             "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core, around a "
             "hole whose wall is held, both of the energy of the simulation, the core not growing. Critical growth is "
@@ -217,8 +258,8 @@ def theory_words(phases: Phases) -> list[str]:
         if math.isnan(one.g_crit):
             nothing[one.reason] = nothing.get(one.reason, 0) + 1
     for reason, count in sorted(nothing.items()):
-        where = "everywhere" if count == len(found) else f"at {count} of {len(found)} points"
-        said.append(f"It gives nothing {where}: {reason or 'no wave was found to grow'}.")
+        where = "" if count == len(found) else f" at {count} of {len(found)} points"
+        said.append(f"Theory says nothing here{where}: {reason or 'no wave was found to grow'}.")
     return said
 
 
@@ -233,14 +274,14 @@ def verdict(phases: Phases) -> str:
         return ""
     span = " to ".join(dict.fromkeys(plots.number(ratio) for ratio in (min(ratios), max(ratios))))
     points = f"{len(ratios)} point{'s' if len(ratios) > 1 else ''}"
-    return f"At {points} with both, the measured wavelength is {span} times that of theory's first wrinkles."
+    return f"Where both are known ({points}), the measured wavelength is {span} times that of theory's first wrinkles."
 
 
 def missing(phases: Phases) -> list[str]:
     """How many runs lack which of the measures that are shown, and what one of them says of it."""
     said = []
     done = [run for run in phases.runs if not run.reason]
-    for shown in SHOWN:
+    for shown in shown_of(phases):
         without = [run for run in done if shown.key not in run.measures]
         if without:
             why = without[0].notes.get(shown.key, "")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.cohort.phases import HINGES_PER_AREA, Phases
+from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
 from morphofold.report import colours
 from morphofold.report.line_plots import BLACK, GREY, new_figure
 from morphofold.report.plots import number
@@ -51,31 +51,52 @@ SHOWN = (
     Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
     Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
 )
+FLAT = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
 
 
 @dataclass(frozen=True)
 class Cell:
     """A measure at one place: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
-    where there is none, and how many runs failed."""
+    where there is none, and how many runs failed, and are not healthy."""
 
     mean: float
     sd: float
     n: int
     runs: int
     failed: int
+    unhealthy: int = 0
 
     @property
     def words(self) -> list[str]:
         """The cell in at most three short lines."""
         if self.n == 0:
             return ["failed" if self.failed == self.runs else "–"]
-        lines = [number(float(f"{self.mean:.3g}"))]                     # 0.99999 is 1.00, as 1.00001 is
+        mean = number(float(f"{self.mean:.3g}"))                        # 0.99999 is 1.00, as 1.00001 is
+        lines = [mean + "*" * bool(self.unhealthy)]
         if self.n > 1:
-            places = len(lines[0].partition(".")[2])                    # as many as the mean has
-            lines.append(f"± {self.sd:.{places}f}")
+            places = len(mean.partition(".")[2])                        # as many as the mean has
+            sd = f"{self.sd:.{places}f}"
+            lines.append(f"± {number(self.sd, 1) if self.sd > ROUND_OFF and not float(sd) else sd}")
         if self.n < self.runs:
             lines.append(f"({self.n} of {self.runs})")
         return lines
+
+
+def shown_of(phases: Phases) -> tuple[Shown, ...]:
+    """The measures that mean something of the shape of a sweep.
+
+    A patch or strip has a border, so no gyrification index: its area over that of the flat piece takes its place. A
+    strip is a section through folds: it has no hinges, and is too narrow for the relief that wavelengths are taken of.
+    """
+    shape = phases.grid.points[0].scene.geometry.shape
+    if shape not in ("patch", "strip"):
+        return SHOWN
+    return (FLAT, *SHOWN[1:]) if shape == "patch" else (FLAT,)
+
+
+def measured(phases: Phases, shown: Shown) -> bool:
+    """Whether any run has a measure."""
+    return any(math.isfinite(run.measures.get(shown.key, math.nan)) for run in phases.runs)
 
 
 def cell(phases: Phases, at: Place, key: str) -> Cell:
@@ -84,7 +105,8 @@ def cell(phases: Phases, at: Place, key: str) -> Cell:
     values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
     mean = float(np.mean(values)) if values else math.nan
     sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-    return Cell(mean, sd, len(values), len(runs), sum(bool(run.reason) for run in runs))
+    failed, unhealthy = (sum(map(bool, found)) for found in zip(*((run.reason, run.warnings) for run in runs)))
+    return Cell(mean, sd, len(values), len(runs), failed, unhealthy)
 
 
 def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
@@ -110,7 +132,8 @@ def beyond(phases: Phases, at: Place) -> float:
 def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
     """A measure over the first two axes, at ``others`` of the further ones: a cell for each point.
 
-    The dashed line is where final growth is theory's critical growth, straight between the points.
+    The dashed line is where final growth is theory's critical growth, straight between numbers; between words, which
+    have no order, there is none.
     """
     across, up = phases.grid.axes[:2]
     cells = {(i, j): cell(phases, (i, j, *others), shown.key)
@@ -142,10 +165,9 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
     if one.failed:
         corner = (at[0] - 0.5, at[1] - 0.5)
         ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
-    dark = float(rgb @ np.array([0.299, 0.587, 0.114])) < 140
     box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}     # over hatches and the line of theory
-    colour = "white" if dark else BLACK
-    ax.text(*at, "\n".join(lines), ha="center", va="center", fontsize=9.5, color=colour, bbox=box, zorder=5)
+    words = "\n".join(lines)
+    ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
 
 
 def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
@@ -159,19 +181,24 @@ def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
 
 
 def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
-    """The line between folded and smooth, if it lies inside."""
-    across, up = (len(axis.values) for axis in phases.grid.axes[:2])
-    if across < 2 or up < 2:
-        return False
+    """The line between folded and smooth, if it lies inside: a piece for each word of an axis of words."""
+    first, second = phases.grid.axes[:2]
+    across, up = len(first.values), len(second.values)
     above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
-    known = above[np.isfinite(above)]
-    if not (known.size and known.min() < 0 < known.max()):
-        return False
     x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
-    to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
-    for colour, width in (("white", 4.0), (BLACK, 1.9)):
-        ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
-    return True
+    pieces = []                                                         # (x, y, values at them), each with a line
+    if first.numeric and second.numeric and min(across, up) > 1:
+        pieces = [(x, y, above)]
+    elif second.numeric and up > 1:
+        pieces = [(np.array([i - 0.5, i, i + 0.5]), y, above[:, i : i + 1]) for i in range(across)]
+    elif first.numeric:
+        pieces = [(x, np.array([j - 0.5, j, j + 0.5]), above[j : j + 1]) for j in range(up)]
+    pieces = [one for one in pieces if (one[2] < 0).any() and (one[2] > 0).any()]
+    for x, y, values in pieces:
+        to_the_rim = np.ma.masked_invalid(np.pad(values, 1, mode="edge"))
+        for colour, width in (("white", 4.0), (BLACK, 1.9)):
+            ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+    return bool(pieces)
 
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
@@ -196,14 +223,20 @@ def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, flo
 
 
 def curve(phases: Phases, shown: Shown) -> Figure:
-    """A measure over the one axis: every seed a dot, the means a line, theory's wavelength and boundary dashed."""
+    """A measure over the one axis: every seed a dot, the means a line, theory's wavelength dashed, its boundary dotted.
+
+    Over words, which have no order, nothing is joined: means and theory are level marks.
+    """
     (axis,) = phases.grid.axes
     x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
     order = np.argsort(x, kind="stable")
+    style: dict[str, Any] = {} if axis.numeric else {"linestyle": "", "marker": "_", "markersize": 26}
     with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
             ax.plot(np.full(len(values), at), values, "o", color=colours.CATEGORICAL[0], markersize=5, alpha=0.6)
+            doubted = [run.measures.get(shown.key, math.nan) for run in phases.at[i,] if run.warnings]
+            ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
             if failed := sum(bool(run.reason) for run in phases.at[i,]):
                 ax.annotate(
                     f"{failed} failed", (at, 0), xycoords=("data", "axes fraction"), xytext=(0, 4),
@@ -212,15 +245,17 @@ def curve(phases: Phases, shown: Shown) -> Figure:
         means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
         if np.isfinite(means).any():
             label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
-            ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label)
+            if axis.numeric or len(phases.grid.seeds) > 1:
+                ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label, **style)
         top = limits_of(phases, shown)[1]
         if shown.key == WAVELENGTH:
             theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
             if np.isfinite(theory).any():
-                ax.plot(x[order], theory[order], "--", marker=".", color=BLACK, label="theory, first wrinkles")
+                dashed = {"linestyle": "--", "marker": "."} if axis.numeric else style
+                ax.plot(x[order], theory[order], color=BLACK, label="theory, first wrinkles", **dashed)
                 top = max(top, 1.08 * float(np.nanmax(theory)))
         above = np.array([beyond(phases, (i,)) for i in range(len(x))])[order]
-        for k, place in enumerate(crossings(x[order], above)):
+        for k, place in enumerate(crossings(x[order], above) if axis.numeric else []):
             words = "final growth = theory's critical growth" if k == 0 else None
             ax.axvline(place, color=GREY, linestyle=":", label=words)
         ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
