@@ -62,7 +62,10 @@ def _at_scale(
     total = float(length.sum())
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
     reason = ""
-    if high < FLAT * scale:
+    pair, count = _mesh.edges_and_counts(surface.faces)
+    if len(np.unique(pair[count == 1])) == len(np.unique(surface.faces)):
+        reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
+    elif high < FLAT * scale:
         reason = f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {FLAT:g} of the scale"
     elif not wavelength <= BROADEST * size:     # also if there is no contour
         reason = (

@@ -24,7 +24,7 @@ from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.subjects import find_subjects, named_subjects
 from morphofold.cohort.tables import TIDY, read_results
-from morphofold.io import write_annotation, write_morph
+from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.surface import Regions
 
@@ -465,11 +465,29 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
 @pytest.mark.parametrize("command", [["cohort", "subjects"], ["sweep", "demo", "--seeds", "2"]])
 def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(here, capsys, command):
     write_subject(here / "subjects" / "anna")
-    (here / "out" / "group").mkdir(parents=True)
-    (here / "out" / ".morphofold").touch()
+    begin_collection(here / "out", command[0])
+    (here / "out" / "group").mkdir()
     (here / "out" / "group" / "notes.txt").touch()
+    before = contents(here / "out")
     refused(capsys, [*command, "-o", "out"], "group: morphofold did not write this folder")
-    assert sorted(os.listdir(here / "out")) == [".morphofold", "group"]
+    assert contents(here / "out") == before
+
+
+def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
+    begin_collection(tmp_path / "study", "cohort")
+    (tmp_path / "study" / "kept").touch()
+    begin_collection(tmp_path / "study", "cohort")                      # the next run
+    with pytest.raises(FileExistsError, match="is a cohort, not a sweep"):
+        begin_collection(tmp_path / "study", "sweep")
+    with pytest.raises(FileExistsError, match="is a cohort or a sweep, which is not replaced"), atomic_folder(
+        tmp_path / "study"
+    ):
+        pass
+    assert (tmp_path / "study" / "kept").exists()
+    with atomic_folder(tmp_path / "analysis") as folder:
+        (folder / "kept").touch()
+    with pytest.raises(FileExistsError, match="replaces it as a whole"):
+        begin_collection(tmp_path / "analysis", "cohort")
 
 
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):

@@ -142,6 +142,17 @@ def test_a_ray_may_leave_white_for_less_than_the_slack_only():
     assert scan.stays_white(origins, directions, lengths, 2.5).all()
 
 
+def test_a_folded_band_one_row_wide_is_not_said_to_be_without_folds():
+    """A strip in plane strain has folds, and no second direction to measure them in."""
+    x = np.linspace(0, 100, 201)
+    rows = [np.column_stack([x, np.full_like(x, y), 4 * np.sin(x / 2)]) for y in (0.0, 0.5)]
+    i = np.arange(200)
+    faces = np.concatenate([np.column_stack([i, i + 1, i + 202]), np.column_stack([i, i + 202, i + 201])])
+    found = gyral_thickness(Surface(np.concatenate(rows), faces))
+    assert len(found.width) == 0
+    assert found.reason.startswith("no wavelength of a band one row of triangles wide")
+
+
 @pytest.mark.parametrize("scale", [10.0, None])
 @pytest.mark.parametrize(
     "shape",

@@ -152,10 +152,10 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
     """Raise if a folder is somebody else's, or the results of two subjects would have one place in it."""
     from morphofold.cohort.group import GROUP
-    from morphofold.io import refuse_foreign
+    from morphofold.io import refuse_foreign, refuse_no_collection
 
     if not any(one.bids for one in subjects):
-        refuse_foreign(out)
+        refuse_no_collection(out, "cohort")
     refuse_foreign(out / GROUP)                                         # before hours of work, not after them
     names: dict[Path, str] = {}
     for one in subjects:
@@ -165,13 +165,13 @@ def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
     """Make or take the folder of a cohort."""
-    from morphofold.cli.runs import begin
+    from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
 
     if bids:
         begin_dataset(out, ignoring=("group", "logs", "records", "lock"))
     else:
-        begin(out)
+        begin_collection(out, "cohort")
 
 
 def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) -> float:

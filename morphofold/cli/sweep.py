@@ -62,20 +62,19 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
 
     from morphofold.cli.cohort import fleet_asked, told
     from morphofold.cli.progress import progress
-    from morphofold.cli.runs import begin
     from morphofold.cohort.phases import GROUP, theory_by_place, write_sweep
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
-    from morphofold.io import refuse_foreign
+    from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
     from morphofold.sim.folder_lock import alone
 
-    refuse_foreign(out)
+    refuse_no_collection(out, "sweep")
     refuse_foreign(out / GROUP)                                         # before hours of work, not after them
     runs = runs_of(grid.points, out, args)
     need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
     with ExitStack() as held:
         with fleet_asked(args, need) as fleet:
-            begin(out)                                                  # nothing is written where there are no workers
+            begin_collection(out, "sweep")                              # nothing is written where there are no workers
             held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(runs)} runs, {fleet.words}", args.quiet)

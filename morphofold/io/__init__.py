@@ -2,7 +2,7 @@
 
 from morphofold.io.cortices import read_cortex
 from morphofold.io.files import atomic_file
-from morphofold.io.folders import atomic_folder, refuse_foreign
+from morphofold.io.folders import atomic_folder, begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.freesurfer import (
     flip_curvature_sign,
     read_annotation,
@@ -16,6 +16,7 @@ from morphofold.io.surfaces import read_morph, read_surface, write_gifti_map, wr
 __all__ = [
     "atomic_file",
     "atomic_folder",
+    "begin_collection",
     "flip_curvature_sign",
     "read_annotation",
     "read_cortex",
@@ -23,6 +24,7 @@ __all__ = [
     "read_morph",
     "read_surface",
     "refuse_foreign",
+    "refuse_no_collection",
     "sample_path",
     "scanner_transform",
     "write_annotation",

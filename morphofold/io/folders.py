@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from morphofold.io.files import StrPath, naming
+from morphofold.io.files import StrPath, atomic_file, naming
 
 MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
+COLLECTION = ".morphofold-collection"   # in folders that results of many are added to, which nothing replaces
 
 
 @contextmanager
@@ -124,12 +125,41 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
         return
     if not found.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
+    if (found / COLLECTION).is_file():
+        raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
     names = sorted(p.name for p in found.iterdir())
     if names and not _ours(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."
         )
+
+
+def refuse_no_collection(out: Path, kind: str) -> None:
+    """Raise ``FileExistsError`` if ``out`` is there, and neither empty nor a folder that ``begin_collection`` began."""
+    file = out / COLLECTION
+    if file.is_file():
+        there = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
+        if there != kind:
+            raise FileExistsError(f"{out}: is a {there:.20}, not a {kind}. Name a new folder.")
+        return
+    refuse_foreign(out)
+    if out.exists() and any(out.iterdir()):
+        raise FileExistsError(f"{out}: is of a command that replaces it as a whole. Name a new folder.")
+
+
+def begin_collection(out: Path, kind: str) -> None:
+    """Make or take a folder that results of many are added to, run after run, and that no command replaces.
+
+    Raises
+    ------
+    FileExistsError
+        If it holds anything else.
+    """
+    refuse_no_collection(out, kind)
+    out.mkdir(parents=True, exist_ok=True)
+    with atomic_file(out / COLLECTION) as file:
+        file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
 
 
 def _ours(out: Path) -> bool:
