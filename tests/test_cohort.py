@@ -393,6 +393,15 @@ def test_one_batch_of_subjects_is_held_at_a_time(three, tmp_path, quick, monkeyp
     assert sum(sizes) == len(whole)
 
 
+def test_subjects_measured_in_several_ways_are_told(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    measured(three[:1], out, "2", options={"gyral_width_mm": 11.0})
+    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
+    version = f"morphofold {morphofold.__version__}"
+    assert group.ways == {version: 2, f"{version}, gyral_width_mm 11.0": 1}
+
+
 def test_subjects_that_are_the_same_are_found(three, tmp_path, quick):
     shutil.copytree(three[0], three[0].with_name("zoe"))
     folders = [*three, three[0].with_name("zoe")]

@@ -5,6 +5,7 @@ import hashlib
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -137,6 +138,13 @@ def test_few_subjects_have_no_outliers_and_the_page_says_so(tmp_path):
     text = words_of(text_of(with_outlier(7, 2, 9.9), tmp_path))
     assert "Nothing was looked for: fewer than 8 values" in text
     assert (tmp_path / "outliers.tsv").read_text(encoding="utf-8").count("\n") == 1
+
+
+def test_subjects_measured_in_several_ways_are_said(tmp_path):
+    ways = {"morphofold 1.0": 8, "morphofold 1.0, accuracy <fine>": 1}
+    text = words_of(text_of(replace(made_group(9), ways=ways), tmp_path))
+    assert "within each: 8 subjects by morphofold 1.0; 1 subject by morphofold 1.0, accuracy &lt;fine&gt;." in text
+    assert "in several ways" not in text_of(replace(made_group(9), ways={"morphofold 1.0": 9}), tmp_path)
 
 
 def test_the_same_surfaces_under_two_names_are_told(tmp_path):

@@ -142,8 +142,11 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
         group = write_group(out, results, progress=tell)
     failed = len({row["subject"] for row in group.failures})
     if args.json:
-        said = {"subjects": len(results), "with_failures": failed, "failures": group.failures, "page": out / "group"}
-        print(strict_json(said).rstrip())
+        who: dict[str, dict[str, str]] = {}
+        for row in group.failures:
+            who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
+        said = {"subjects": len(results), "with_results": sum(group.ways.values()), "failures": who}
+        print(strict_json({**said, "page": out / "group" / "report.html"}).rstrip())
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0

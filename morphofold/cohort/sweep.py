@@ -85,11 +85,12 @@ def _grown_key(scene: Scene) -> str:
 
 def _work(run: Run, say: Say) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
+    from morphofold.sim.smooth.radial import ConvergenceError
 
     run.folder.mkdir(parents=True, exist_ok=True)
     try:
         _measure(run, _grown(run, say), say)
-    except (UnstableError, *REFUSALS) as error:
+    except (ConvergenceError, UnstableError, *REFUSALS) as error:
         shutil.rmtree(run.analysis, ignore_errors=True)                 # of what the scene once was
         return {"": " ".join(str(error).split())}
     return {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +25,7 @@ HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
+OPTIONS = ("accuracy", "curvature_scale_mm", "gyral_width_mm")          # that change numbers
 FAILURES = ("subject", "hemi", "reason", "log")
 BATCH = 200             # subjects whose rows are held at once
 
@@ -53,6 +55,8 @@ class Group:
         Subjects whose surfaces are the same, under several names.
     simulated : int
         Hemispheres that are simulated; these have no side, and stand where their files put them.
+    ways : mapping of words to int
+        How subjects were measured, version and options, and how many so: one entry if all are comparable.
     """
 
     subjects: tuple[str, ...]
@@ -63,15 +67,18 @@ class Group:
     results: Mapping[str, Path]
     same: list[list[str]] = field(default_factory=list)
     simulated: int = 0
+    ways: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Found:
-    """What the results of one subject say: an entry of each hemisphere, rows of regions, digests of its surfaces."""
+    """What the results of one subject say: an entry of each hemisphere, rows of regions, digests of its surfaces, and
+    version and options by which it was measured."""
 
     entries: list[dict[str, Any]]
     regions: list[dict[str, Any]]
     surfaces: str
+    way: str
 
 
 def read_results(folder: Path) -> Found:
@@ -104,7 +111,9 @@ def read_results(folder: Path) -> Found:
             raise TypeError("a measure is no number")
         if not all(isinstance(row["region"], str) for row in regions):
             raise TypeError("a region has no name")
-        return Found(entries, regions, " ".join(wanted))
+        options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
+        way = ", ".join([f"morphofold {said['morphofold']}", *options])
+        return Found(entries, regions, " ".join(wanted), way)
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
 
@@ -213,6 +222,7 @@ class _Gathered:
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
         self.simulated = 0
+        self.ways: Counter[str] = Counter()
 
     def add(self, i: int, subject: str, found: Found) -> None:
         for entry in found.entries:
@@ -229,6 +239,7 @@ class _Gathered:
                 sums = self.regions.setdefault(row["region"], np.zeros((2, 2, 3)))
                 sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])
         self.surfaces.setdefault(found.surfaces, []).append(subject)
+        self.ways[found.way] += 1
 
     def group(self, subjects: tuple[str, ...], failures: list[dict[str, Any]], results: Mapping[str, Path]) -> Group:
         regions = {}
@@ -239,7 +250,8 @@ class _Gathered:
                 spread = np.sqrt(np.maximum(sums[..., 2] / number - mean**2, 0))
             regions[name] = np.stack([number, mean, spread], axis=-1)
         same = [names for key, names in self.surfaces.items() if key and len(names) > 1]
-        return Group(subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated)
+        ways = dict(sorted(self.ways.items()))
+        return Group(subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, ways)
 
 
 def _number(value: Any) -> float:

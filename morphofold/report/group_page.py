@@ -184,6 +184,9 @@ def warnings(group: Group) -> list[Markup]:
                 plural(count, "subject"), link
             )
         )
+    if len(group.ways) > 1:
+        how = "; ".join(f"{plural(n, 'subject')} by {way}" for way, n in group.ways.items())
+        said.append(Markup("Subjects were measured in several ways, and compare only within each: {}.").format(how))
     return said
 
 
