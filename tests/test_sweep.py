@@ -27,6 +27,7 @@ from morphofold.sim import radial_run, run, theory
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.scene_file import load_scene
+from morphofold.sim.smooth.radial import ConvergenceError
 from morphofold.surface import Cortex, Surface
 
 SPHERE = """
@@ -489,6 +490,18 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
     assert len(taken_up) == 1
     for name in ("surf/lh.pial", "hinges.tsv"):                         # as if it had never been killed
         assert (runs["a"].analysis / name).read_bytes() == (runs["b"].analysis / name).read_bytes()
+
+
+def test_a_sphere_without_a_smooth_state_is_a_result_and_not_tried_again(here, ball, monkeypatch, capsys):
+    def none(*args, **options):
+        raise ConvergenceError("no smooth state at g = 1.3")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(morphofold.simulation, "simulate", none)
+        assert swept(vary=["--vary", "mu_ratio=1"]) == 1
+    assert "mu_ratio-1: no smooth state at g = 1.3\n" in capsys.readouterr().out
+    assert swept(vary=["--vary", "mu_ratio=1"]) == 1
+    assert ball["grown"] == []
 
 
 @pytest.mark.slow

@@ -183,6 +183,7 @@ def _cohort(args: argparse.Namespace) -> int:
     from morphofold.cohort.load import Load, measure_load, text_table
     from morphofold.io import atomic_file, refuse_foreign
     from morphofold.records import strict_json
+    from morphofold.sim.folder_lock import alone
 
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000:
@@ -191,13 +192,14 @@ def _cohort(args: argparse.Namespace) -> int:
     out, loads = Path(args.out).absolute(), list[Load]()
     refuse_foreign(out)
     begin(out)
-    for count in counts:
-        for several in workers:
-            with progress(f"{count} subjects, {several} workers", args.quiet) as tell:
-                loads.append(measure_load(out, count, several, tell))
-    said = strict_json({"loads": [load.as_dict() for load in loads]})
-    with atomic_file(out / "summary.json") as file:
-        file.write_text(said, encoding="utf-8")
+    with alone(out):
+        for count in counts:
+            for several in workers:
+                with progress(f"{count} subjects, {several} workers", args.quiet) as tell:
+                    loads.append(measure_load(out, count, several, tell))
+        said = strict_json({"loads": [load.as_dict() for load in loads]})
+        with atomic_file(out / "summary.json") as file:
+            file.write_text(said, encoding="utf-8")
     print(said.rstrip() if args.json else "\n".join(text_table(loads)))
     return 0
 
