@@ -65,7 +65,6 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
-    from morphofold.io.cortices import hemispheres, side_named
     from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
     from morphofold.threads import set_threads
 
@@ -85,15 +84,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
     clock = Stages()
     clock.begin(READING)
-    if args.input is None:
-        if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
-            raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
-        hemi = None if args.hemi == "both" else args.hemi
-        cortices = [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
-    else:
-        named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
-        hemis = named if args.hemi else hemispheres(Path(args.input))
-        cortices = [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
+    cortices = _cortices(args)
     clock.end()
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
@@ -140,6 +131,21 @@ def run(args: argparse.Namespace) -> int:
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
+
+
+def _cortices(args: argparse.Namespace) -> list[Cortex]:
+    """The hemispheres that are asked for, read from INPUT or from --white and --pial."""
+    from morphofold.io import read_cortex
+    from morphofold.io.cortices import hemispheres, side_named
+
+    if args.input is None:
+        if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
+            raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
+        hemi = None if args.hemi == "both" else args.hemi
+        return [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
+    named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
+    hemis = named if args.hemi else hemispheres(Path(args.input))
+    return [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
 
 
 def _said(value: float | None, form: str, unit: str = "") -> str:

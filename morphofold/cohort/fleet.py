@@ -199,7 +199,7 @@ def open_fleet(
 
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: of glibc [bytes]: Dask's own gives every large array back to the system at once, and a fifth of a worker's time goes
+#: of glibc [bytes]: Dask's own gives every large array back to the system at once, and a sixth of a worker's time goes
 #: into pages that it gets again; these keep a quarter of a GiB at most
 ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
 
