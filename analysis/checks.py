@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh
+from morphofold.analysis.medial_wall import wall_of_geometry, wall_of_thickness
 from morphofold.crossings.boxes import box_tree
 from morphofold.crossings.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
@@ -18,11 +19,13 @@ ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and
 
 
 def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
-    """True (N,) where the vertex is cortex by what came with the surfaces, and which word of that said so.
+    """True (N,) where the vertex is cortex, and which word said so: the first that can, in this order.
 
-    ``"label"``: the cortex label. ``"annotation"``: without one, all regions that are not ``NOT_CORTEX``, if they cover
-    three quarters of the vertices and not all of them, as a parcellation does and a map of a few areas does not. Else
-    everywhere, and "".
+    ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
+    ``NOT_CORTEX``, if they cover three quarters of the vertices and not all of them, as a parcellation does and a map of
+    a few areas does not. ``"thickness"``: all but large patches where the thickness that came with them is 0.
+    ``"geometry"``: all but large patches where white and pial nearly meet (:mod:`~morphofold.analysis.medial_wall`).
+    Else, and of a simulated body without a label, everywhere, and "".
     """
     if cortex.cortex is not None:
         return np.asarray(cortex.cortex, dtype=bool), "label"
@@ -31,6 +34,10 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
         covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
         if PARCELLATED <= covered.mean() < 1:
             return covered, "annotation"
+    if cortex.origin != "simulation":
+        for word, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
+            if (wall := wall_of(cortex)).any():
+                return ~wall, word
     return np.ones(cortex.n_vertices, dtype=bool), ""
 
 
@@ -41,7 +48,13 @@ def is_no_cortex(region: str) -> bool:
 
 
 def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) where the vertex is cortex; refused if that is nowhere."""
+    """True (N,) where the vertex is cortex: by :func:`cortex_label`, and white and pial do not coincide.
+
+    Raises
+    ------
+    ValueError
+        If white and pial are the same surface, or no vertex is cortex.
+    """
     off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
     if not off.any():
         raise ValueError(

@@ -10,7 +10,10 @@ from morphofold.crossings.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex
 
 #: notes that a command tells, too
-WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale")
+WARNINGS = (
+    "simulation", "cortex_mask", "parcellation", "mesh", "crossing", "self_crossing", "thickness_file",
+    "curvature_scale",
+)  # fmt: skip
 THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 

@@ -107,9 +107,10 @@ def measure(
 
     Notes
     -----
-    Cortex is what the cortex label says, or without one a parcellation (all regions but ``unknown``,
-    ``corpuscallosum`` and the like), without vertices where white and pial coincide (FreeSurfer closes the medial wall
-    so, and without both that is the only sign of it). Areas, Euler characteristic, gyrification and folding
+    Cortex is what the first of these says that can: the cortex label; a parcellation (all regions but ``unknown``,
+    ``corpuscallosum`` and the like); the thickness that came with the surfaces, which is 0 on the medial wall; or their
+    geometry: large connected patches where white and pial nearly meet are no cortex (a simulated body has none).
+    Vertices where white and pial coincide never are. Areas, Euler characteristic, gyrification and folding
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """

@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from morphofold.analysis.checks import cortex_label
 from morphofold.surface import Cortex
 
@@ -51,7 +53,7 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
 
 
 def of_input(cortex: Cortex) -> Notes:
-    """An average in place of a brain, a missing cortex label, and the health warnings of a simulation."""
+    """An average in place of a brain, what was missing beside the surfaces, and the health warnings of a simulation."""
     notes = {}
     subjects = [Path(file).resolve().parent.parent.name for file in cortex.files]
     if average := next((name for name in subjects if name.startswith(AVERAGES)), ""):
@@ -59,17 +61,30 @@ def of_input(cortex: Cortex) -> Notes:
             f"{average} is an average of many brains, in which folds that differ between people are smoothed away: its "
             "gyrification, hinges and gyral thickness are those of no person."
         )
-    word = cortex_label(cortex)[1]
-    if word == "annotation":
-        notes["cortex_mask"] = "No cortex label came with the surfaces: cortex is what the annotation's regions cover."
-    elif not word and cortex.origin != "simulation":
-        notes["cortex_mask"] = (
-            "No cortex label came with the surfaces: every vertex whose white and pial positions differ counts as "
-            "cortex, the medial wall, if there is one, included."
-        )
+    notes |= _of_mask(cortex)
     if warnings := cortex.info.get("warnings"):
         notes["simulation"] = "; ".join(map(str, warnings))
     return notes
+
+
+def _of_mask(cortex: Cortex) -> Notes:
+    """How cortex was told from the medial wall without a cortex label, and that there is no parcellation."""
+    if cortex.origin == "simulation":
+        return {}
+    label, word = cortex_label(cortex)
+    if word == "label":
+        return {} if cortex.regions else {"parcellation": NO_REGIONS}
+    out = f"{np.count_nonzero(~label):,} of {cortex.n_vertices:,} vertices"
+    met = np.count_nonzero(np.all(cortex.white.verts == cortex.pial.verts, axis=1))
+    how = {
+        "annotation": f"cortex is what the annotation's regions cover, which leaves out {out}.",
+        "thickness": f"the medial wall is where their thickness is 0, {out}, which are left out.",
+        "geometry": f"the medial wall is where white and pial nearly meet, {out}, which are left out.",
+        "": "every vertex counts as cortex, as white and pial nearly meet on no patch as large as a medial wall"
+        + (f"; only {met:,} of {cortex.n_vertices:,} at which they coincide are left out." if met else "."),
+    }[word]
+    lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
+    return {"cortex_mask": f"No {lacking} came with the surfaces: {how}"}
 
 
 def of_thickness(cap: float | None, with_file: bool) -> Notes:

@@ -264,7 +264,7 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
         said.append(f"Accuracy was {where}; hinges and local gyrification hang on it where meshes are coarse.")
     if differing := _by_value(named, "cortex_mask", str):
         where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
-        said.append(f"Cortex was marked out {where}; means without a label may count a medial wall as cortex.")
+        said.append(f"Cortex was marked out {where}; means where nothing marks the medial wall may count it as cortex.")
     return said
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis.checks import cortex_label
+from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import matching_growth
 from morphofold.report.figures import safe_name
@@ -35,7 +36,7 @@ CREST_COLUMNS = (
 WARNING = "simulation"                         # the note that speaks of a simulation's health
 OF_INPUT = ("average", "cortex_mask")          # notes that say what the surfaces are not: a person's, or marked out
 #: notes about a surface rather than about one number
-REMARKS = ("mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale", "accuracy")
+REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
 

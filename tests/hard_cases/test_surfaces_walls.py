@@ -80,6 +80,27 @@ def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     holds.says("analyze", told, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
+@hard_case("surfaces", "a medial wall that nothing marks, with noise of 0.1 mm on every coordinate",
+           guard="a large patch where white and pial nearly meet is none",
+           without=lambda patch: patch.setattr(checks, "wall_of_geometry", lambda cortex: np.zeros(2562, dtype=bool)),
+           peers="FreeSurfer takes its cortex label (said)")  # fmt: skip
+def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
+    cortex, whole = clean()
+    cap, noise = cortex.pial.verts[:, 2] > 43, np.random.default_rng(1)
+    verts = (np.where(cap[:, None], cortex.pial.verts, cortex.white.verts), cortex.pial.verts)
+    white, pial = (Surface(v + noise.normal(0, 0.1, v.shape), cortex.faces, s.name)
+                   for v, s in zip(verts, (cortex.white, cortex.pial)))  # fmt: skip
+    found = measure(replace(cortex, white=white, pial=pial))
+    wall = np.isnan(found.maps["cortical_thickness"])
+    holds("vertices of the wall found", np.count_nonzero(wall & cap) / np.count_nonzero(cap), at_least=0.75)
+    holds.equal("vertices of cortex taken for it", np.count_nonzero(wall & ~cap), 0)
+    mean = np.mean(whole.maps["cortical_thickness"][~cap])
+    holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
+    status, told = analyzed(tmp_path, capsys, found.cortex)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, f"{np.count_nonzero(wall)} of 2,562 vertices")
+
+
 @hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
 def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     twice = replace(clean()[0], pial=Surface(clean()[0].white.verts, clean()[0].faces, "lh.pial"))

@@ -1,0 +1,128 @@
+"""Which vertices are cortex, by the first sign of the medial wall that there is, on fsaverage5 and on spheres."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from morphofold import shapes
+from morphofold.analysis import measure
+from morphofold.analysis.checks import cortex_label, cortex_mask
+from morphofold.analysis.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.analysis.notes import of_input
+from morphofold.io import read_cortex, sample_path
+from morphofold.surface import Cortex, Surface
+
+NOISE = 0.1             # mm, of every coordinate
+
+
+@pytest.fixture(scope="module")
+def average():
+    return read_cortex(sample_path("fsaverage5"))
+
+
+def closed(share, *, apart=0.0, level=4, **more):
+    """Spheres of 47 and 50 mm, but ``apart`` [mm] on a polar cap with so large a share of the area."""
+    verts, faces = shapes.icosphere(level)
+    away = np.where(verts[:, 2] > 1 - 2 * share, 50.0 - apart, 47.0)
+    white, pial = Surface(away[:, None] * verts, faces, "lh.white"), Surface(50 * verts, faces, "lh.pial")
+    return Cortex(white, pial, **more)
+
+
+def noisy(cortex, rng, size=NOISE):
+    moved = (Surface(s.verts + rng.normal(0, size, s.verts.shape), s.faces, s.name) for s in (cortex.white, cortex.pial))
+    return replace(cortex, **dict(zip(("white", "pial"), moved)))
+
+
+def dice(one, other):
+    return 2 * np.sum(one & other) / (one.sum() + other.sum())
+
+
+def test_the_first_sign_that_there_is_says_where_cortex_is(average):
+    said, cortex = [], average
+    for missing in ({}, {"cortex": None}, {"regions": None}, {"maps": {}}):
+        cortex = replace(cortex, **missing)
+        label, word = cortex_label(cortex)
+        said.append(word)
+        assert not label.all()
+        assert ("cortex_mask" in of_input(cortex)) == (word != "label")
+    assert said == ["label", "annotation", "thickness", "geometry"]
+
+
+def test_the_label_decides_whatever_the_geometry_and_leaves_freesurfers_subjects_as_they_were(average):
+    apart = np.any(average.white.verts != average.pial.verts, axis=1)
+    assert np.array_equal(cortex_mask(average), average.cortex & apart)
+    assert cortex_mask(average).sum() == 9354
+
+
+@pytest.mark.parametrize("hemi", ["lh", "rh"])
+def test_the_wall_that_geometry_finds_lies_within_that_of_the_label(hemi):
+    cortex = read_cortex(sample_path("fsaverage5"), hemi)
+    wall = wall_of_geometry(cortex)
+    assert wall[cortex.cortex].sum() < 0.01 * wall.sum()                # of rh one vertex, on the rim
+    coincident = np.all(cortex.white.verts == cortex.pial.verts, axis=1)
+    assert dice(wall, ~cortex.cortex) > 0.68 > 0.55 > dice(coincident, ~cortex.cortex)
+    # the rest is the hippocampus and what is near it, where FreeSurfer's white and pial are millimetres apart
+
+
+@pytest.mark.parametrize("size", [0.05, NOISE, 0.2])
+def test_noise_of_the_vertices_does_not_tear_the_wall(average, rng, size):
+    bare = replace(average, cortex=None, regions=None, maps={})
+    rough = noisy(bare, rng, size)
+    assert not np.all(rough.white.verts == rough.pial.verts, axis=1).any()
+    assert dice(wall_of_geometry(rough), wall_of_geometry(bare)) > 0.97
+    assert not wall_of_geometry(rough)[average.cortex].any()
+
+
+def test_thickness_holds_under_noise_as_the_mask_does(rng):
+    clean, rough = (measure(c).scalars["mean_cortical_thickness_mm"] for c in (closed(0.06), noisy(closed(0.06), rng)))
+    assert clean == pytest.approx(3, rel=5e-3)                          # to pial beyond the rim it is less
+    assert rough == pytest.approx(clean, rel=0.02)                      # -5 % where the wall counts as cortex
+
+
+@pytest.mark.parametrize("unit", [1e-3, 25.4, 1e3])
+def test_the_wall_is_the_same_in_any_unit(average, unit):
+    surfaces = {name: replace(s, verts=unit * s.verts) for name, s in (("white", average.white), ("pial", average.pial))}
+    assert np.array_equal(wall_of_geometry(replace(average, **surfaces)), wall_of_geometry(average))
+
+
+@pytest.mark.parametrize(
+    "cortex",
+    [
+        closed(0.0), closed(0.06, apart=1.5), closed(0.005, apart=0.1), closed(0.3, apart=0.1),
+        closed(0.06, apart=0.1, origin="simulation"),
+        replace(closed(0.0), white=replace(closed(0.0).white, verts=49.9 / 47 * closed(0.0).white.verts)),
+    ],
+    ids=["none", "half as thick", "too small", "too large", "simulated", "thin everywhere"],
+)  # fmt: skip
+def test_what_does_not_look_like_a_wall_is_cortex(cortex):
+    label, word = cortex_label(cortex)
+    assert word == ""
+    assert label.all()
+
+
+@pytest.mark.parametrize("origin", ["simulation", "files"])
+def test_a_simulated_body_has_no_wall_even_as_mere_files(origin):
+    cortex = replace(read_cortex(sample_path("simulated")), origin=origin, maps={})
+    assert cortex_label(cortex)[1] == ""
+    assert wall_of_geometry(cortex).sum() == 0
+
+
+def test_two_hemispheres_in_one_surface_have_a_wall_each():
+    one = closed(0.06, apart=0.1)
+    faces = np.concatenate([one.faces, one.faces + one.n_vertices])
+    both = Cortex(*(Surface(np.concatenate([s.verts, s.verts + [120, 0, 0]]), faces) for s in (one.white, one.pial)))
+    assert np.array_equal(wall_of_geometry(both), np.tile(wall_of_geometry(one), 2))
+
+
+def test_a_patch_of_zeros_in_the_thickness_is_the_wall_and_scattered_zeros_are_not(rng):
+    cortex = closed(0.0)
+    patch, few = cortex.pial.verts[:, 2] > 44, rng.random(cortex.n_vertices) < 0.02
+    for given in (0.0, np.nan):
+        thickness = np.where(patch, given, 3.0)
+        told = replace(cortex, maps={"thickness": thickness})
+        label, word = cortex_label(told)
+        assert word == "thickness"
+        assert np.array_equal(~label, patch)
+        gaps = replace(cortex, maps={"thickness": np.where(few, given, 3.0)})
+        assert wall_of_thickness(gaps).sum() == 0
