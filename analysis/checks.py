@@ -22,8 +22,8 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
     """True (N,) where the vertex is cortex, and which word said so: the first that can, in this order.
 
     ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
-    ``NOT_CORTEX``, if they cover three quarters of the vertices and not all of them, as a parcellation does and a map of
-    a few areas does not. ``"thickness"``: all but large patches where the thickness that came with them is 0.
+    ``NOT_CORTEX``, if they cover three quarters of the vertices and not all, as a parcellation does and a map of a few
+    areas does not. ``"thickness"``: all but large patches where the thickness that came with them is 0.
     ``"geometry"``: all but large patches where white and pial nearly meet (:mod:`~morphofold.analysis.medial_wall`).
     Else, and of a simulated body without a label, everywhere, and "".
     """

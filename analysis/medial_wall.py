@@ -10,7 +10,7 @@ from morphofold.analysis import _mesh
 from morphofold.surface import Cortex
 
 NEAR = 0.2              # of the median distance of white and pial: nearer than that is no cortex (0.5 mm in adults)
-LEAST, MOST = 0.01, 0.2  # share of the white area that one patch has at least, and all have at most; walls have 0.03 to 0.1
+LEAST, MOST = 0.01, 0.2     # share of the white area: least of a patch, most of all; walls have 0.03 to 0.1
 
 
 def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:

@@ -30,8 +30,11 @@ def closed(share, *, apart=0.0, level=4, **more):
 
 
 def noisy(cortex, rng, size=NOISE):
-    moved = (Surface(s.verts + rng.normal(0, size, s.verts.shape), s.faces, s.name) for s in (cortex.white, cortex.pial))
-    return replace(cortex, **dict(zip(("white", "pial"), moved)))
+    moved = {
+        name: replace(s, verts=s.verts + rng.normal(0, size, s.verts.shape))
+        for name, s in (("white", cortex.white), ("pial", cortex.pial))
+    }
+    return replace(cortex, **moved)
 
 
 def dice(one, other):
@@ -82,8 +85,8 @@ def test_thickness_holds_under_noise_as_the_mask_does(rng):
 
 @pytest.mark.parametrize("unit", [1e-3, 25.4, 1e3])
 def test_the_wall_is_the_same_in_any_unit(average, unit):
-    surfaces = {name: replace(s, verts=unit * s.verts) for name, s in (("white", average.white), ("pial", average.pial))}
-    assert np.array_equal(wall_of_geometry(replace(average, **surfaces)), wall_of_geometry(average))
+    white, pial = (replace(s, verts=unit * s.verts) for s in (average.white, average.pial))
+    assert np.array_equal(wall_of_geometry(replace(average, white=white, pial=pial)), wall_of_geometry(average))
 
 
 @pytest.mark.parametrize(
