@@ -26,7 +26,30 @@ SCALARS = (
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
     "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
     "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
+    "gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3",
 )  # fmt: skip
+#: what numbers follow from beside the surfaces, and that may differ between two cortices
+PARAMETERS = (
+    "curvature_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation",
+)  # fmt: skip
+_NET = ("graph_width_mm", "cortex_mask", "accuracy")
+#: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them
+FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys((
+        "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
+        "volume_white_mm3", "volume_pial_mm3",
+    ), ()),
+    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("curvature_scale_mm",)),
+    **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
+    "mean_cortical_thickness_mm": ("cortical_thickness_cap_mm", "cortex_mask", "accuracy"),
+    **dict.fromkeys(
+        ("median_gyral_thickness_mm", "wavelength_mm", "mean_local_gyrification_index"), ("cortex_mask", "accuracy")
+    ),
+    **dict.fromkeys(
+        ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm", "spectral_wavelength_mm"), _NET
+    ),
+    **dict.fromkeys(LINE, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +160,11 @@ def measure(
     maps["area"] = area_white
     scalars.update(
         n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
-        area_white_mm2=float(area_white.sum()),
+        area_white_mm2=float(area_white.sum()), gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
     )  # fmt: skip
+    if closed:
+        scalars.update({f"volume_{n}_mm3": checks.volume(s) for n, s in (("white", white), ("pial", pial))})
+    said |= notes.of_volumes(closed)
 
     maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
     scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)
