@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.cli.measuring import add_measuring_args, measuring_options
+from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
+    from morphofold.cohort.tables import Group
     from morphofold.cohort.tasks import Outcome
 
 
@@ -27,7 +28,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--subjects", metavar="FILE", help="text file with one subject in a line (default: all in SUBJECTS_DIR)"
     )
-    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
+    add_side_args(parser, "each subject")
     parser.add_argument("-o", "--out", metavar="DIR", default="cohort", help="folder (default: cohort)")
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain", help="of the subjects; bids: DIR is a BIDS dataset"
@@ -106,7 +107,8 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
                 outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
         if group:
             with progress("group ", args.quiet) as tell:
-                write_group(out, {one.name: one.results for one in subjects}, progress=tell)
+                found = write_group(out, {one.name: one.results for one in subjects}, progress=tell)
+            told_unlike(found, args.quiet)
     return ended(outcomes, "subject", out / "group" / "report.html" if group else out, as_json=args.json)
 
 
@@ -140,12 +142,13 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 
     with alone(out), progress("group ", args.quiet) as tell:
         group = write_group(out, results, progress=tell)
+    told_unlike(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:
         who: dict[str, dict[str, str]] = {}
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
-        said = {"subjects": len(results), "with_results": sum(group.ways.values()), "failures": who}
+        said = {"subjects": len(results), "with_results": group.measured, "failures": who}
         print(strict_json({**said, "page": out / "group" / "report.html"}).rstrip())
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
@@ -194,6 +197,13 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
         if len(found) == LOOKED_AT:
             break
     return max(found, default=0.0)
+
+
+def told_unlike(group: Group, quiet: bool) -> None:
+    """Say what of a group was not measured alike, and is not pooled."""
+    if said := group.pooling.said:
+        few = len(group.pooling.left_out)
+        told(f"warning: {' '.join(said)} {few} measures are not pooled whole: see the page of the group.", quiet)
 
 
 def told(text: str, quiet: bool) -> None:
