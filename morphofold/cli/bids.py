@@ -38,7 +38,8 @@ def run(args: argparse.Namespace) -> int:
         return run_group(out, measured_before(out, bids=True), args)
     source = _source(args)
     refuse_overlap(out, [source])
-    return run_cohort(_chosen(source, args.participant_label), out, args, group=False)
+    everyone = _chosen(source, [])
+    return run_cohort(_chosen(source, args.participant_label), out, args, group=False, everyone=everyone)
 
 
 def _source(args: argparse.Namespace) -> Path:

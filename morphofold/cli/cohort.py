@@ -1,5 +1,6 @@
-"""Measure every subject of a folder on several workers, and put them into tables and a page of the group. Run again, it
-goes on with what is missing or has changed. Exit code 1: some subjects have no measures, and failures.tsv says why."""
+"""Measure every subject of a folder on several workers, and put them into tables and a page of the group. All are
+measured with one curvature scale and one gyral width of the net. Run again, it goes on with what is missing or has
+changed. Exit code 1: some subjects have no measures, and failures.tsv says why."""
 
 from __future__ import annotations
 
@@ -75,15 +76,20 @@ def run(args: argparse.Namespace) -> int:
     return run_cohort({name: source / name for name in names}, out, args)
 
 
-def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True) -> int:
-    """Measure subjects and, where it is wanted, write their group."""
+def run_cohort(
+    folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True,
+    everyone: dict[str, Path] | None = None,
+) -> int:  # fmt: skip
+    """Measure subjects and, where it is wanted, write their group; the scales are those of ``everyone``."""
     import secrets
     from contextlib import ExitStack
+    from dataclasses import replace
 
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import run_tasks
+    from morphofold.cohort.scales import scales_of, with_scales
     from morphofold.cohort.tasks import Place
     from morphofold.sim.folder_lock import alone
 
@@ -91,10 +97,13 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, report, run_id = args.layout == "bids", not args.no_report, secrets.token_hex(4)
     out = out.absolute()
-    subjects = [
-        Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
-        for name, folder in sorted(folders.items())
-    ]
+    subjects, looked_at = (
+        [
+            Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
+            for name, folder in sorted(some.items())
+        ]
+        for some in (folders, everyone or folders)
+    )
     refuse_other_cohort(out, subjects)
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
@@ -103,6 +112,12 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
                 held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
+            if None in (args.curvature_scale, args.gyral_width):
+                with progress("scales", args.quiet) as tell:
+                    scales = scales_of(out, fleet, looked_at, tell)
+                if scales is not None:
+                    told(scales.words, args.quiet)
+                subjects = [replace(one, options=with_scales(options, scales)) for one in subjects]
             with progress("cohort", args.quiet) as tell:
                 outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
         if group:
@@ -171,11 +186,12 @@ def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
     """Make or take the folder of a cohort."""
+    from morphofold.cohort.scales import FILE
     from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
 
     if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock"))
+        begin_dataset(out, ignoring=("group", "logs", "records", "lock", FILE))
     else:
         begin_collection(out, "cohort")
 

@@ -9,12 +9,12 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     """--curvature-scale, --gyral-width and --accuracy."""
     parser.add_argument(
         "--curvature-scale", type=float, metavar="MM",
-        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes)",
+        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
     )  # fmt: skip
     parser.add_argument(
         "--gyral-width", type=float, metavar="MM",
-        help="lengths of the gyral net are shares of it; hold it to compare hinges of meshes of one brain, or of a "
-        "group (default: from each surface)",
+        help="lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
+        "(default: from each surface; of a group, their median)",
     )  # fmt: skip
     parser.add_argument(
         "--accuracy", choices=["draft", "standard", "fine"], default="standard",
