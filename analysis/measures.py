@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -72,6 +72,13 @@ class Measures:
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
     graph: nx.MultiGraph | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        known = sum(value is not None for value in self.scalars.values())
+        return (
+            f"Measures of {self.cortex!r}: {known} scalars, {len(self.maps)} maps, {len(self.regions)} regions, "
+            f"{len(self.hinges)} hinges, {len(self.notes)} notes"
+        )
 
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
@@ -141,6 +148,7 @@ def measure(
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
 
+    check_kind(cortex, Cortex, "measure: cortex")
     chosen = copies.accuracy_of(accuracy)
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces

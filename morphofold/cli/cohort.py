@@ -89,7 +89,7 @@ def run_cohort(
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import run_tasks
-    from morphofold.cohort.scales import scales_of, with_scales
+    from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import Place
     from morphofold.sim.folder_lock import alone
 
@@ -105,6 +105,7 @@ def run_cohort(
         for some in (folders, everyone or folders)
     )
     refuse_other_cohort(out, subjects)
+    kept_scales(out)                                                    # refused before hours of work
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
             begin_cohort(out, bids=bids)                                # nothing is written where there are no workers

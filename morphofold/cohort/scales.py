@@ -53,7 +53,7 @@ def scales_of(
     ValueError
         If ``out/scales.json`` is not as it was written.
     """
-    if (kept := _kept(out / FILE)) is not None:
+    if (kept := kept_scales(out)) is not None:
         return kept
     from morphofold.cohort.fleet import Job, Lost
 
@@ -118,7 +118,9 @@ def with_scales(options: Mapping[str, Any], scales: Scales | None) -> dict[str, 
     return options
 
 
-def _kept(path: Path) -> Scales | None:
+def kept_scales(out: Path) -> Scales | None:
+    """The scales of an earlier run, None if there was none; raises ``ValueError`` if they are damaged."""
+    path = out / FILE
     if not path.exists():
         return None
     try:
