@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
 Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
 
@@ -23,6 +23,7 @@ def face_vectors(verts: Verts, faces: Faces) -> Vectors:
 
     Raises ``ValueError`` if a face names a vertex that is not there.
     """
+    check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):     # compiled code would read on
         raise ValueError(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     found: Vectors = _face_vectors(verts, faces)
@@ -207,6 +208,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
 
 def euler_characteristic(faces: Faces) -> int:
     """V - E + F over the vertices that faces use; 2 for a sphere, 0 for a torus."""
+    check_arrays(faces, faces)
     return len(np.unique(faces)) - len(edges(faces)) + len(faces)
 
 

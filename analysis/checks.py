@@ -154,6 +154,11 @@ def check_pair(cortex: Cortex) -> None:
         )
 
 
+def volume(surface: Surface) -> float:
+    """Volume [mm^3] that a closed surface encloses, its cavities left out; negative if it is inside out."""
+    return float(_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
+
+
 def _volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
     """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
     a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))

@@ -14,7 +14,7 @@ from morphofold.analysis.checks import cortex_mask
 from morphofold.analysis.contour import Contour, mid_height_contour
 from morphofold.analysis.rays import Scanner
 from morphofold.analysis.smooth import Relief, edge_graph
-from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 LEAST_COVERAGE = 0.2    # of the mid-height contour, below which no median is stated
 LONGEST = 1.2           # chord, relative to the wavelength
@@ -148,6 +148,7 @@ def gyral_thickness(
     With ``scale=None`` the scale is repeatedly set to a third of ``wavelength`` until it changes by less than 5 %,
     bounded by two edges of the mesh and ``0.3 sqrt(area / 4 pi)``. Adult brains end between 10.4 and 11.3.
     """
+    check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     inside = _inside(cortex, mask)
     scan = Scanner(surface)                    # first, so that a missing package is told before the work

@@ -18,7 +18,7 @@ from morphofold.analysis.net import Net, borders, smoothed
 from morphofold.analysis.refine import refine
 from morphofold.analysis.watershed import Watershed
 from morphofold.analysis.ways import way_graph
-from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
 WEAK = 0.15             # and the share of it below which one is none
@@ -75,6 +75,7 @@ class Ground:
     """What all nets of one surface stand on; of a cortex the white surface is taken, and its mask."""
 
     def __init__(self, surface: Cortex | Surface):
+        check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
         cortex = isinstance(surface, Cortex)
         self.sheet = surface.white if isinstance(surface, Cortex) else surface
         self.inside: NDArray[np.bool_] = (

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.refine import INNER, OUTER, SHARE
+from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -113,6 +114,9 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
         An arm's direction is that of the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (60 % of its
         length at most), in the tangent plane.
     """
+    import networkx as nx
+
+    check_kind(graph, nx.MultiGraph, "hinges: graph")
     if graph.graph["scales"] is None:
         return []
     return [hinge_at(graph, node) for node, degree in graph.degree() if degree > 2]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -26,7 +26,30 @@ SCALARS = (
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
     "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
     "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
+    "gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3",
 )  # fmt: skip
+#: what numbers follow from beside the surfaces, and that may differ between two cortices
+PARAMETERS = (
+    "curvature_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation",
+)  # fmt: skip
+_NET = ("graph_width_mm", "cortex_mask", "accuracy")
+#: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them
+FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys((
+        "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
+        "volume_white_mm3", "volume_pial_mm3",
+    ), ()),
+    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("curvature_scale_mm",)),
+    **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
+    "mean_cortical_thickness_mm": ("cortical_thickness_cap_mm", "cortex_mask", "accuracy"),
+    **dict.fromkeys(
+        ("median_gyral_thickness_mm", "wavelength_mm", "mean_local_gyrification_index"), ("cortex_mask", "accuracy")
+    ),
+    **dict.fromkeys(
+        ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm", "spectral_wavelength_mm"), _NET
+    ),
+    **dict.fromkeys(LINE, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +72,13 @@ class Measures:
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
     graph: nx.MultiGraph | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        known = sum(value is not None for value in self.scalars.values())
+        return (
+            f"Measures of {self.cortex!r}: {known} scalars, {len(self.maps)} maps, {len(self.regions)} regions, "
+            f"{len(self.hinges)} hinges, {len(self.notes)} notes"
+        )
 
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
@@ -119,6 +149,7 @@ def measure(
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
 
+    check_kind(cortex, Cortex, "measure: cortex")
     chosen = copies.accuracy_of(accuracy)
     tell = progress or (lambda what, share: None)
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
@@ -138,8 +169,11 @@ def measure(
     maps["area"] = area_white
     scalars.update(
         n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
-        area_white_mm2=float(area_white.sum()),
+        area_white_mm2=float(area_white.sum()), gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
     )  # fmt: skip
+    if closed:
+        scalars.update({f"volume_{n}_mm3": checks.volume(s) for n, s in (("white", white), ("pial", pial))})
+    said |= notes.of_volumes(closed)
 
     maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
     scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)

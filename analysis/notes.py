@@ -87,6 +87,21 @@ def _of_mask(cortex: Cortex) -> Notes:
     return {"cortex_mask": f"No {lacking} came with the surfaces: {how}"}
 
 
+def of_volumes(closed: bool) -> Notes:
+    """Gray matter, and what white and pial enclose."""
+    enclosed = (
+        "Volume that the whole surface encloses, as FreeSurfer closes it: across the medial wall, so that white holds "
+        "deep gray matter and ventricles, too."
+        if closed
+        else "The surface has a border, so it encloses no volume."
+    )
+    return {
+        "gray_volume_mm3": "Sum over the cortex of what lies between the triangles of white and of pial, as "
+        "mris_anatomical_stats counts it.",
+        "volume_white_mm3": enclosed, "volume_pial_mm3": enclosed,
+    }  # fmt: skip
+
+
 def of_thickness(cap: float | None, with_file: bool) -> Notes:
     bound = f"each at most {cap:g} mm as in FreeSurfer." if cap else "without an upper bound."
     text = (

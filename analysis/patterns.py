@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.ridges import irregular_net
+from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
@@ -84,6 +85,9 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     ValueError
         If the table of arms does not say which crests they are, as those of older analyses.
     """
+    from morphofold.analysis.measures import Measures
+
+    check_kind(measures, Measures, "hinge_shapes: measures")
     width, area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
     if not width or area is None:
         return None

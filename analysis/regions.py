@@ -10,7 +10,7 @@ import numpy as np
 from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.checks import is_no_cortex
 from morphofold.analysis.gyral_tables import region_columns
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -67,6 +67,7 @@ def region_table(
     ValueError
         If a map has another length than the surfaces.
     """
+    check_kind(cortex, Cortex, "region_table: cortex")
     for name, values in maps.items():
         if np.shape(values) != (cortex.n_vertices,):
             raise ValueError(f"{cortex.name}: map {name} has shape {np.shape(values)}, not ({cortex.n_vertices},).")
@@ -123,6 +124,7 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
     .. [1] Winkler, Greve, Bjuland, Nichols, Sabuncu, Haberg, Skranes, Rimol. Joint analysis of cortical area and
        thickness as a replacement for the analysis of the volume of the cerebral cortex. Cereb. Cortex 28, 738 (2018).
     """
+    check_kind(cortex, Cortex, "gray_volumes: cortex")
     white, pial = cortex.white.verts[cortex.faces], cortex.pial.verts[cortex.faces]     # (M, 3 corners, 3)
     origin = pial[:, 0]
     a, b, c = (white[:, k] - origin for k in range(3))

@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from morphofold.analysis import _mesh
 from morphofold.analysis.chord import GyralThickness, gyral_thickness
-from morphofold.surface import Faces, PerVertex, Surface, Verts
+from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
 
 __all__ = ["GyralThickness", "cortical_thickness", "gyral_thickness"]
 
@@ -70,6 +70,8 @@ def cortical_thickness(
     .. [1] Fischl, Dale. Measuring the thickness of the human cerebral cortex from magnetic resonance images.
        PNAS 97, 2000.
     """
+    for what, surface in (("white", white), ("pial", pial)):
+        check_kind(surface, Surface, f"cortical_thickness: {what}")
     if mode not in ("surface", "freesurfer"):
         raise ValueError(f"mode must be 'surface' or 'freesurfer', got {mode!r}.")
     if cap is not None and not cap > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,42 @@ Faces = NDArray[np.int64]       # (M, 3), 0-based, counter-clockwise seen from o
 PerVertex = NDArray[np.float64]  # (N,)
 
 
+#: how to come by what a function takes
+_HOW = {
+    "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
+    "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial).",
+    "Measures": "Make them with morphofold.measure(cortex).",
+    "Mapping": "Name each: {\"model\": measures, \"MRI\": others}.",
+    "MultiGraph": "Make one with morphofold.analysis.gyral_graph(cortex).",
+    "Simulation": "Make one with morphofold.simulate(scene, out=folder).",
+}
+
+
+def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
+    """Raise ``TypeError``, which says how to come by one, unless ``value`` is of one of the kinds."""
+    if isinstance(value, kinds):
+        return
+    names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
+    raise TypeError(
+        f"{what} must be of class {' or '.join(names)}, not {type(value).__name__}{_shown(value)}. {_HOW.get(names[0], '')}"
+    )
+
+
+def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
+    """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
+    for what, values in (("verts", verts), ("faces", faces)):
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _shown(values)
+            raise TypeError(
+                f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. Of a Surface pass "
+                "surface.verts and surface.faces; of a file read_surface(path) makes one."
+            )
+
+
+def _shown(value: Any) -> str:
+    return f" {str(value)[:60]!r}" if isinstance(value, str | Path) else ""
+
+
 def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> None:
     """Raise ``ValueError`` unless (verts, faces) is a usable triangle mesh.
 
@@ -21,6 +58,7 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     face that names a vertex twice. Holes, several components and unused vertices are allowed here;
     measures that cannot bear them say so themselves.
     """
+    check_arrays(verts, faces, name)
     if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
         raise ValueError(
             f"{name}: verts must have shape (N, 3) with N > 0, got {verts.shape}. "
@@ -72,6 +110,11 @@ class Surface:
     ------
     ValueError, TypeError
         If the arrays do not describe a triangle mesh; the message names the first offender.
+
+    Notes
+    -----
+    ``verts`` and ``faces`` cannot be written to, which few functions of other packages refuse (as SciPy's
+    ``Rotation.apply``); ``coordinates`` is a copy that can. With it and ``faces`` nilearn takes a Surface for a mesh.
     """
 
     verts: Verts
@@ -80,13 +123,31 @@ class Surface:
     geometry: Mapping[str, Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        verts, faces = np.asarray(self.verts), np.asarray(self.faces)
+        verts, faces = (_as_array(values) for values in (self.verts, self.faces))
         check_mesh(verts, faces, self.name)
         verts = np.array(verts, dtype=np.float64, order="C")
         faces = np.array(faces, dtype=np.int64, order="C")
         verts.flags.writeable = faces.flags.writeable = False
         object.__setattr__(self, "verts", verts)
         object.__setattr__(self, "faces", faces)
+
+    @property
+    def coordinates(self) -> Verts:
+        """A copy of the vertex positions (N, 3) [mm], to be changed at will."""
+        return self.verts.copy()
+
+    def __repr__(self) -> str:
+        return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
+
+
+def _as_array(values: Any) -> Any:
+    """Numbers in sequences as an array; what is none as it is, for ``check_arrays`` to tell."""
+    if not isinstance(values, list | tuple):
+        return values
+    try:
+        return np.asarray(values)
+    except ValueError:                                                  # rows of unlike lengths
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +162,9 @@ class Regions:
     names: tuple[str, ...]
     colours: NDArray[np.uint8]
     name: str = "aparc"
+
+    def __repr__(self) -> str:
+        return f"Regions({self.name!r}, {len(self.names)} regions, {len(self.labels):,} vertices)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +225,8 @@ class Cortex:
     files: tuple[str, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
+        for what, surface in (("white", self.white), ("pial", self.pial)):
+            check_kind(surface, Surface, f"{self.name}: {what}")
         if self.hemi not in ("lh", "rh"):
             raise ValueError(f"{self.name}: hemi must be 'lh' or 'rh', got {self.hemi!r}.")
         n_white, n_pial = len(self.white.verts), len(self.pial.verts)
@@ -185,6 +251,9 @@ class Cortex:
                     f"{self.name}: {name} has shape {np.shape(values)}, the surfaces have {n_white} vertices. "
                     "It belongs to another surface."
                 )
+
+    def __repr__(self) -> str:
+        return f"Cortex({self.name!r}, {self.hemi}, {self.n_vertices:,} vertices, from {self.origin})"
 
     @property
     def n_vertices(self) -> int:

@@ -40,7 +40,12 @@ def quick_measure(cortex, *, progress=None, **options):
         for i, name in enumerate(cortex.regions.names if cortex.regions else ())
     ]  # fmt: skip
     maps = {"H": np.full(cortex.n_vertices, 1 / radius)}
-    return Measures(cortex, scalars, maps, rows, parameters={"accuracy": "standard"}, notes={})
+    scalars.update(n_hinges=20, folding_index=30.0)
+    how = {
+        "curvature_scale_mm": options.get("curvature_scale") or 3.0, "accuracy": options["accuracy"],
+        "graph_width_mm": options.get("gyral_width") or 9.0,
+    }  # fmt: skip
+    return Measures(cortex, scalars, maps, rows, parameters=how, notes={})
 
 
 def participants(folders, out, run="1", **options):

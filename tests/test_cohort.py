@@ -18,7 +18,7 @@ from pyarrow import parquet
 
 import morphofold
 from morphofold.cli import main
-from morphofold.cohort import participant, tables, tasks
+from morphofold.cohort import participant, statistics, tables, tasks
 from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
@@ -27,6 +27,7 @@ from morphofold.cohort.tables import TIDY, read_results
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.surface import Regions
+from morphofold.tables import read_table
 
 
 @pytest.fixture
@@ -393,13 +394,34 @@ def test_one_batch_of_subjects_is_held_at_a_time(three, tmp_path, quick, monkeyp
     assert sum(sizes) == len(whole)
 
 
-def test_subjects_measured_in_several_ways_are_told(three, tmp_path, quick):
+def test_numbers_of_hemispheres_measured_unlike_are_not_pooled(three, tmp_path, quick):
+    """Two subjects by one gyral width and one by another: hinges are pooled of the two, thickness of all three."""
     out = tmp_path / "out"
     measured(three, out)
     measured(three[:1], out, "2", options={"gyral_width_mm": 11.0})
     group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
-    version = f"morphofold {morphofold.__version__}"
-    assert group.ways == {version: 2, f"{version}, gyral_width_mm 11.0": 1}
+    assert group.measured == 3
+    assert group.pooling.counts == {"graph_width_mm": {9.0: 4, 11.0: 2}}
+    assert group.pooling.left_out == {"n_hinges": (2, 6)}
+    pooled = statistics.measures_of(group)
+    assert np.isnan(pooled["n_hinges"]).tolist() == [[True] * 2, [False] * 2, [False] * 2]
+    assert np.isfinite(pooled["mean_cortical_thickness_mm"]).all()
+    rows = read_table(out / "group" / "hemispheres.tsv", ("subject", "hemi", "morphofold", "cortex_mask", "accuracy"))
+    assert [row["graph_width_mm"] for row in rows] == [11, 11, 9, 9, 9, 9]
+    values = [r["value"] for r in grouped(three, out) if (r["region"], r["measure"]) == ("hemisphere", "n_hinges")]
+    assert values == ["20"] * 6                                         # the table has all of them
+
+
+def test_regions_of_hemispheres_measured_unlike_are_not_averaged(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    measured(three[:1], out, "2", options={"accuracy": "draft"})
+    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
+    assert group.regions["front"][:, :, 0].tolist() == [[2, 2], [2, 2]]
+    measured(three[:2], out, "3", options={"accuracy": "draft"})
+    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
+    assert group.pooling.left_out["mean_cortical_thickness_mm"] == (2, 6)
+    assert group.regions["front"][:, :, 0].tolist() == [[2, 2], [2, 2]]
 
 
 def test_subjects_that_are_the_same_are_found(three, tmp_path, quick):

@@ -16,6 +16,7 @@ from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
 
+from morphofold.cohort.pooling import pooling
 from morphofold.cohort.tables import write_tables
 from morphofold.cohort.tasks import write_record
 from morphofold.report import group_page, group_pictures
@@ -85,11 +86,11 @@ def test_the_page_says_how_many_of_how_many_and_their_medians(tmp_path):
     for values in group.scalars.values():
         values[3, 1] = np.nan
     values = group.scalars[THICKNESS]
-    values[:, 0] = 2 + 0.1 * np.arange(9)
+    values[:, 0] = 2 + 0.1 * np.array([0, 1, 2, 9, 3, 4, 5, 6, 7])     # the fourth has no right side
     text = words_of(text_of(group, tmp_path))
     assert "9 of 9 subjects have measures, 17 hemispheres in all: 8 with both sides, 1 with the left one alone." in text
     assert "1 subject could not be measured, in whole or in part" in text
-    assert "2.40 2.20 to 2.60" in text
+    assert re.search(r"2\.35 2\.1[78] to 2\.5[23], n 8", text)
     assert "sub-00003 right torn logs/x.log" in text
 
 
@@ -140,11 +141,39 @@ def test_few_subjects_have_no_outliers_and_the_page_says_so(tmp_path):
     assert (tmp_path / "outliers.tsv").read_text(encoding="utf-8").count("\n") == 1
 
 
-def test_subjects_measured_in_several_ways_are_said(tmp_path):
-    ways = {"morphofold 1.0": 8, "morphofold 1.0, accuracy <fine>": 1}
-    text = words_of(text_of(replace(made_group(9), ways=ways), tmp_path))
-    assert "within each: 8 subjects by morphofold 1.0; 1 subject by morphofold 1.0, accuracy &lt;fine&gt;." in text
-    assert "in several ways" not in text_of(replace(made_group(9), ways={"morphofold 1.0": 9}), tmp_path)
+def test_hemispheres_measured_unlike_are_said_and_not_tested(tmp_path):
+    """Hinges by a width of their own in every hemisphere: on the page with their number, in no statistic."""
+    hinges = np.column_stack([np.arange(40.0, 49.0), np.arange(50.0, 59.0)])
+    group = made_group(9, n_hinges=hinges)
+    assert "n_hinges" in text_of(group, tmp_path)
+    asymmetries = (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
+    assert "n_hinges" in asymmetries
+    ways = [("1.0", 3.0, 7 + k / 10, 5.0, "<label>", "standard", None) for k in range(18)]
+    found = pooling(ways, np.arange(18).reshape(9, 2), group.scalars)
+    text = text_of(replace(group, pooling=found), tmp_path)
+    assert 'id="unlike"' in text
+    assert 'href="#unlike"' in text
+    assert "Hinges 18 18" in words_of(text)
+    for name in ("asymmetry", "distributions", "outliers"):
+        assert "n_hinges" not in (tmp_path / f"{name}.tsv").read_text(encoding="utf-8")
+    assert 'id="unlike"' not in text_of(group, tmp_path)
+
+
+def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
+    """Five lefts of 2.1 to 2.5 and four rights: the fifth, whose right side failed, is left out of both."""
+    gi = np.column_stack([np.array([2.1, 2.2, 2.3, 2.4, 9.9]), np.array([2.1, 2.2, 2.3, 2.4, np.nan])])
+    gi += 0.1 * np.array([[0], [0], [1], [1], [1]])
+    there = [group_page.BOTH[0], group_page.BOTH[1]]
+    (row,) = group_page.headlines({"gyrification_index": gi}, there)
+    left, right = row["cells"]
+    assert (left.n, right.n) == (4, 4)
+    assert left.median == right.median == pytest.approx(2.3)
+    apart = np.where([[True, False], [True, False], [False, True]], 2.0, np.nan)
+    (row,) = group_page.headlines({"gyrification_index": apart}, there)
+    assert [cell.n for cell in row["cells"]] == [2, 1]                  # nobody has both: n says so
+    text = words_of(text_of(made_group(5, gyrification_index=gi), tmp_path))
+    assert len(re.findall(r"2\.30 2\.1[78] to 2\.4[23], n 4", text)) == 2
+    assert "n: left 5, right 4." in text
 
 
 def test_the_same_surfaces_under_two_names_are_told(tmp_path):

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from morphofold.cli.measuring import add_measuring_args, measuring_options
+from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +22,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--subjects-dir", "--sd", metavar="DIR", help="folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"
     )
-    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that INPUT has")
+    add_side_args(parser, "INPUT")
     parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
     parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
     parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
@@ -142,10 +142,11 @@ def _cortices(args: argparse.Namespace) -> list[Cortex]:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
         hemi = None if args.hemi == "both" else args.hemi
-        return [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name)]
+        return [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)]
     named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     hemis = named if args.hemi else hemispheres(Path(args.input))
-    return [read_cortex(args.input, hemi=hemi, name=args.name or args.subject) for hemi in hemis]
+    called = args.name or args.subject
+    return [read_cortex(args.input, hemi=hemi, name=called, annotation=args.annot) for hemi in hemis]
 
 
 def _said(value: float | None, form: str, unit: str = "") -> str:
@@ -189,9 +190,10 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
     from morphofold.results import is_analysis_of, write_analysis
 
     others = (args.json, args.mgh, args.wide, args.dry_run)
-    if args.input is None or args.hemi is not None or any(others) or args.layout != "plain":
+    if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":
         raise ValueError(
-            "--stages takes a simulation folder as INPUT, and none of --hemi, --json, --dry-run and other layouts."
+            "--stages takes a simulation folder as INPUT, and none of --hemi, --annot, --json, --dry-run and other "
+            "layouts."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))

@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from morphofold.cli.cohort import add_group_args
+from morphofold.cli.measuring import add_side_args
 
 PLACES = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
@@ -23,7 +24,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         help="where FreeSurfer's subjects lie (default: in BIDS_DIR derivatives/freesurfer, sourcedata/freesurfer or "
         "itself)",
     )  # fmt: skip
-    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
+    add_side_args(parser, "each subject")
     add_group_args(parser)
     parser.set_defaults(layout="bids")
 
@@ -37,7 +38,8 @@ def run(args: argparse.Namespace) -> int:
         return run_group(out, measured_before(out, bids=True), args)
     source = _source(args)
     refuse_overlap(out, [source])
-    return run_cohort(_chosen(source, args.participant_label), out, args, group=False)
+    everyone = _chosen(source, [])
+    return run_cohort(_chosen(source, args.participant_label), out, args, group=False, everyone=everyone)
 
 
 def _source(args: argparse.Namespace) -> Path:

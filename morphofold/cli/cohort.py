@@ -1,5 +1,6 @@
-"""Measure every subject of a folder on several workers, and put them into tables and a page of the group. Run again, it
-goes on with what is missing or has changed. Exit code 1: some subjects have no measures, and failures.tsv says why."""
+"""Measure every subject of a folder on several workers, and put them into tables and a page of the group. All are
+measured with one curvature scale and one gyral width of the net. Run again, it goes on with what is missing or has
+changed. Exit code 1: some subjects have no measures, and failures.tsv says why."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.cli.measuring import add_measuring_args, measuring_options
+from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
+    from morphofold.cohort.tables import Group
     from morphofold.cohort.tasks import Outcome
 
 
@@ -27,7 +29,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--subjects", metavar="FILE", help="text file with one subject in a line (default: all in SUBJECTS_DIR)"
     )
-    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="default: those that each subject has")
+    add_side_args(parser, "each subject")
     parser.add_argument("-o", "--out", metavar="DIR", default="cohort", help="folder (default: cohort)")
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain", help="of the subjects; bids: DIR is a BIDS dataset"
@@ -74,15 +76,20 @@ def run(args: argparse.Namespace) -> int:
     return run_cohort({name: source / name for name in names}, out, args)
 
 
-def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True) -> int:
-    """Measure subjects and, where it is wanted, write their group."""
+def run_cohort(
+    folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True,
+    everyone: dict[str, Path] | None = None,
+) -> int:  # fmt: skip
+    """Measure subjects and, where it is wanted, write their group; the scales are those of ``everyone``."""
     import secrets
     from contextlib import ExitStack
+    from dataclasses import replace
 
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import run_tasks
+    from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import Place
     from morphofold.sim.folder_lock import alone
 
@@ -90,11 +97,15 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, report, run_id = args.layout == "bids", not args.no_report, secrets.token_hex(4)
     out = out.absolute()
-    subjects = [
-        Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
-        for name, folder in sorted(folders.items())
-    ]
+    subjects, looked_at = (
+        [
+            Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
+            for name, folder in sorted(some.items())
+        ]
+        for some in (folders, everyone or folders)
+    )
     refuse_other_cohort(out, subjects)
+    kept_scales(out)                                                    # refused before hours of work
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
             begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
@@ -102,11 +113,18 @@ def run_cohort(folders: dict[str, Path], out: Path, args: argparse.Namespace, *,
                 held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
+            if None in (args.curvature_scale, args.gyral_width):
+                with progress("scales", args.quiet) as tell:
+                    scales = scales_of(out, fleet, looked_at, tell)
+                if scales is not None:
+                    told(scales.words, args.quiet)
+                subjects = [replace(one, options=with_scales(options, scales)) for one in subjects]
             with progress("cohort", args.quiet) as tell:
                 outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
         if group:
             with progress("group ", args.quiet) as tell:
-                write_group(out, {one.name: one.results for one in subjects}, progress=tell)
+                found = write_group(out, {one.name: one.results for one in subjects}, progress=tell)
+            told_unlike(found, args.quiet)
     return ended(outcomes, "subject", out / "group" / "report.html" if group else out, as_json=args.json)
 
 
@@ -140,12 +158,13 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 
     with alone(out), progress("group ", args.quiet) as tell:
         group = write_group(out, results, progress=tell)
+    told_unlike(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:
         who: dict[str, dict[str, str]] = {}
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
-        said = {"subjects": len(results), "with_results": sum(group.ways.values()), "failures": who}
+        said = {"subjects": len(results), "with_results": group.measured, "failures": who}
         print(strict_json({**said, "page": out / "group" / "report.html"}).rstrip())
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
@@ -168,11 +187,12 @@ def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
     """Make or take the folder of a cohort."""
+    from morphofold.cohort.scales import FILE
     from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
 
     if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock"))
+        begin_dataset(out, ignoring=("group", "logs", "records", "lock", FILE))
     else:
         begin_collection(out, "cohort")
 
@@ -194,6 +214,13 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
         if len(found) == LOOKED_AT:
             break
     return max(found, default=0.0)
+
+
+def told_unlike(group: Group, quiet: bool) -> None:
+    """Say what of a group was not measured alike, and is not pooled."""
+    if said := group.pooling.said:
+        few = len(group.pooling.left_out)
+        told(f"warning: {' '.join(said)} {few} measures are not pooled whole: see the page of the group.", quiet)
 
 
 def told(text: str, quiet: bool) -> None:

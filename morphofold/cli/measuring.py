@@ -9,12 +9,12 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     """--curvature-scale, --gyral-width and --accuracy."""
     parser.add_argument(
         "--curvature-scale", type=float, metavar="MM",
-        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes)",
+        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
     )  # fmt: skip
     parser.add_argument(
         "--gyral-width", type=float, metavar="MM",
-        help="lengths of the gyral net are shares of it; hold it to compare hinges of meshes of one brain, or of a "
-        "group (default: from each surface)",
+        help="lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
+        "(default: from each surface; of a group, their median)",
     )  # fmt: skip
     parser.add_argument(
         "--accuracy", choices=["draft", "standard", "fine"], default="standard",
@@ -23,11 +23,33 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
+
+
+def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
+    """--hemi and --annot."""
+    parser.add_argument(
+        "--hemi", metavar="{lh,rh,both}", type=_side, help=f"left, right or both (default: those that {who} has)"
+    )
+    parser.add_argument(
+        "--annot", metavar="NAME",
+        help="parcellation, label/?h.NAME.annot, as aparc.a2009s (default: aparc, where it is there)",
+    )  # fmt: skip
+
+
+def _side(word: str) -> str:
+    """A hemisphere as FreeSurfer spells it, from any spelling of it."""
+    if word.lower() not in SIDES:
+        raise argparse.ArgumentTypeError(f"{word!r} is no hemisphere. Pass lh, rh or both.")
+    return SIDES[word.lower()]
+
+
 def measuring_options(args: argparse.Namespace) -> dict[str, float | str | None]:
-    """What was asked for, as results record it; the standard accuracy goes without saying, so that those of older runs
-    stay. Raises ``ValueError`` for what is no length."""
+    """What was asked for, as results record it; the standard accuracy and parcellation go without saying, so that those
+    of older runs stay. Raises ``ValueError`` for what is no length."""
     for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
         if length is not None and not 0 < length < float("inf"):
             raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
     asked = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
-    return asked if args.accuracy == "standard" else {**asked, "accuracy": args.accuracy}
+    asked |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
+    return asked if getattr(args, "annot", None) is None else {**asked, "annotation": args.annot}

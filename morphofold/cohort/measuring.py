@@ -12,8 +12,14 @@ if TYPE_CHECKING:
 
 
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
-    """Measure with ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, where ``options`` have them."""
+    """Measure with ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, where ``options`` have them;
+    ``common_curvature_scale_mm`` is taken where the mesh bears it."""
     from morphofold.analysis.measures import measure
+    from morphofold.cohort.scales import curvature_scale
+
+    scale, common = options.get("curvature_scale_mm"), options.get("common_curvature_scale_mm")
+    if common is not None:
+        scale = curvature_scale(cortex, common)
 
     def tell(what: str, share: float) -> None:
         clock.at(what, share)
@@ -21,6 +27,6 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
             say(what)
 
     return measure(
-        cortex, curvature_scale=options.get("curvature_scale_mm"), gyral_width=options.get("gyral_width_mm"),
+        cortex, curvature_scale=scale, gyral_width=options.get("gyral_width_mm"),
         accuracy=options.get("accuracy", "standard"), progress=tell,
     )  # fmt: skip

@@ -36,7 +36,7 @@ class Participant:
     report : bool
         With a page and pictures of its own.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, as ``analyze`` takes them.
+        ``curvature_scale_mm``, ``gyral_width_mm`` [mm], ``accuracy`` and ``annotation``, as ``analyze`` takes them.
     """
 
     name: str
@@ -94,7 +94,7 @@ def _hemispheres(subject: Participant) -> tuple[str, ...]:
 def _files(subject: Participant, hemi: str) -> dict[str, Path]:
     """All that is read of a hemisphere; nothing if a surface is missing."""
     try:
-        found = cortex_files(subject.folder, hemi)
+        found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
     except REFUSALS:
         return {}                                                       # which reading it will tell
     said = Path(subject.folder) / "summary.json"                        # of one that analyze has written
@@ -102,10 +102,11 @@ def _files(subject: Participant, hemi: str) -> dict[str, Path]:
 
 
 def _half(subject: Participant, hemi: str) -> list[str]:
-    """Names of the surfaces of a hemisphere that are there, of which one is missing: why it fails follows from them."""
+    """Names of the surfaces and annotations of a hemisphere of which one is missing: why it fails follows from them."""
     folder = Path(subject.folder)
-    there = [path.name for at in (folder, folder / "surf") for path in at.glob(f"{hemi}.*")]
-    return sorted(name for name in there if name.startswith((f"{hemi}.white", f"{hemi}.pial")))
+    there = [path.name for at in (folder, folder / "surf", folder / "label") for path in at.glob(f"{hemi}.*")]
+    surfaces = (f"{hemi}.white", f"{hemi}.pial")
+    return sorted(name for name in there if name.startswith(surfaces) or name.endswith(".annot"))
 
 
 def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
@@ -143,6 +144,6 @@ def _measures(subject: Participant, hemi: str, say: Say, clock: Stages) -> Measu
 
     say(f"{hemi} reading")
     clock.begin(READING)
-    cortex = read_cortex(subject.folder, hemi, name=subject.name)
+    cortex = read_cortex(subject.folder, hemi, name=subject.name, annotation=subject.options.get("annotation"))
     clock.end()
     return measure_as_asked(cortex, subject.options, clock, lambda what: say(f"{hemi} {what}"))

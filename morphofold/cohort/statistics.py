@@ -139,11 +139,13 @@ class Outliers:
 
 
 def measures_of(group: Group) -> Scalars:
-    """The scalars of a group, and gyral over cortical thickness of the whole surface."""
-    cortical = group.scalars["mean_cortical_thickness_mm"]
+    """The scalars of a group that may be pooled, and gyral over cortical thickness of the whole surface; NaN where a
+    hemisphere was measured in another way than the others."""
+    scalars = {name: group.pooling.of(name, values) for name, values in group.scalars.items()}
+    cortical = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(cortical > 0, group.scalars["median_gyral_thickness_mm"] / cortical, np.nan)
-    return {**group.scalars, RATIO: ratio}
+        ratio = np.where(cortical > 0, scalars["median_gyral_thickness_mm"] / cortical, np.nan)
+    return {**scalars, RATIO: ratio}
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:
@@ -253,8 +255,9 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     More than 400 subjects are bins of equal counts by cortical thickness, with medians and quartiles; the line is
     through the subjects all the same.
     """
-    cortical = group.scalars["mean_cortical_thickness_mm"][:, side]
-    gyral = group.scalars["median_gyral_thickness_mm"][:, side]
+    scalars = measures_of(group)
+    cortical = scalars["mean_cortical_thickness_mm"][:, side]
+    gyral = scalars["median_gyral_thickness_mm"][:, side]
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
     points = tuple(Point(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
     fit = fit_line(points, robust=len(points) <= BOOTSTRAPPED)

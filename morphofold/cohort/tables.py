@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.faults import WARNINGS
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures import PARAMETERS, SCALARS
+from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
 from morphofold.cohort.tasks import read_record
 from morphofold.records import NOT_OURS
 from morphofold.results import COLUMNS
-from morphofold.results.summary import WORDS
+from morphofold.results.summary import RECORDED, WORDS
 from morphofold.tables import cell, read_table, write_table
 
 HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
-OPTIONS = ("accuracy", "curvature_scale_mm", "gyral_width_mm")          # that change numbers
+REGION_THICKNESS = tuple(key for key in PARAMETERS if key not in ("curvature_scale_mm", "graph_width_mm"))
+HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)      # how each was measured, and what FreeSurfer says of it
 FAILURES = ("subject", "hemi", "reason", "log")
 BATCH = 200             # subjects whose rows are held at once
 
@@ -55,8 +57,8 @@ class Group:
         Subjects whose surfaces are the same, under several names.
     simulated : int
         Hemispheres that are simulated; these have no side, and stand where their files put them.
-    ways : mapping of words to int
-        How subjects were measured, version and options, and how many so: one entry if all are comparable.
+    pooling : Pooling
+        Which values are of hemispheres measured alike, and may be pooled.
     """
 
     subjects: tuple[str, ...]
@@ -67,18 +69,23 @@ class Group:
     results: Mapping[str, Path]
     same: list[list[str]] = field(default_factory=list)
     simulated: int = 0
-    ways: Mapping[str, int] = field(default_factory=dict)
+    pooling: Pooling = field(default_factory=Pooling)
+
+    @property
+    def measured(self) -> int:
+        """Subjects that have a number."""
+        return int(np.any([np.isfinite(values).any(axis=1) for values in self.scalars.values()], axis=0).sum())
 
 
 @dataclass(frozen=True)
 class Found:
-    """What the results of one subject say: an entry of each hemisphere, rows of regions, digests of its surfaces, and
-    version and options by which it was measured."""
+    """What the results of one subject say: an entry of each hemisphere, how each was measured, rows of regions, and
+    digests of its surfaces."""
 
     entries: list[dict[str, Any]]
+    hows: list[How]
     regions: list[dict[str, Any]]
     surfaces: str
-    way: str
 
 
 def read_results(folder: Path) -> Found:
@@ -99,23 +106,33 @@ def read_results(folder: Path) -> Found:
         said = json.loads(path.read_text(encoding="utf-8"))
         surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
         wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
-        entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
+        keys = ("hemi", "origin", "measures", "notes", "info")
+        entries = [{key: entry[key] for key in keys} for entry in said["surfaces"]]
+        hows = [_how(said["morphofold"], entry) for entry in said["surfaces"]]
         regions = read_table(table, WORDS, said["rows"]["regions"])
-        if not all(isinstance(entry[key], dict) for entry in entries for key in ("measures", "notes")):
-            raise TypeError("measures and notes are not by name")
+        if not all(isinstance(entry[key], dict) for entry in entries for key in ("measures", "notes", "info")):
+            raise TypeError("measures, notes and info are not by name")
         if not all(one["hemi"] in HEMIS for one in (*entries, *regions)):
             raise TypeError("a hemisphere is neither lh nor rh")
+        if {row["hemi"] for row in regions} - {entry["hemi"] for entry in entries}:
+            raise TypeError("regions are of a hemisphere that is not there")
         numbers = [entry["measures"].get(name) for entry in entries for name in SCALARS]
         numbers += [row[name] for row in regions for name in REGION_MEASURES]
         if not all(x is None or (isinstance(x, int | float) and np.isfinite(float(x))) for x in numbers):
             raise TypeError("a measure is no number")
         if not all(isinstance(row["region"], str) for row in regions):
             raise TypeError("a region has no name")
-        options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
-        way = ", ".join([f"morphofold {said['morphofold']}", *options])
-        return Found(entries, regions, " ".join(wanted), way)
+        return Found(entries, hows, regions, " ".join(wanted))
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
+
+
+def _how(version: str, entry: Mapping[str, Any]) -> How:
+    """How a hemisphere was measured, in the order of HOW."""
+    how = (version, *({**entry["parameters"], "annotation": entry["annotation"]}.get(key) for key in PARAMETERS))
+    if not all(x is None or isinstance(x, str) or (isinstance(x, int | float) and np.isfinite(x)) for x in how):
+        raise TypeError("a parameter is neither a word nor a number")
+    return tuple(float(f"{x:.6g}") if isinstance(x, int | float) else x for x in how)
 
 
 def results_are_whole(folder: Path) -> bool:
@@ -169,7 +186,7 @@ class TidyWriter:
 def write_tables(
     folder: Path, out: Path, results: Mapping[str, Path], tell: Callable[[float], None] = lambda share: None
 ) -> Group:
-    """Write measures.tsv, measures.parquet and failures.tsv of a group.
+    """Write measures.tsv, measures.parquet, hemispheres.tsv and failures.tsv of a group.
 
     Parameters
     ----------
@@ -210,6 +227,7 @@ def write_tables(
     finally:
         writer.close()
     write_table(folder / "failures.tsv", FAILURES, failures)
+    write_table(folder / "hemispheres.tsv", HEMISPHERES, gathered.hemispheres)
     return gathered.group(tuple(sorted(results)), failures, results)
 
 
@@ -218,40 +236,55 @@ class _Gathered:
 
     def __init__(self, count: int):
         self.scalars = {name: np.full((count, 2), np.nan) for name in SCALARS}
-        self.regions: dict[str, NDArray[np.float64]] = {}               # per side: number, sums and sums of squares
+        #: by how thickness was measured, of each region and side: number, sums and sums of squares
+        self.regions: dict[How, dict[str, NDArray[np.float64]]] = defaultdict(lambda: defaultdict(_nothing))
+        self.counts: Counter[How] = Counter()                           # hemispheres with regions, by the same
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
         self.simulated = 0
-        self.ways: Counter[str] = Counter()
+        self.hows: dict[How, int] = {}
+        self.how = np.full((count, 2), -1)
+        self.hemispheres: list[dict[str, Any]] = []
 
     def add(self, i: int, subject: str, found: Found) -> None:
-        for entry in found.entries:
+        of = {}
+        for entry, how in zip(found.entries, found.hows):
             side = HEMIS.index(entry["hemi"])
             self.simulated += entry["origin"] == "simulation"
             for name, values in self.scalars.items():
                 values[i, side] = _number(entry["measures"].get(name))
+            self.how[i, side] = self.hows.setdefault(how, len(self.hows))
+            of[entry["hemi"]] = part_of(how, REGION_THICKNESS)
+            recorded = {key: entry["info"].get(key) for key in RECORDED}
+            self.hemispheres.append({"subject": subject, "hemi": entry["hemi"], **dict(zip(HOW, how)), **recorded})
             told = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
             if told:
                 self.remarks.setdefault(subject, []).extend(told)
+        self.counts.update(of[hemi] for hemi in dict.fromkeys(row["hemi"] for row in found.regions))
         for row in found.regions:
             pair = np.array([_number(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])
             if np.isfinite(pair).all():
-                sums = self.regions.setdefault(row["region"], np.zeros((2, 2, 3)))
+                sums = self.regions[of[row["hemi"]]][row["region"]]
                 sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])
         self.surfaces.setdefault(found.surfaces, []).append(subject)
-        self.ways[found.way] += 1
 
     def group(self, subjects: tuple[str, ...], failures: list[dict[str, Any]], results: Mapping[str, Path]) -> Group:
-        regions = {}
-        for name, sums in sorted(self.regions.items()):
+        regions, how = {}, commonest(self.counts)
+        for name, sums in sorted(self.regions[how].items() if how else ()):
             number = sums[..., 0]
             with np.errstate(invalid="ignore"):
                 mean = sums[..., 1] / number
                 spread = np.sqrt(np.maximum(sums[..., 2] / number - mean**2, 0))
             regions[name] = np.stack([number, mean, spread], axis=-1)
         same = [names for key, names in self.surfaces.items() if key and len(names) > 1]
-        ways = dict(sorted(self.ways.items()))
-        return Group(subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, ways)
+        pooled = pooling(tuple(self.hows), self.how, self.scalars)
+        return Group(
+            subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, pooled
+        )
+
+
+def _nothing() -> NDArray[np.float64]:
+    return np.zeros((2, 2, 3))
 
 
 def _number(value: Any) -> float:

@@ -25,6 +25,7 @@ from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thi
 from morphofold.report.colours import CATEGORICAL
 from morphofold.report.plots import number
 from morphofold.report.quantities import CREST_RATIO, RATIO
+from morphofold.surface import check_kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +46,13 @@ class Comparison:
     clouds: tuple[Cloud, ...] = field(repr=False)
     theory: tuple[Theory, ...] = ()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    colours: Mapping[str, str] = field(default_factory=dict)
+    colours: Mapping[str, str] = field(default_factory=dict, repr=False)
     hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
-    folding: tuple[ShapeTerms | None, ...] = ()
-    growth: tuple[GrowthCurve, ...] = ()
+    folding: tuple[ShapeTerms | None, ...] = field(default=(), repr=False)
+    growth: tuple[GrowthCurve, ...] = field(default=(), repr=False)
     stages: Mapping[str, tuple[Measures, ...]] = field(default_factory=dict, repr=False)
-    notes: tuple[str, ...] = ()
-    cautions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=(), repr=False)
+    cautions: tuple[str, ...] = field(default=(), repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""
@@ -135,6 +136,7 @@ def compare(
         If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, or a group
         names what is not there or is in another, or stages do not say their growth, or a colour is none or of nothing.
     """
+    check_kind(surfaces, Mapping, "compare: surfaces")
     named = _named(surfaces)
     grouped = _grouped(surfaces, groups)
     shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
@@ -221,8 +223,9 @@ def _coloured(
 def _named(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> dict[str, Measures]:
     named: dict[str, Measures] = {}
     for name, entry in surfaces.items():
-        several = [entry] if isinstance(entry, Measures) else list(entry)
+        several: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
         for m in several:
+            check_kind(m, Measures, f"compare: {name}")
             full = name if len(several) == 1 else f"{name} {m.cortex.hemi}"
             if full in named:
                 raise ValueError(

@@ -12,7 +12,7 @@ from morphofold.forecasts.table import table
 from morphofold.forecasts.words import percent
 from morphofold.io import atomic_file
 from morphofold.records import NOT_OURS, input_records, strict_json
-from morphofold.surface import Surface
+from morphofold.surface import Surface, check_kind
 
 if TYPE_CHECKING:
     from morphofold.forecasts.forecasting import Forecast
@@ -157,8 +157,9 @@ def estimate_error(
     from morphofold.sim.dynamics import UnstableError
     from morphofold.sim.folder_check import sweep
     from morphofold.sim.folder_lock import alone
-    from morphofold.sim.run import simulate
+    from morphofold.sim.run import Simulation, simulate
 
+    check_kind(run, Simulation, "estimate_error: run")
     other = coarser(run.scene)
     mine = _grown(run)
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.io.files import StrPath, existing_file
-from morphofold.io.freesurfer import read_annotation, read_label, scanner_transform
+from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.records import NOT_OURS
 from morphofold.surface import Cortex
@@ -26,7 +26,7 @@ def read_cortex(
     white: StrPath | None = None,
     pial: StrPath | None = None,
     surfaces: Sequence[str] = ("white", "pial"),
-    annotation: str = "aparc",
+    annotation: str | None = None,
     name: str | None = None,
 ) -> Cortex:
     """Read white and pial surface of one hemisphere and what lies beside them.
@@ -43,8 +43,9 @@ def read_cortex(
         Two files instead of a folder, in any format that ``read_surface`` reads.
     surfaces : two names
         Which inner and outer surface of a folder to read.
-    annotation : str
-        Which ``label/?h.NAME.annot`` gives the regions, if it is there.
+    annotation : str, optional
+        Which ``label/?h.NAME.annot`` of a folder gives the regions, or ``label/?h.aparc.NAME.annot``: ``"a2009s"`` is
+        ``"aparc.a2009s"``. None: ``aparc``, if it is there.
     name : str, optional
         What tables call it; by default the subject's folder, the scene and stage, or the white file.
 
@@ -53,12 +54,14 @@ def read_cortex(
     Cortex
         ``maps`` has those of thickness, curv, sulc and area that are there, as the files have them
         (FreeSurfer's sign). ``transform`` leads from surface to scanner coordinates where the white surface's
-        footer is valid. Of a simulation, ``portion`` and ``info`` come from ``stage.json``.
+        footer is valid. Of a simulation, ``portion`` and ``info`` come from ``stage.json``; ``info`` of a FreeSurfer
+        subject has what ``stats/aseg.stats`` says, ``etiv_mm3`` and ``surface_holes``.
 
     Raises
     ------
     FileNotFoundError
-        A surface is not there; the message says where it was looked for and what lies there.
+        A surface, or the annotation that was named, is not there; the message says where it was looked for and what
+        lies there.
     ValueError
         A file is damaged or of the wrong kind, or white, pial and maps do not correspond.
     """
@@ -67,6 +70,8 @@ def read_cortex(
     if path is None:
         if white is None or pial is None:
             raise TypeError("Pass a folder, or both white= and pial=.")
+        if annotation is not None:
+            raise ValueError(f"{white}: an annotation is looked for beside the surfaces of a folder. Pass the folder.")
         return _pair(Path(white), Path(pial), hemi, name)
     if white is not None or pial is not None:
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
@@ -142,7 +147,7 @@ def _stage(path: Path) -> Path:
 
 
 def cortex_files(
-    path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str = "aparc"
+    path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str | None = None
 ) -> dict[str, Path]:
     """The files that :func:`read_cortex` reads of a folder, by what they hold: white, pial, and what else is there.
 
@@ -166,12 +171,20 @@ def cortex_files(
     for name in MAPS:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
     add("inflated", "surf", f"{hemi}.inflated", SURFACE_ENDINGS)
-    add("annotation", "label", f"{hemi}.{annotation}.annot")
+    for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
+        add("annotation", "label", f"{hemi}.{stem}.annot")
+    if annotation is not None and "annotation" not in found:
+        there = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
+        raise FileNotFoundError(
+            f"{root}: has no label/{hemi}.{annotation}.annot; its annotations are {', '.join(there) or 'none'}. "
+            "Name one as aparc.a2009s, without hemisphere and ending."
+        )
     add("label", "label", f"{hemi}.cortex.label")
+    add("stats", "stats", "aseg.stats")
     return {**found, "stage": stage} if stage.is_file() else found
 
 
-def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, name: str | None) -> Cortex:
+def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None) -> Cortex:
     if len(surfaces) != 2:
         raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
@@ -194,7 +207,8 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str, n
     inflated = fitting("inflated", read_surface, lambda surface: len(surface.verts))
     regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
-    said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": {}}
+    info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
+    said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
     if "stage" in files:
         info = _stage_info(files["stage"])
         said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}

@@ -306,3 +306,35 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
         )
     mask[vertices] = True
     return mask
+
+
+STATS_BYTES = 2**18     # of aseg.stats that are looked at; FreeSurfer writes some 10 kB
+_STATS = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
+
+
+def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
+    """What FreeSurfer's ``stats/aseg.stats`` says of a brain and one of its hemispheres.
+
+    Returns
+    -------
+    dict
+        ``etiv_mm3``, the estimated intracranial volume [mm^3], and ``surface_holes``, those of the surface of ``hemi``
+        before FreeSurfer mended its topology; its Euler characteristic was 2 less twice as many. What the file does not
+        say as a finite number of at least 0 is left out, whatever else is in it.
+    """
+    with existing_file(path, "statistics").open("rb") as file:
+        lines = file.read(STATS_BYTES).decode("utf-8", errors="replace").splitlines()
+    wanted = {name.format(hemi=hemi): key for name, key in _STATS.items()}
+    found: dict[str, float | int] = {}
+    for line in lines:
+        cells = [cell.strip() for cell in line.removeprefix("# Measure ").split(",")]
+        key = wanted.get(cells[0])
+        if key is None or len(cells) < 4 or not line.startswith("# Measure "):
+            continue
+        try:
+            value = float(cells[3])
+        except ValueError:
+            continue
+        if 0 <= value < float("inf"):
+            found[key] = round(value) if key == "surface_holes" else value
+    return found

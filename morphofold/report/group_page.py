@@ -25,7 +25,6 @@ from morphofold.cohort.statistics import (
     HEMIS,
     ROUND_OFF,
     Asymmetry,
-    Distribution,
     Outlier,
     Outliers,
     Scalars,
@@ -66,7 +65,8 @@ STRIP = 260.0           # width of a line of the chart of asymmetry
 FILES = (
     ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
     ("distributions.tsv", "the distributions of this page"), ("asymmetry.tsv", "left against right"),
-    ("outliers.tsv", "all outliers"), ("failures.tsv", "who has no measures, and why"),
+    ("outliers.tsv", "all outliers"), ("hemispheres.tsv", "how each hemisphere was measured, and what FreeSurfer's "
+     "aseg.stats says of it"), ("failures.tsv", "who has no measures, and why"),
     ("remarks.tsv", "what the measures of each subject warn of"),
 )  # fmt: skip
 
@@ -102,7 +102,7 @@ def group_report(
     told = [{"subject": name, "remark": said} for name, remarks in group.remarks.items() for said in remarks]
     write_table(folder / "remarks.tsv", ("subject", "remark"), told)
     progress(0.3, "charts")
-    there = [side for k, side in enumerate(BOTH) if known(scalars)[:, k].any()]
+    there = [side for k, side in enumerate(BOTH) if known(group.scalars)[:, k].any()]
     charts = {name: chart for name in scalars if (chart := _chart(name, scalars[name], there))}
     clouds = [_clouds(group, there, kind) for kind in ("subject", "region")]
     progress(0.5, "pictures of outliers")
@@ -118,8 +118,9 @@ def group_report(
     page = plots.environment().get_template("group.html").render(
         title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
         script=Markup(script), number=plots.number, told=told_number, percent=percent, beside=beside, p_told=p_told,
-        words=scalar_words, sides=SIDES, there=there, verdict=verdict(group, scalars), warnings=warnings(group),
-        headlines=headlines(spread, there), charts=[charts[name] for name in CHARTS if name in charts],
+        words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
+        headlines=headlines(scalars, there), unlike=unlike(group), pooling=group.pooling,
+        charts=[charts[name] for name in CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
         alike=alike(scalars),
         strips=strips(sides), sided=sided(sides), scatters=[cloud for cloud in clouds if cloud["plot"]],
@@ -150,9 +151,9 @@ def plural(n: int, word: str) -> str:
     return f"{plots.number(n)} {word}{'' if n == 1 else 's'}"
 
 
-def verdict(group: Group, scalars: Scalars) -> str:
+def verdict(group: Group) -> str:
     """How many subjects and hemispheres of how many were measured."""
-    there = known(scalars)
+    there = known(group.scalars)
     some, n = int(there.any(axis=1).sum()), len(group.subjects)
     said = f"{plots.number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
     if not some:
@@ -184,10 +185,16 @@ def warnings(group: Group) -> list[Markup]:
                 plural(count, "subject"), link
             )
         )
-    if len(group.ways) > 1:
-        how = "; ".join(f"{plural(n, 'subject')} by {way}" for way, n in group.ways.items())
-        said.append(Markup("Subjects were measured in several ways, and compare only within each: {}.").format(how))
+    if group.pooling.counts:
+        link = Markup('<a href="#unlike">what that leaves out</a>')
+        said.append(Markup("{} Statistics are of those alike: {}.").format(group.pooling.said[0], link))
     return said
+
+
+def unlike(group: Group) -> list[dict[str, Any]]:
+    """Measures that are not pooled whole: values left out, and all."""
+    rows = ((scalar_words(name)[0], *numbers) for name, numbers in group.pooling.left_out.items())
+    return [{"label": label, "left_out": out, "n": n} for label, out, n in rows]
 
 
 def outlying(far: Outliers, subjects: int) -> list[str]:
@@ -288,9 +295,13 @@ def percent(x: float) -> str:
     return f"{'+' if x > 0 else ''}{plots.number(100 * x, 2)}"
 
 
-def headlines(spread: Sequence[Distribution], there: Sequence[Side]) -> list[dict[str, Any]]:
-    """Medians and quartiles of the first screen: of each measure, by side, None where there is none."""
-    table = {(row.measure, row.hemi): row for row in spread}
+def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
+    """Medians and quartiles of the first screen: of each measure, by side, None where there is none.
+
+    Sides stand beside each other, so they are of the subjects that have both, if there are any.
+    """
+    paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINES}
+    table = {(row.measure, row.hemi): row for row in distributions(paired)}
     rows = []
     for key in HEADLINES:
         cells = [table.get((key, side.hemi)) for side in there]
@@ -298,6 +309,12 @@ def headlines(spread: Sequence[Distribution], there: Sequence[Side]) -> list[dic
             label, unit = scalar_words(key)
             rows.append({"key": key, "label": label, "unit": unit, "cells": cells})
     return rows
+
+
+def of_both(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (subjects, 2) of the subjects that have both sides; all, if nobody has."""
+    both = np.isfinite(values).all(axis=1, keepdims=True)
+    return np.where(both, values, np.nan) if both.any() else values
 
 
 def p_told(p: float) -> str:
@@ -341,10 +358,12 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
         (side.name, shown[:, HEMIS.index(side.hemi)], np.ones(len(values)), side.colour, side.dash) for side in there
     ]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
-    if chart is not None and beyond.any():
-        chart += Markup("<figcaption>{} far beyond, not drawn.</figcaption>").format(
-            plural(int(beyond.sum()), "value")
-        )
+    numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
+    told = [f"n: {', '.join(f'{SIDES[side.hemi]} {plots.number(n)}' for side, n in zip(there, numbers))}."]
+    told = told if len(set(numbers)) > 1 else []                        # else the caption below all charts says it
+    told += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
+    if chart is not None and told:
+        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(told))
     return chart
 
 

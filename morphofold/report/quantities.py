@@ -35,7 +35,7 @@ QUANTITIES = (
     Quantity("k2", "Smallest curvature k₂", "1/mm", True, (-0.6, 0.6)),
     Quantity("curvedness", "Curvedness", "1/mm", False, (0.0, 0.6)),
     Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
-    Quantity("area", "Vertex area", "mm²", False, None, ("area_mm2", "area_pial_mm2")),
+    Quantity("area", "Vertex area on white", "mm²", False, None, ("area_mm2",)),
 )  # fmt: skip
 MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
 
@@ -66,6 +66,11 @@ SCALAR_WORDS = {
     "gyral_to_cortical_slope_high": ("Robust slope, upper bound, 95 %", "mm/mm"),
     "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
     "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
+    "gray_volume_mm3": ("Gray matter between white and pial", "mm³"),
+    "volume_white_mm3": ("Volume within the white surface", "mm³"),
+    "volume_pial_mm3": ("Volume within the pial surface", "mm³"),
+    "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
+    "surface_holes": ("Holes of the surface that FreeSurfer mended", ""),
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("Gyral / cortical at crests", ""),
 }

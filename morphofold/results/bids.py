@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.measures import Measures
 from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.records import NOT_OURS, strict_json
@@ -25,7 +25,7 @@ from morphofold.results.bids_hemisphere import (
     read_hemisphere,
     write_hemisphere,
 )
-from morphofold.results.summary import COLUMNS, checked_inputs, read_tables, summary_of
+from morphofold.results.summary import COLUMNS, SURFACES, checked_inputs, read_tables, scalar_rows, summary_of
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
@@ -117,8 +117,7 @@ def write_dataset(
         tables["hinges"] = [row for m in measures for row in moved_rows(m.hinges, m.cortex.transform)]
         for key, columns in COLUMNS.items():
             _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
-        scalars = [{"hemi": m.cortex.hemi, **m.scalars} for m in measures]
-        _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", ("hemi", *SCALARS), scalars)
+        _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
         said = {"subject": name, **summary_of(measures, records, parameters), "nan": f"{MISSING}; n/a in tables"}
         (anat / f"{place.name}{PROVENANCE}").write_text(strict_json(said), encoding="utf-8")
         if report:

@@ -29,7 +29,16 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.records import NOT_OURS, strict_json
-from morphofold.results.summary import COLUMNS, checked_inputs, file_word, measures_of, read_tables, summary_of
+from morphofold.results.summary import (
+    COLUMNS,
+    SURFACES,
+    checked_inputs,
+    file_word,
+    measures_of,
+    read_tables,
+    scalar_rows,
+    summary_of,
+)
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
@@ -96,6 +105,7 @@ def write_analysis(
         (folder / "summary.json").write_text(strict_json(summary_of(measures, records, parameters)), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
+        write_table(folder / "surfaces.tsv", SURFACES, scalar_rows(measures))
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.records import input_records
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
@@ -34,6 +34,8 @@ COLUMNS = {
         "lowest_altitude_mm", "blind", "crest",
     ),
 }  # fmt: skip
+RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not measured here
+SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
@@ -78,6 +80,13 @@ def summary_of(
         "nan": NAN_RULE, "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
         "surfaces": [_entry(m) for m in measures],
     }  # fmt: skip
+
+
+def scalar_rows(measures: Sequence[Measures]) -> list[dict[str, Any]]:
+    """Rows of the table of scalars, one for each hemisphere."""
+    return [
+        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in RECORDED}} for m in measures
+    ]
 
 
 def _entry(m: Measures) -> dict[str, Any]:
