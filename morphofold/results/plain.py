@@ -29,7 +29,15 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.records import NOT_OURS, strict_json
-from morphofold.results.summary import COLUMNS, checked_inputs, file_word, measures_of, read_tables, summary_of
+from morphofold.results.summary import (
+    COLUMNS,
+    checked_inputs,
+    entries_of,
+    file_word,
+    measures_of,
+    read_tables,
+    summary_of,
+)
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
@@ -148,7 +156,7 @@ def read_plain(folder: Path) -> list[Measures]:
     path = folder / "summary.json"
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
-        entries = list(summary["surfaces"])
+        entries = entries_of(summary)
         tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
         return [_read_surface(entry, tables, folder) for entry in entries]
     except NOT_OURS as error:
