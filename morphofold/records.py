@@ -1,14 +1,18 @@
-"""Records of where numbers come from: the digests of input files, and JSON that every reader accepts."""
+"""Records of where numbers come from: digests of files, names that can be written, JSON that every reader accepts."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from morphofold.surface import Cortex
 
 #: what JSON that is not ours makes of the reading: other kinds, missing keys, numbers and nests beyond bounds
 NOT_OURS = (
@@ -17,34 +21,85 @@ NOT_OURS = (
 )  # fmt: skip
 
 
+def sha256_of(path: Path) -> str:
+    """SHA-256 of the bytes of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file in a folder and below, by its path from there."""
+    return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def changed_since(folder: Path, known: Mapping[str, str]) -> list[str]:
+    """Of the files in a folder whose digests are ``known``, those that are missing or other ones now."""
+    return [name for name, digest in known.items() if not _is(folder / name, digest)]
+
+
+def _is(path: Path, digest: str) -> bool:
+    try:
+        return sha256_of(path) == digest
+    except (OSError, ValueError):
+        return False
+
+
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
     """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None for what is not a file here."""
     records: list[dict[str, Any]] = []
     for name in map(str, paths):
-        path = Path(name)
+        path, row = Path(name), dict[str, Any](path=name, sha256=None, bytes=None)
         if path.is_file():
-            with path.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-            records.append({"path": name, "sha256": digest, "bytes": path.stat().st_size})
-        else:
-            records.append({"path": name, "sha256": None, "bytes": None})
+            row |= {"sha256": sha256_of(path), "bytes": path.stat().st_size}
+        records.append(row)
     return records
 
 
+@contextmanager
+def unchanged(paths: Iterable[str | Path]) -> Iterator[list[dict[str, Any]]]:
+    """Around the reading of files: yields their ``input_records``, which are those of the bytes that are read.
+
+    Raises
+    ------
+    OSError
+        If a file is another one after the reading than before it: what was read is of neither.
+    """
+    before = input_records(paths)
+    yield before
+    for old, new in zip(before, input_records(row["path"] for row in before)):
+        if old != new:
+            raise OSError(f"{old['path']}: changed while it was read. Wait until what writes it has ended.")
+
+
+def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = ()) -> list[dict[str, Any]]:
+    """``input_records`` of the files of surfaces, of the bytes that were read; before them ``others``, as they are."""
+    cortices = list(cortices)
+    read = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
+    files = dict.fromkeys([*map(str, others), *(file for cortex in cortices for file in cortex.files)])
+    return [read[file] if file in read else input_records([file])[0] for file in files]
+
+
+def shown(text: str) -> str:
+    """Text that can be written as UTF-8: of a name that is none, a byte such as 0xff reads ``\\udcff``."""
+    return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 def strict_json(content: Any) -> str:
-    """JSON that every reader accepts: NumPy values made plain, NaN and infinity null, anything else text."""
+    """JSON that every reader accepts: NumPy values made plain, NaN and infinity null, all else text."""
     return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _plain(value: Any) -> Any:
-    if value is None or isinstance(value, str | bool | int):
+    if isinstance(value, str):
+        return shown(value)
+    if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {shown(str(k)): _plain(v) for k, v in value.items()}
     if isinstance(value, Sequence | set | frozenset):
         return [_plain(v) for v in value]
-    return str(value)
+    return shown(str(value))

@@ -202,6 +202,8 @@ class Cortex:
         Plain facts to carry into tables: growth ``g``, reference thickness, ``mu_ratio``, ...
     files : tuple of str
         The files this was read from.
+    inputs : tuple of mapping
+        ``{"path", "sha256", "bytes"}`` of these files, of the bytes that were read.
 
     Raises
     ------
@@ -223,6 +225,7 @@ class Cortex:
     portion: float = 1.0
     info: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[str, ...] = field(default=(), repr=False)
+    inputs: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for what, surface in (("white", self.white), ("pial", self.pial)):

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.records import shown
+
 MISSING = "n/a"
 
 
@@ -31,7 +33,7 @@ def cell(value: Any) -> str:
         return str(int(value))
     if isinstance(value, float | np.floating):
         return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return " ".join(str(value).split())  # no tab or line break may leave its cell
+    return " ".join(shown(str(value)).split())  # no tab or line break may leave its cell
 
 
 def read_table(path: Path, words: Collection[str] = (), count: int | None = None) -> list[dict[str, Any]]:

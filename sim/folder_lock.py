@@ -11,6 +11,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from morphofold.io.files import open_own
+
 LOCK = "lock"           # there while a run writes, and after one was killed; then nobody holds it
 _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 _NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL)
@@ -28,6 +30,8 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
     ------
     FileExistsError
         If another run holds it, in this process or in another.
+    ValueError
+        If a link or a device lies in the place of the lock.
     """
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
@@ -48,7 +52,7 @@ def _hold(folder: Path, name: str) -> IO[str]:
     """The open lock file of a folder, locked, with this process's number in it."""
     path = folder / name
     while True:
-        file = path.open("a+", encoding="ascii")
+        file = open_own(path, "a+", encoding="ascii", errors="replace")
         try:
             _lock(file, folder if name == LOCK else path)
             if not _is_at(file, path):                                  # whoever held it has just removed it
@@ -108,6 +112,6 @@ def _number(file: IO[str]) -> str:
 
 def _is_at(file: IO[str], path: Path) -> bool:
     try:
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
     except FileNotFoundError:
         return False

@@ -543,7 +543,6 @@ def test_the_command_from_end_to_end(here, capsys):
     assert main(asked) == 1
     told = capsys.readouterr()
     assert "1 worker of 1 thread, at most" in told.err
-    assert "dashboard http" in told.err
     assert told.out.splitlines()[-1].startswith("2 of 2 subjects have results, 1 in part -> ")
     before = contents(here / "out" / "group")
     write_subject(here / "subjects" / "ben", 1.1)

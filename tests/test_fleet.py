@@ -1,10 +1,15 @@
 """Jobs on Dask: each is done once however workers end, and nothing of one is another's."""
 
+import http.client
 import logging
 import os
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
+import psutil
 import pytest
 
 import morphofold
@@ -37,11 +42,64 @@ def ends_badly(what):
 def test_jobs_survive_their_workers(tmp_path):
     told = []
     with open_fleet(workers=2, memory=1.0) as fleet, fleet.telling_of_deaths(told.extend):
-        assert "2 workers of 1 thread, at most 1.0 GiB each; dashboard http" in fleet.words
+        assert "2 workers of 1 thread, at most 1.0 GiB each" in fleet.words
         found = dict(fleet.run(dies_once, [Job(f"job {i}", str(tmp_path)) for i in range(8)]))
     assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}
     assert told
     assert all(name.startswith("job ") for name in told)
+
+
+def listening(*processes):
+    """Addresses at which processes and their children listen, and the ports of the pages among them."""
+    every = [one for process in processes for one in (process, *process.children(recursive=True))]
+    return [c.laddr for one in every for c in one.net_connections("inet") if c.status == psutil.CONN_LISTEN]
+
+
+def get(address):
+    try:
+        with urllib.request.urlopen(f"http://{address.ip}:{address.port}/status", timeout=2) as answer:
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+    except (OSError, http.client.HTTPException):
+        return None                                                     # it does not speak HTTP
+
+
+@pytest.mark.slow
+def test_nothing_listens_beyond_this_machine_and_nothing_shows_pages():
+    before = set(listening(psutil.Process()))
+    with open_fleet(workers=2, memory=1.0) as fleet:
+        assert len(list(fleet.run(square, [Job("a", 2)]))) == 1
+        there = set(listening(psutil.Process())) - before
+        assert len(there) >= 5                                          # else they were not seen
+        assert {address.ip for address in there} == {"127.0.0.1"}
+        assert {get(address) for address in there} == {None, 404}
+
+
+@pytest.mark.slow
+def test_names_that_are_no_text_are_jobs_like_others_and_nobody_else_sees_names():
+    jobs = [Job(f"anna \udcff {i}", f"\udcff{i}") for i in range(3)]
+    with open_fleet(workers=1, memory=1.0) as fleet:
+        found = {job.name: outcome for job, outcome in fleet.run(ends_badly, jobs)}
+        seen = fleet.client.run_on_scheduler(lambda dask_scheduler: str(list(dask_scheduler.transition_log)))
+    assert found == {job.name: job.argument for job in jobs}
+    assert "job-" in seen
+    assert "anna" not in seen
+
+
+@pytest.mark.slow
+def test_one_job_that_is_cancelled_is_lost_alone():
+    class Cancelling(Fleet):
+        def _outcome(self, future):
+            if self.flying[future.key].name == "bad":
+                future.cancel(reason="somebody", force=True)
+            return super()._outcome(future)
+
+    with open_fleet(workers=1, memory=1.0) as fleet:
+        cancelling = Cancelling(fleet.client, fleet.words, fleet.bound)
+        found = {job.name: outcome for job, outcome in cancelling.run(square, [Job("bad", 2), Job("good", 3)])}
+    assert isinstance(found["bad"], Lost)
+    assert found["good"] == 9
 
 
 @pytest.mark.slow
@@ -84,7 +142,7 @@ def test_a_cluster_that_runs_already_is_used(monkeypatch):
 
     with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
         with open_fleet(scheduler=cluster.scheduler_address) as fleet:
-            assert fleet.words.startswith(f"2 workers at {cluster.scheduler_address}, 1 GiB each; dashboard http")
+            assert fleet.words.startswith(f"2 workers at {cluster.scheduler_address}, 1 GiB each")
             assert {outcome for _, outcome in fleet.run(square, [Job("a", 3)])} == {9}
         monkeypatch.setattr(morphofold, "__version__", "99.0")
         words = r"has morphofold .*, this is 99\.0"
@@ -149,14 +207,21 @@ def test_the_log_of_dask_is_as_it_was_afterwards(monkeypatch):
 
 
 def test_a_scheduler_that_is_gone_is_told():
-    from distributed import CancelledError
+    from distributed.client import FutureCancelledError
 
-    class Gone:
+    class Cancelled:
+        def __init__(self, reason):
+            self.reason = reason
+
         def result(self):
-            raise CancelledError("k")
+            raise FutureCancelledError("k", self.reason)
 
-    with pytest.raises(ConnectionError, match="scheduler is gone"):
-        Fleet(None, "", "")._outcome(Gone())
+    for status, reason in (("running", "scheduler-connection-lost"), ("closed", None)):
+        with pytest.raises(ConnectionError):
+            Fleet(SimpleNamespace(status=status), "", "")._outcome(Cancelled(reason))
+    lost, died = Fleet(SimpleNamespace(status="running"), "", "")._outcome(Cancelled("somebody"))
+    assert isinstance(lost, Lost)
+    assert not died
 
 
 def test_what_its_machine_is_to_blame_for_is_no_defect():

@@ -34,6 +34,17 @@ def test_a_folder_that_was_made_and_left_empty_goes_again_and_one_that_was_there
     assert sorted(p.name for p in tmp_path.iterdir()) == ["filled", "there"]
 
 
+def test_a_lock_is_never_taken_on_what_a_link_points_to(tmp_path):
+    folder, victim = tmp_path / "run", tmp_path / "victim"
+    folder.mkdir()
+    victim.write_text("mine")
+    (folder / LOCK).symlink_to(victim)
+    with pytest.raises(ValueError, match=str(folder / LOCK)), alone(folder):
+        pytest.fail("held")
+    assert victim.read_text() == "mine"
+    assert (folder / LOCK).is_symlink()
+
+
 def test_a_killed_process_holds_nothing(tmp_path):
     folder = tmp_path / "run"
     code = (

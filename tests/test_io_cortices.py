@@ -1,5 +1,6 @@
 """A cortex from a subject, a simulation, an analysis or two files: what is read, and what does not go together."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -7,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from morphofold.io import read_cortex, sample_path, write_morph, write_surface
+from morphofold.io import cortices, read_cortex, sample_path, write_morph, write_surface
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -141,3 +142,49 @@ def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
 def test_a_simulation_has_no_right_hemisphere_and_says_so():
     with pytest.raises(ValueError, match="one closed surface named lh"):
         read_cortex(sample_path("simulated"), hemi="rh")
+
+
+def pair_of_spheres(folder):
+    verts, faces = icosphere(1, radius=50.0)
+    (folder / "surf").mkdir(parents=True)
+    write_surface(folder / "surf" / "lh.white", Surface(verts, faces))
+    write_surface(folder / "surf" / "lh.pial", Surface(verts * 1.04, faces))
+    write_morph(folder / "surf" / "lh.thickness", np.full(len(verts), 2.0))
+    return folder
+
+
+def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
+    folder = pair_of_spheres(tmp_path / "anna")
+    pial = folder / "surf" / "lh.pial"
+    digest = hashlib.sha256(pial.read_bytes()).hexdigest()
+    for cortex in (read_cortex(folder), read_cortex(white=folder / "surf" / "lh.white", pial=pial)):
+        assert [row["path"] for row in cortex.inputs] == list(cortex.files)
+        assert {row["path"]: row["sha256"] for row in cortex.inputs}[str(pial)] == digest
+
+
+@pytest.mark.parametrize(
+    ("name", "as_pair"),
+    [("lh.white", False), ("lh.pial", False), ("lh.thickness", False), ("lh.white", True), ("lh.pial", True)],
+)  # fmt: skip
+def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name, as_pair):
+    folder = pair_of_spheres(tmp_path / "anna")
+    place, read = folder / "surf" / name, cortices.read_surface
+
+    def and_then_changes(path):
+        found = read(path)
+        raw = place.read_bytes()                                        # to another of the same size that can be read
+        place.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
+        return found
+
+    monkeypatch.setattr(cortices, "read_surface", and_then_changes)
+    pair = {kind: folder / "surf" / f"lh.{kind}" for kind in ("white", "pial")}
+    asked = pair if as_pair else {"path": folder}
+    with pytest.raises(OSError, match=re.escape(str(place))):
+        read_cortex(**asked)
+
+
+def test_a_folder_whose_name_is_no_text_is_read_under_a_name_that_can_be_written(tmp_path):
+    folder = pair_of_spheres(tmp_path / "caf\udce9")
+    cortex = read_cortex(folder)
+    assert cortex.name == "caf\\udce9"
+    assert cortex.name.encode("utf-8")

@@ -1,6 +1,7 @@
 """Files and folders are written whole or not at all."""
 
 import errno
+import json
 import os
 import shutil
 from xml.parsers.expat import ExpatError
@@ -8,8 +9,8 @@ from xml.parsers.expat import ExpatError
 import pytest
 
 import morphofold.io.folders as folders
-from morphofold.io import atomic_file, atomic_folder, sample_path, write_surface
-from morphofold.io.files import decoding
+from morphofold.io import atomic_file, atomic_folder, remove_folder, sample_path, write_surface
+from morphofold.io.files import decoding, open_own
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -62,11 +63,141 @@ def write_folder(out, content="new"):
 def test_a_folder_appears_whole_and_is_replaced_whole(tmp_path):
     out = tmp_path / "deep" / "out"
     write_folder(out, "first")
-    (out / "stale.txt").touch()
     write_folder(out, "second")
     assert sorted(os.listdir(out)) == [".morphofold", "a.txt"]
     assert (out / "a.txt").read_text() == "second"
     assert os.listdir(tmp_path / "deep") == ["out"]
+
+
+@pytest.fixture(params=["exchanged", "moved", "without links"])
+def system(request, monkeypatch):
+    """File systems that exchange two names at once, or can't, or have no second names."""
+    def no_links(*paths, **how):
+        raise OSError(errno.ENOTSUP, "no links")
+
+    if request.param == "moved":
+        monkeypatch.setattr(folders, "_exchange", lambda one, other: False)
+    if request.param == "without links":
+        monkeypatch.setattr(folders.os, "link", no_links)
+
+
+def tree(folder):
+    return {p.relative_to(folder).as_posix(): p.is_file() and p.read_text() for p in folder.rglob("*")}
+
+
+def test_what_we_did_not_write_stays(tmp_path, system):
+    """Our old file goes, a changed one of ours is replaced; all else stays, be it a folder, a link or empty."""
+    out = tmp_path / "out"
+    with atomic_folder(out) as folder:
+        (folder / "maps").mkdir()
+        for name in ("a.txt", "old.txt", "maps/lh.H", "maps/lh.K"):
+            (folder / name).write_text("first")
+    (out / "a.txt").write_text("changed by its user")
+    (out / "NOTES.txt").write_text("mine")
+    (out / "maps" / "lh.mine").write_text("mine")
+    (out / "mine" / "deep").mkdir(parents=True)
+    (out / "mine" / "deep" / "b.txt").write_text("mine")
+    (out / "mine" / "empty").mkdir()
+    (out / "elsewhere").symlink_to(tmp_path)
+    (out / "nowhere").symlink_to("not-there")
+    with atomic_folder(out) as folder:
+        (folder / "maps").mkdir()
+        for name in ("a.txt", "new.txt", "maps/lh.H"):
+            (folder / name).write_text("second")
+    found = tree(out)
+    del found[".morphofold"]
+    assert found == {
+        "a.txt": "second", "new.txt": "second", "maps": False, "maps/lh.H": "second", "maps/lh.mine": "mine",
+        "NOTES.txt": "mine", "mine": False, "mine/deep": False, "mine/deep/b.txt": "mine", "mine/empty": False,
+        "elsewhere": False, "nowhere": False,
+    }  # fmt: skip
+    assert os.readlink(out / "elsewhere") == os.fspath(tmp_path)
+    assert os.listdir(tmp_path) == ["out"]
+    remove_folder(out)
+    assert set(found) - set(tree(out)) == {"a.txt", "new.txt", "maps/lh.H", "mine/empty"}
+    write_folder(out)                                                   # it is ours still
+    assert (out / "NOTES.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("theirs", "ours"), [("b", "b"), ("b/mine.txt", "b"), ("b", "b/ours.txt")])
+def test_what_we_did_not_write_is_not_written_over(tmp_path, system, theirs, ours):
+    out = tmp_path / "out"
+    write_folder(out, "first")
+    (out / theirs).parent.mkdir(exist_ok=True)
+    (out / theirs).write_text("mine")
+    before = tree(out)
+    refused = pytest.raises(FileExistsError, match=rf"{out / theirs}: morphofold did not write")
+    with refused, atomic_folder(out) as folder:
+        (folder / ours).parent.mkdir(exist_ok=True)
+        (folder / ours).write_text("ours")
+    assert tree(out) == before
+    assert os.listdir(tmp_path) == ["out"]
+
+
+def test_what_comes_while_we_move_stays_too(tmp_path, system, monkeypatch):
+    out, bring = tmp_path / "out", folders._bring
+    write_folder(out, "first")
+
+    def late(old, new, place):
+        bring(old, new, place)
+        if old == out:
+            (out / "late.txt").write_text("mine")
+
+    monkeypatch.setattr(folders, "_bring", late)
+    write_folder(out, "second")
+    assert tree(out)["late.txt"] == "mine"
+    assert os.listdir(tmp_path) == ["out"]
+
+
+def test_of_a_folder_without_a_list_what_is_new_replaces_its_namesake_and_all_else_stays(tmp_path):
+    out = tmp_path / "out"
+    write_folder(out, "first")
+    (out / ".morphofold").write_text("morphofold wrote this folder and replaces it as a whole.\n")
+    (out / "NOTES.txt").write_text("mine")
+    remove_folder(out)
+    assert {"a.txt", "NOTES.txt"} <= set(os.listdir(out))
+    write_folder(out, "second")
+    assert (out / "a.txt").read_text() == "second"
+    assert (out / "NOTES.txt").read_text() == "mine"
+
+
+def test_a_list_names_nothing_outside_its_folder(tmp_path):
+    out = tmp_path / "out"
+    write_folder(out)
+    (tmp_path / "mine.txt").write_text("mine")
+    (out / ".morphofold").write_text(json.dumps({"files": ["../mine.txt", str(tmp_path / "mine.txt"), "a.txt", 5]}))
+    remove_folder(out)
+    (out / ".morphofold").write_text(json.dumps({"files": ["../mine.txt", str(tmp_path / "mine.txt"), "a.txt"]}))
+    remove_folder(out)
+    assert os.listdir(tmp_path) == ["mine.txt"]
+
+
+@pytest.mark.parametrize("there", ["link", "dangling link", "second name", "pipe", "device"])
+def test_a_file_written_in_place_is_one_of_ours(tmp_path, there):
+    """What lies at its name is neither written to nor waited for."""
+    path, victim = tmp_path / "lock", tmp_path / "victim"
+    victim.write_text("mine")
+    if there == "link":
+        path.symlink_to(victim)
+    elif there == "dangling link":
+        path.symlink_to(tmp_path / "new")
+    elif there == "second name":
+        os.link(victim, path)
+    elif there == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/null")
+    for mode in ("a", "a+"):
+        with pytest.raises(ValueError, match=str(path)):
+            open_own(path, mode)
+    assert victim.read_text() == "mine"
+    assert not (tmp_path / "new").exists()
+    path.unlink()
+    with open_own(path, "a", encoding="utf-8") as file:
+        file.write("ours")
+    with open_own(path, "a", encoding="utf-8") as file:
+        file.write(", too")
+    assert path.read_text() == "ours, too"
 
 
 def test_a_failed_folder_leaves_the_old_one_and_nothing_else(tmp_path):
@@ -78,16 +209,13 @@ def test_a_failed_folder_leaves_the_old_one_and_nothing_else(tmp_path):
     assert (tmp_path / "out" / "a.txt").read_text() == "first"
 
 
-def test_an_empty_folder_and_one_with_our_summary_are_replaced(tmp_path):
+def test_an_empty_folder_is_replaced(tmp_path):
     (tmp_path / "empty").mkdir()
     write_folder(tmp_path / "empty")
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old" / "summary.json").write_text('{"morphofold": "0.1.0"}')
-    write_folder(tmp_path / "old")
-    assert not (tmp_path / "old" / "summary.json").exists()
+    assert (tmp_path / "empty" / "a.txt").is_file()
 
 
-@pytest.mark.parametrize("content", ["{}", "[]", "not json"])
+@pytest.mark.parametrize("content", ["{}", "[]", "not json", '{"morphofold": 1}', '{"morphofold": "0.1.0"}'])
 def test_a_folder_of_somebody_else_is_never_replaced(tmp_path, content):
     (tmp_path / "summary.json").write_text(content)
     with pytest.raises(FileExistsError, match=r"morphofold did not write this folder.*summary.json"):

@@ -2,10 +2,12 @@
 
 import hashlib
 import json
+import os
 
 import numpy as np
 
-from morphofold.records import input_records, strict_json
+from morphofold.records import changed_since, digests, input_records, shown, strict_json
+from morphofold.tables import cell
 
 
 def test_json_is_strict_whatever_the_values():
@@ -13,6 +15,28 @@ def test_json_is_strict_whatever_the_values():
     assert json.loads(strict_json(odd)) == {
         "a": None, "b": [None, 3, True], "5": [0, 1], "c": {"1.5": "<class 'object'>"},
     }  # fmt: skip
+
+
+def test_a_name_that_is_no_text_can_be_written_everywhere():
+    name = os.fsdecode(b"caf\xe9 \xc3\xa9")
+    assert shown(name) == "caf\\udce9 \u00e9"
+    assert json.loads(strict_json({name: [name]})) == {shown(name): [shown(name)]}
+    for text in (strict_json({name: [name]}), cell(name), shown("\ud800")):
+        text.encode("utf-8")
+
+
+def test_what_changed_in_a_folder_is_named(tmp_path):
+    (tmp_path / "deep").mkdir()
+    for name in ("a", "deep/b", "deep/c", "d"):
+        (tmp_path / name).write_text(name)
+    known = digests(tmp_path)
+    assert changed_since(tmp_path, known) == []
+    (tmp_path / "new").write_text("of somebody")
+    (tmp_path / "a").write_text("A")
+    (tmp_path / "deep" / "b").unlink()
+    (tmp_path / "d").unlink()
+    (tmp_path / "d").mkdir()
+    assert set(changed_since(tmp_path, known)) == {"a", "deep/b", "d"}
 
 
 def test_an_input_has_its_digest_and_one_that_is_gone_none(tmp_path):

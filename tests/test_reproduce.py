@@ -125,7 +125,7 @@ def test_an_interrupt_keeps_simulations_and_figures_that_were_there(here, grown,
 
 
 def test_simulations_are_copied_where_files_cannot_have_two_names(here, grown, monkeypatch):
-    def refuse(source, target):
+    def refuse(source, target, **how):
         raise OSError("no links here")
 
     monkeypatch.setattr("os.link", refuse)

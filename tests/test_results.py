@@ -13,7 +13,7 @@ from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
 from morphofold.io import read_cortex
-from morphofold.results import COLUMNS, read_analysis, write_analysis
+from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
 
 
 def refuse_constant(token):
@@ -120,6 +120,23 @@ def test_inputs_carry_their_hash(tmp_path):
     recorded = json.loads((out / "summary.json").read_text())["inputs"]
     assert recorded[0] == {"path": str(source), "sha256": hashlib.sha256(b"some surface").hexdigest(), "bytes": 12}
     assert recorded[1] == {"path": "gone", "sha256": None, "bytes": None}
+
+
+def test_an_analysis_records_what_was_measured_and_not_what_is_there_now(subject, tmp_path):
+    folder, m = subject
+    m = replace(m, cortex=read_cortex(folder, hemi="lh"))
+    pial = folder / "surf" / "lh.pial"
+    digest = hashlib.sha256(pial.read_bytes()).hexdigest()
+    pial.write_bytes(b"another")
+    out = write_analysis([m], tmp_path / "out", report=False)
+    dataset = write_dataset([m], tmp_path / "bids", "bert", report=False)
+    (again,) = read_analysis(out)                                       # as `compare` reads it, for its page
+    (of_dataset,) = read_analysis(dataset)
+    assert again.cortex.inputs == m.cortex.inputs
+    for records in (m.cortex.inputs, again.cortex.inputs, of_dataset.cortex.inputs):
+        assert {row["path"]: row["sha256"] for row in records}[str(pial)] == digest
+    assert not is_analysis_of(out, replace(m.cortex, inputs=()), {})
+    assert is_analysis_of(out, m.cortex, {})
 
 
 def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):

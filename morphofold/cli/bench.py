@@ -131,7 +131,6 @@ def _folds(args: argparse.Namespace) -> int:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
-        runs.keep(folder)
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
         return 0
@@ -149,7 +148,7 @@ def _accuracy(args: argparse.Namespace) -> int:
         raise ValueError("-o: no folder is named; give one to write, such as -o accuracy.")
     from morphofold.accuracy.study import HALVES, Kept, all_points, circumstances
     from morphofold.cli.progress import progress
-    from morphofold.cli.runs import begin, keep
+    from morphofold.cli.runs import begin
     from morphofold.io import atomic_folder
     from morphofold.report.accuracy_page import text_answers
     from morphofold.report.accuracy_report import write_study
@@ -166,7 +165,6 @@ def _accuracy(args: argparse.Namespace) -> int:
         with progress("accuracy", args.quiet) as tell:
             points = all_points(halves, Kept(out / CASES, made), tell)
         write_study(points, made, folder)
-        keep(out / CASES, folder)
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
         return 0

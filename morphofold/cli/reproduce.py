@@ -66,7 +66,6 @@ def run(args: argparse.Namespace) -> int:
         }
         (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
         write_paper_report(folder, index)
-        runs.keep(folder)
     if args.json:
         print((out / "summary.json").read_text(encoding="utf-8"), end="")
         return 0

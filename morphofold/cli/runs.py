@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -22,8 +20,8 @@ SIMULATIONS = "simulations"
 class Runs:
     """Grows the scenes that are asked for in ``out``/simulations/NAME, each once, going on from checkpoints.
 
-    They lie in ``out`` itself and not in the folder that replaces it, so that an interrupt loses none. Drafts have
-    names of their own. Threads that can't be had are refused at once, before anything is written.
+    They lie in ``out`` itself and not in the folder that replaces it, which leaves them: an interrupt loses none.
+    Drafts have names of their own. Threads that can't be had are refused at once, before anything is written.
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
@@ -66,10 +64,6 @@ class Runs:
 
         return progress(words, self._quiet)
 
-    def keep(self, folder: Path) -> None:
-        """Bring all simulations, those of earlier runs too, into the ``folder`` that replaces ``out``."""
-        keep(self._out / SIMULATIONS, folder)
-
 
 def begin(out: Path) -> None:
     """Mark an empty or new folder as ours, so that parts can be written into it before the whole is."""
@@ -78,17 +72,3 @@ def begin(out: Path) -> None:
     if not out.is_dir() or not any(out.iterdir()):
         with atomic_folder(out):
             pass
-
-
-def keep(part: Path, folder: Path) -> None:
-    """Bring a subfolder, if there is one, into the ``folder`` that replaces the one it lies in."""
-    if part.is_dir():
-        shutil.copytree(part, folder / part.name, copy_function=_link)
-
-
-def _link(source: str, target: str) -> None:
-    """A second name of a file where the file system has such, else a copy: simulations are large."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copy2(source, target)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import logging
 import os
 import secrets
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -21,6 +20,7 @@ DEATHS = 3              # of workers under one job, after which it is put last
 ANSWER = 20             # [s] that a scheduler has to answer
 AHEAD = 4               # jobs handed over per thread of a worker; the scheduler holds these alone
 AT_LEAST = 64           # of them
+GONE = ("scheduler-connection-lost", "scheduler-restart")       # reasons for which a client takes all to be cancelled
 LOOK_AGAIN = 32         # jobs after which workers are counted again: clusters grow
 
 
@@ -41,11 +41,12 @@ class Lost:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Workers that are there. ``words`` say how many, with how much memory each, and where they can be watched."""
+    """Workers that are there. ``words`` say how many, with how much memory each."""
 
     client: Any
     words: str
     bound: str          # of the memory of one worker, in words
+    flying: dict[str, Job] = field(default_factory=dict)    # by their keys
 
     def run(self, work: Callable[[Any], Any], jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
         """Call ``work(job.argument)`` for every job; yield each with what it returned, or ``Lost``, as they end.
@@ -77,13 +78,14 @@ class Fleet:
     ) -> Iterator[tuple[Job, Any, bool]]:
         from distributed import as_completed
 
-        waiting, flying, ended = iter(jobs), {}, as_completed()
+        waiting, ended = iter(jobs), as_completed()
+        flying: dict[str, Job] = self.flying
 
         def hand_over(count: int) -> None:
             for job in islice(waiting, count):
-                future = self.client.submit(work, job.argument, key=f"{job.name}-{secrets.token_hex(4)}", pure=False)
-                flying[future.key] = job
-                ended.add(future)
+                key = f"job-{secrets.token_hex(8)}"                     # no name: others may see keys
+                flying[key] = job
+                ended.add(self.client.submit(work, job.argument, key=key, pure=False))
 
         hand_over(window())
         for count, future in enumerate(ended, start=1):
@@ -101,10 +103,12 @@ class Fleet:
         except KilledWorker as error:                                   # a scheduler of others has its own number
             how = f"{error.allowed_failures + 1} workers died while they measured it, one after the other"
             return Lost(f"{how}; each may take {self.bound}. Give workers more memory, and see its log."), True
-        except CancelledError as error:
-            raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
+        except CancelledError as error:                                 # its client tells who did
+            if self.client.status != "running" or getattr(error, "reason", "") in GONE:
+                raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
+            return Lost(f"it was cancelled ({_one_line(error)}). Run it again."), False
         except (OSError, MemoryError) as error:                         # of its machine: a log that can't be written
-            return Lost(" ".join(str(error).split()) or type(error).__name__), False
+            return Lost(_one_line(error) or type(error).__name__), False
         except Exception as error:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 
@@ -114,13 +118,18 @@ class Fleet:
         def told(event: tuple[float, Any]) -> None:
             what = event[1]
             if isinstance(what, dict) and what.get("action") == "remove-worker" and what.get("processing-tasks"):
-                tell(sorted(str(key).rpartition("-")[0] for key in what["processing-tasks"]))
+                known = (self.flying.get(str(key)) for key in what["processing-tasks"])
+                tell(sorted(job.name for job in known if job))
 
         self.client.subscribe_topic("all", told)
         try:
             yield
         finally:
             self.client.unsubscribe_topic("all")
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 @contextmanager
@@ -165,7 +174,7 @@ def open_fleet(
     _check(workers, threads, memory, scheduler, slurm)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.scheduler.worker-saturation": 1.0,
-        **LESS_WATCHING,
+        **LESS_WATCHING, **NO_PAGES,
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
     }  # fmt: skip
     with ExitStack() as stack:
@@ -195,7 +204,7 @@ def open_fleet(
             bound = f"{each:.1f} GiB"
             words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
             words += f"at most {bound} each"
-        yield Fleet(client, f"{words}; dashboard {client.dashboard_link}", bound)
+        yield Fleet(client, words, bound)
 
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -215,6 +224,12 @@ LESS_WATCHING = {
     "distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "2s",
 }  # fmt: skip
+
+
+#: Dask's pages show names, paths and call stacks to whoever asks. A scheduler and a worker listen for them whatever they
+#: are told: here on this machine alone, and they know none
+NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+UNSEEN = "127.0.0.1:0"
 
 
 def version_here() -> str:
@@ -271,12 +286,11 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
 def _local_cluster(workers: int, memory: float) -> Any:
     from distributed import LocalCluster
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")                                 # the port of the dashboard may be another's
-        return LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
-            silence_logs=logging.CRITICAL,                              # one job each: its kernels have the threads
-        )  # fmt: skip
+    return LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
+        scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
+        silence_logs=logging.CRITICAL,                                  # one job each: its kernels have the threads
+    )  # fmt: skip
 
 
 def _slurm_cluster(threads: int, memory: float | None) -> Any:
@@ -284,12 +298,17 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
         from dask_jobqueue import SLURMCluster
     except ImportError:
         raise ImportError("workers on SLURM need the package dask-jobqueue: pip install dask-jobqueue.") from None
+    import dask
+
+    said = dask.config.get("jobqueue.slurm.scheduler-options", None) or {}
     given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
     prologue = [f"export {name}={value}" for name, value in _environment(threads).items()]
     try:
         return SLURMCluster(
-            cores=threads, processes=1, job_script_prologue=prologue, worker_extra_args=["--nthreads", "1"], **given
-        )
+            cores=threads, processes=1, job_script_prologue=prologue,
+            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", UNSEEN],
+            scheduler_options={**said, "dashboard": False, "dashboard_address": UNSEEN}, **given,
+        )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
 

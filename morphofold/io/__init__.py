@@ -2,7 +2,13 @@
 
 from morphofold.io.cortices import read_cortex
 from morphofold.io.files import atomic_file
-from morphofold.io.folders import atomic_folder, begin_collection, refuse_foreign, refuse_no_collection
+from morphofold.io.folders import (
+    atomic_folder,
+    begin_collection,
+    refuse_foreign,
+    refuse_no_collection,
+    remove_folder,
+)
 from morphofold.io.freesurfer import (
     flip_curvature_sign,
     read_annotation,
@@ -25,6 +31,7 @@ __all__ = [
     "read_surface",
     "refuse_foreign",
     "refuse_no_collection",
+    "remove_folder",
     "sample_path",
     "scanner_transform",
     "write_annotation",

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from morphofold.io.files import StrPath, existing_file
+from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.surfaces import read_morph, read_surface
-from morphofold.records import NOT_OURS
+from morphofold.records import NOT_OURS, shown, unchanged
 from morphofold.surface import Cortex
 
 MAPS = ("thickness", "curv", "sulc", "area")
@@ -64,6 +66,8 @@ def read_cortex(
         lies there.
     ValueError
         A file is damaged or of the wrong kind, or white, pial and maps do not correspond.
+    OSError
+        A file changed while it was read.
     """
     if hemi not in ("lh", "rh", None):
         raise ValueError(f"hemi must be 'lh' or 'rh', got {hemi!r}.")
@@ -119,11 +123,17 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
                 f"{file}: is named {said}, but {hemi} was asked for. Ask for {said}, or name the other file."
             )
         hemi = said
-    inner, outer = read_surface(white), read_surface(pial)
+    with _reading((white, pial)) as records:
+        inner, outer = read_surface(white), read_surface(pial)
     return Cortex(
-        inner, outer, hemi or "lh", name or white.name, origin="files",
-        transform=scanner_transform(inner.geometry), files=(str(white), str(pial)),
+        inner, outer, hemi or "lh", shown(name or white.name), origin="files",
+        transform=scanner_transform(inner.geometry), files=(str(white), str(pial)), inputs=tuple(records),
     )  # fmt: skip
+
+
+def _reading(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
+    """Around reading: records of the bytes that are read. What no reader takes is not looked through before."""
+    return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
 
 
 def side_named(name: str) -> str | None:
@@ -188,6 +198,13 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | 
     if len(surfaces) != 2:
         raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
+    with _reading(list(files.values())) as records:
+        cortex = _read(root, hemi, files, name)
+    return replace(cortex, inputs=tuple(records))
+
+
+def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
+    """What the files of a folder hold."""
     inner = files["white"]
     white, pial = read_surface(inner), read_surface(files["pial"])
 
@@ -215,7 +232,7 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | 
     elif (root / "summary.json").is_file():
         said |= _analysed(root / "summary.json", hemi)
     return Cortex(
-        white, pial, hemi, name or said["name"], maps,
+        white, pial, hemi, shown(name or said["name"]), maps,
         cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,
         inflated=inflated,

@@ -7,10 +7,12 @@ import errno
 import math
 import os
 import secrets
+import stat
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
@@ -147,6 +149,36 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
             os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
+    """``open`` for a file that is written in place, under a name that others can foresee: a lock, a log.
+
+    ``mode`` is one that adds: others empty a file before it can be looked at.
+
+    Raises
+    ------
+    ValueError
+        If a link, a second name of a file, a pipe or a device is there: writing would change what is not ours.
+    """
+    def opener(name: str, flags: int) -> int:
+        # where the system can't refuse links, the look before is all there is; a pipe without a reader never waits
+        number = os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
+        there = os.fstat(number)
+        if stat.S_ISREG(there.st_mode) and there.st_nlink <= 1:
+            return number
+        os.close(number)
+        raise ValueError(refusal)
+
+    refusal = f"{path}: is a link, a second name of a file, a pipe or a device, so nothing is written to it. Remove it."
+    if os.path.islink(path):
+        raise ValueError(refusal)
+    try:
+        return open(path, mode, opener=opener, **options)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):     # a link since then; a pipe without a reader
+            raise ValueError(refusal) from error
+        raise
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from morphofold.io.files import StrPath, atomic_file, naming
 
-MARKER = ".morphofold"  # in every folder that atomic_folder made, and that it may therefore replace
+MARKER = ".morphofold"  # in every folder that atomic_folder made, with a list of what it wrote and may replace
 COLLECTION = ".morphofold-collection"   # in folders that results of many are added to, which nothing replaces
 
 
@@ -22,15 +22,17 @@ COLLECTION = ".morphofold-collection"   # in folders that results of many are ad
 def atomic_folder(out: StrPath) -> Iterator[Path]:
     """Write a folder whole or not at all: yields a temporary folder beside ``out``, moved there on success.
 
-    An existing ``out`` is replaced, as a whole, only if it is empty or morphofold wrote it: it holds the
-    marker file ``.morphofold`` that this function leaves, or a ``summary.json`` that names morphofold.
+    An existing ``out`` is replaced only if it is empty or holds the marker file ``.morphofold`` that this function
+    leaves. What the marker lists is replaced as a whole; all else in the folder is somebody's, and stays.
+    Markers of earlier versions list nothing: there what has the name of a new file is replaced, and all else stays.
     If the body fails or is interrupted, ``out`` is as it was and nothing else is left. A process that is killed
     leaves its temporary folder beside, ``.NAME.*``.
 
     Raises
     ------
     FileExistsError
-        If ``out`` is a file or a folder that morphofold did not write.
+        If ``out`` is a file or a folder that morphofold did not write, or somebody's file in it has the name of one
+        to write.
     """
     out = Path(os.path.realpath(out))                                   # Path.resolve() raises at a link to itself
     refuse_foreign(out)
@@ -41,10 +43,9 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
         with naming(out, temporary):
             temporary.mkdir()
             yield temporary
-            (temporary / MARKER).write_text(
-                "morphofold wrote this folder and replaces it as a whole when told to write here again.\n"
-                "Give it another name to keep it.\n", encoding="utf-8",
-            )  # fmt: skip
+            said = {"morphofold": "replaces these files when told to write here again, and leaves all others"}
+            text = json.dumps({**said, "files": sorted(_below(temporary))}, indent=0)
+            (temporary / MARKER).write_text(f"{text}\n", encoding="ascii")
         refuse_foreign(out)
         _move_onto(temporary, out)
     except BaseException:
@@ -53,6 +54,80 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+def remove_folder(out: Path) -> None:
+    """Remove what ``atomic_folder`` wrote, and the folder if it holds nothing else; nothing of anybody else."""
+    for name in _listed(out) or ():
+        with suppress(OSError):
+            (out / name).unlink()
+    for root, _, _ in os.walk(out, topdown=False):
+        if os.listdir(root) == [MARKER] and Path(root) == out:
+            (out / MARKER).unlink()
+        with suppress(OSError):                                         # somebody's is in it
+            os.rmdir(root)
+
+
+def _below(folder: Path) -> Iterator[str]:
+    """All that is in a folder and below, by its path from there: files, links, and folders that are empty."""
+    for root, folders, files in os.walk(folder, onerror=_raise):
+        inside = Path(root).relative_to(folder)
+        links = [name for name in folders if os.path.islink(os.path.join(root, name))]
+        yield from ((inside / name).as_posix() for name in (*files, *links))
+        if not (folders or files) and root != os.fspath(folder):
+            yield inside.as_posix()
+
+
+def _raise(error: OSError) -> None:
+    raise error
+
+
+def _listed(folder: Path) -> set[str] | None:
+    """What ``atomic_folder`` wrote in a folder; None where it left no list."""
+    try:
+        names = json.loads((folder / MARKER).read_text(encoding="ascii"))["files"]
+        return {name for name in names if not os.path.isabs(name) and ".." not in Path(name).parts}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _bring(old: Path, new: Path, out: Path) -> None:
+    """Bring what is somebody's in a folder at ``out`` into the one that takes its place, unless that was done."""
+    ours = _listed(old)
+    for name in _below(old):
+        source, target = old / name, new / name
+        empty = source.is_dir() and not source.is_symlink()             # of folders these alone are named
+        if name == MARKER or (ours is not None and name in ours) or (empty and target.is_dir()):
+            continue
+        if os.path.lexists(target):
+            if ours is None or _same(source, target):
+                continue
+            raise _in_the_way(out / name)
+        try:
+            (target if empty else target.parent).mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise _in_the_way(out / name) from None
+        if not empty:
+            _link(source, target)
+
+
+def _in_the_way(path: Path) -> FileExistsError:
+    return FileExistsError(
+        f"{path}: morphofold did not write this, and would write in its place. Move it away, or name a new folder."
+    )
+
+
+def _same(one: Path, other: Path) -> bool:
+    a, b = one.lstat(), other.lstat()
+    return (a.st_size, a.st_mtime_ns) == (b.st_size, b.st_mtime_ns)
+
+
+def _link(source: Path, target: Path) -> None:
+    """A second name of a file where the file system has such, else a copy: simulations are large."""
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 def _move_onto(new: Path, out: Path) -> None:
@@ -69,9 +144,11 @@ def _move_onto(new: Path, out: Path) -> None:
         except OSError:
             if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
                 raise
+    _bring(out, new, out)
     if _exchange(new, out):
         try:
             refuse_foreign(out, found=new)                              # somebody's may have come after the last look
+            _bring(new, out, out)
         except BaseException:
             os.replace(new, old)                                        # a name that our caller does not remove
             if _exchange(old, out):
@@ -84,6 +161,7 @@ def _move_onto(new: Path, out: Path) -> None:
     os.replace(out, old)
     try:
         refuse_foreign(out, found=old)
+        _bring(old, new, out)
         os.replace(new, out)
     except BaseException:
         os.replace(old, out)
@@ -128,7 +206,7 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     if (found / COLLECTION).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
     names = sorted(p.name for p in found.iterdir())
-    if names and not _ours(found):
+    if names and not (found / MARKER).is_file():
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."
@@ -161,12 +239,3 @@ def begin_collection(out: Path, kind: str) -> None:
     with atomic_file(out / COLLECTION) as file:
         file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
 
-
-def _ours(out: Path) -> bool:
-    if (out / MARKER).is_file():
-        return True
-    try:
-        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(summary, dict) and "morphofold" in summary

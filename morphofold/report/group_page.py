@@ -134,7 +134,7 @@ def group_report(
         files=FILES, renderer=renderer(), versions=versions(), bootstrapped=BOOTSTRAPPED,
     )  # fmt: skip
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     progress(1.0, "done")
     return path
 

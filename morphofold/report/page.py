@@ -23,7 +23,7 @@ from morphofold.analysis._mesh import vertex_areas
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
 from morphofold.forecasts.analysis_cost import PAGE
-from morphofold.records import input_records
+from morphofold.records import records_as_read
 from morphofold.report import colours, contents, plots
 from morphofold.report.contents import Entry
 from morphofold.report.costs import costs
@@ -128,7 +128,7 @@ def _write(
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
         costs=costs(entries, clock) if kind == ANALYSIS else [],
     )  # fmt: skip
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
 
 
@@ -158,7 +158,7 @@ def _sha256(script: str) -> str:
 
 
 def _inputs(entries: Sequence[Entry]) -> Inputs:
-    return input_records(dict.fromkeys(f for e in entries for f in e.measures.cortex.files))
+    return records_as_read(e.measures.cortex for e in entries)
 
 
 def _having(entries: Sequence[Entry], key: str) -> list[tuple[Entry, NDArray[np.float64]]]:

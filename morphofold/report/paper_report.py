@@ -34,7 +34,7 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         grown=duration(sum(told["seconds"] for told in grown.values())), count=len(grown),
     )  # fmt: skip
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
 
 

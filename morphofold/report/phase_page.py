@@ -66,7 +66,7 @@ def phase_report(
         final=all(axis.key != "growth.final" for axis in phases.grid.axes), versions=contents.versions(),
     )  # fmt: skip
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     progress(1.0, "done")
     return path
 

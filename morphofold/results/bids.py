@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.analysis.measures import Measures
 from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
-from morphofold.records import NOT_OURS, strict_json
+from morphofold.records import NOT_OURS, shown, strict_json
 from morphofold.report.quantities import column_words
 from morphofold.results.bids_hemisphere import (
     MISSING,
@@ -25,7 +25,15 @@ from morphofold.results.bids_hemisphere import (
     read_hemisphere,
     write_hemisphere,
 )
-from morphofold.results.summary import COLUMNS, SURFACES, checked_inputs, read_tables, scalar_rows, summary_of
+from morphofold.results.summary import (
+    COLUMNS,
+    SURFACES,
+    checked_inputs,
+    entries_of,
+    read_tables,
+    scalar_rows,
+    summary_of,
+)
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
@@ -169,7 +177,7 @@ def read_subject(folder: str | Path) -> list[Measures]:
     path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
-        entries = list(said["surfaces"])
+        entries = entries_of(said)
         tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
         return [read_hemisphere(entry, tables, anat, stem) for entry in entries]
     except NOT_OURS as error:
@@ -186,7 +194,7 @@ def subject_place(dataset: Path, name: str) -> Path:
     _refuse_other(dataset)
     place = dataset / f"sub-{label}"
     known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
-    if known != name:
+    if known != shown(name):
         raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same. Pass another name.")
     return place
 

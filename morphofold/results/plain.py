@@ -33,6 +33,7 @@ from morphofold.results.summary import (
     COLUMNS,
     SURFACES,
     checked_inputs,
+    entries_of,
     file_word,
     measures_of,
     read_tables,
@@ -158,7 +159,7 @@ def read_plain(folder: Path) -> list[Measures]:
     path = folder / "summary.json"
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
-        entries = list(summary["surfaces"])
+        entries = entries_of(summary)
         tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
         return [_read_surface(entry, tables, folder) for entry in entries]
     except NOT_OURS as error:

@@ -10,7 +10,7 @@ from typing import Any
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
-from morphofold.records import input_records
+from morphofold.records import records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain, sized_map
@@ -91,5 +91,5 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
         made_by, with_which = summary["morphofold"], summary["parameters"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # there is none, or none to be relied on
         return False
-    files = {row["path"]: row["sha256"] for row in input_records(cortex.files)}
+    files = {shown(row["path"]): row["sha256"] for row in records_as_read([cortex])}
     return (made_by, with_which, known) == (morphofold.__version__, dict(parameters), files)

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
-from morphofold.records import input_records
+from morphofold.records import records_as_read
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table
 
@@ -50,9 +50,9 @@ def checked_inputs(
             f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
             "Write each subject to a folder of its own."
         )
-    files = dict.fromkeys([*map(str, inputs), *(f for m in measures for f in m.cortex.files)])
-    refuse_place_of_inputs(Path(out), files)
-    return input_records(files)
+    records = records_as_read((m.cortex for m in measures), inputs)
+    refuse_place_of_inputs(Path(out), (row["path"] for row in records))
+    return records
 
 
 def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
@@ -109,6 +109,15 @@ def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
     return {name: read_table(file, WORDS, rows.get(name)) for name, file in files.items()}
 
 
+def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What a summary says of each surface, with the records of the files that it was read from."""
+    records = {row["path"]: row for row in summary["inputs"]}
+    return [
+        {**entry, "inputs": [records[file] for file in entry["files"] if file in records]}
+        for entry in summary["surfaces"]
+    ]
+
+
 def measures_of(
     entry: Mapping[str, Any],
     tables: Mapping[str, list[dict[str, Any]]],
@@ -130,6 +139,7 @@ def measures_of(
             origin=str(entry["origin"]), units=str(entry["units"]),
             transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
             portion=float(entry["portion"]), info=dict(entry["info"]), files=tuple(map(str, entry["files"])),
+            inputs=tuple(entry["inputs"]),
         ),
         dict(entry["measures"]), maps, own["regions"], own["crests"], own["hinges"], own["arms"],
         parameters=dict(entry["parameters"]), notes=dict(entry["notes"]), graph=graph,
