@@ -130,7 +130,7 @@ class FolderWriter:
             if self._inputs:
                 _write_json(self.out / "inputs.json", self._inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
-                temporary.write_text(to_toml(self.scene))
+                temporary.write_text(to_toml(self.scene), encoding="utf-8")
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:

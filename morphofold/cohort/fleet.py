@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
+from tempfile import TemporaryDirectory
 from typing import Any
 
 GiB = 2**30
@@ -190,7 +191,8 @@ def open_fleet(
             words = f"{slurm} SLURM jobs asked for, {bound} each"
         else:
             count, each = _shares(workers, threads, memory, need)
-            cluster = stack.enter_context(_local_cluster(count, each))
+            scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory"), ignore_cleanup_errors=True)
+            cluster = stack.enter_context(_local_cluster(count, each, stack.enter_context(scratch)))
             client = stack.enter_context(Client(cluster))
             bound = f"{each:.1f} GiB"
             words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
@@ -268,7 +270,7 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     return workers, each
 
 
-def _local_cluster(workers: int, memory: float) -> Any:
+def _local_cluster(workers: int, memory: float, scratch: str) -> Any:
     from distributed import LocalCluster
 
     with warnings.catch_warnings():
@@ -276,6 +278,7 @@ def _local_cluster(workers: int, memory: float) -> Any:
         return LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
             silence_logs=logging.CRITICAL,                              # one job each: its kernels have the threads
+            local_directory=scratch,                                    # else workers leave one in that of the system
         )  # fmt: skip
 
 

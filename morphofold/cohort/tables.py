@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +14,10 @@ from numpy.typing import NDArray
 from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import SCALARS
 from morphofold.cohort.tasks import read_record
-from morphofold.records import NOT_OURS
+from morphofold.io.json_files import read_json
 from morphofold.results import COLUMNS
-from morphofold.results.summary import WORDS
-from morphofold.tables import cell, read_table, write_table
+from morphofold.results.summary import CURE, WORDS, Summary
+from morphofold.tables import line, read_table, write_table
 
 HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
@@ -95,27 +93,17 @@ def read_results(folder: Path) -> Found:
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
-    try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
-        wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
-        entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
-        regions = read_table(table, WORDS, said["rows"]["regions"])
-        if not all(isinstance(entry[key], dict) for entry in entries for key in ("measures", "notes")):
-            raise TypeError("measures and notes are not by name")
-        if not all(one["hemi"] in HEMIS for one in (*entries, *regions)):
-            raise TypeError("a hemisphere is neither lh nor rh")
-        numbers = [entry["measures"].get(name) for entry in entries for name in SCALARS]
-        numbers += [row[name] for row in regions for name in REGION_MEASURES]
-        if not all(x is None or (isinstance(x, int | float) and np.isfinite(float(x))) for x in numbers):
-            raise TypeError("a measure is no number")
-        if not all(isinstance(row["region"], str) for row in regions):
-            raise TypeError("a region has no name")
-        options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
-        way = ", ".join([f"morphofold {said['morphofold']}", *options])
-        return Found(entries, regions, " ".join(wanted), way)
-    except NOT_OURS as error:
-        raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
+    said = read_json(path, Summary, CURE)
+    surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
+    wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
+    entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
+    regions = read_table(table, WORDS, said.get("rows", {}).get("regions"), numbers=REGION_MEASURES)
+    for number, row in enumerate(regions, start=2):
+        if row.get("hemi") not in HEMIS or not isinstance(row.get("region"), str) or not row.keys() >= {*REGION_MEASURES}:
+            raise ValueError(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
+    options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
+    way = ", ".join([f"morphofold {said['morphofold']}", *options])
+    return Found(entries, regions, " ".join(wanted), way)
 
 
 def results_are_whole(folder: Path) -> bool:
@@ -147,15 +135,16 @@ class TidyWriter:
         self._schema = pa.schema([(name, words) for name in TIDY[:-1]] + [(TIDY[-1], pa.float64())])
         self._table = pa.Table
         self._parquet = parquet.ParquetWriter(folder / "measures.parquet", self._schema, compression="zstd")
-        self._file: IO[str] = (folder / "measures.tsv").open("w", encoding="utf-8", newline="")
-        self._lines = csv.writer(self._file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
-        self._lines.writerow(TIDY)
+        self._file: IO[str] = (folder / "measures.tsv").open(
+            "w", encoding="utf-8", errors="backslashreplace", newline="",
+        )  # fmt: skip
+        self._file.write(line(TIDY))
         self.rows = 0
 
     def write(self, rows: Sequence[Row]) -> None:
         if not rows:
             return
-        self._lines.writerows([*row[:-1], cell(row[-1])] for row in rows)
+        self._file.writelines(map(line, rows))
         columns = dict(zip(TIDY, zip(*rows)))
         columns["value"] = tuple(None if x is None else float(x) for x in columns["value"])
         self._parquet.write_table(self._table.from_pydict(columns, schema=self._schema))

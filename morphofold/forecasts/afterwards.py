@@ -115,4 +115,4 @@ def cost_line(cost: Cost, most: int = 3) -> str:
     if cost.edge_over_T is not None:
         name, expected = headline(cost.edge_over_T)
         parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
-    return ". ".join(["; ".join(parts), *cost.doubts]).removesuffix(".")
+    return ". ".join(said.removesuffix(".") for said in ("; ".join(parts), *cost.doubts))
