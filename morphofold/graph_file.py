@@ -100,8 +100,6 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it holds anything else, or names vertices that the surface lacks.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: missing from the analysis. {CURE}")
     content = read_json(path, GraphFile, CURE)
     ids = {node["id"] for node in content["nodes"]}
     for edge in content["edges"]:

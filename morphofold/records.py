@@ -10,12 +10,6 @@ from typing import Any
 
 import numpy as np
 
-#: what JSON that is not ours makes of the reading: other kinds, missing keys, numbers and nests beyond bounds
-NOT_OURS = (
-    AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, json.JSONDecodeError,
-    UnicodeDecodeError,
-)  # fmt: skip
-
 
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
     """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None for what is not a file here."""

@@ -1,8 +1,8 @@
 """Tables on disk: rows as dicts, written to tab-separated text and read back.
 
-One rule for all: a cell has no tab, no line break and no quotation marks around it, so ``cut`` and ``awk`` find columns;
-and none is a formula of a spreadsheet. Text that begins with ``= + - @`` or ``"``, and text that is ``n/a``, stands after
-an apostrophe, as spreadsheets have it; ``read_table`` takes it away.
+One rule for all: a cell has no tab, no line break and no quotation marks around it, so ``cut`` and ``awk`` find
+columns; and none is a formula of a spreadsheet. Text that begins with ``= + - @`` or ``"``, and text that is ``n/a``,
+stands after an apostrophe, as spreadsheets have it; ``read_table`` takes it away.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from morphofold.sim.folder_check import (
     digests,
     inputs_of,
     is_temporary,
+    read_health,
     read_stage,
     stage_folder,
     sweep,
@@ -52,7 +53,7 @@ class Simulation:
     @property
     def health(self) -> dict[str, Any]:
         """Contents of ``health.json``."""
-        return json.loads((self.path / "health.json").read_text())
+        return read_health(self.path)
 
     def cortex(self, g: float | None = None) -> Cortex:
         """The surfaces at growth stretch ``g``, by default the final one."""

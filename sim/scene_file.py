@@ -223,7 +223,7 @@ def toml_value(v: Any) -> str:
     if isinstance(v, bool):
         return "true" if v else "false"
     if isinstance(v, str):
-        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")    # TOML's escapes are JSON's, and DEL has one
+        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")    # as TOML, but DEL
     if isinstance(v, dict):
         return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):

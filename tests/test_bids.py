@@ -250,7 +250,7 @@ def test_a_table_that_lost_whole_lines_is_refused_where_the_number_of_rows_is_kn
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
-    [("hemi", "xh", "json: .*'xh'"), ("transform", np.zeros((4, 4)).tolist(), "transform"), ("maps", 3, "json: .*maps")],
+    [("hemi", "xh", "hemi: .*'xh'"), ("transform", np.zeros((4, 4)).tolist(), "transform"), ("maps", 3, "maps: ")],
 )
 def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, words):
     place = tmp_path / "sub-bert"

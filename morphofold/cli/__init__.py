@@ -135,7 +135,7 @@ def _ended_as_interrupted() -> Iterator[None]:
     One that was ignored before (by nohup) stays ignored. A second one is: a terminal and its shell both tell of its
     end, and what is half written has to go first.
     """
-    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]      # no SIGHUP on Windows
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]     # not on Windows
     main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in ends if main_thread and signal.getsignal(number) == signal.SIG_DFL]
 

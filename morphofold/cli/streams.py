@@ -20,7 +20,7 @@ _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 def one_line(text: str) -> str:
-    """A text with what would end its line or steer a terminal escaped as in Python: names of files may hold anything."""
+    """A text with what would end its line or steer a terminal escaped as in Python: file names may hold anything."""
     return "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
 
 

@@ -99,7 +99,8 @@ def read_results(folder: Path) -> Found:
     entries = [{key: entry[key] for key in ("hemi", "origin", "measures", "notes")} for entry in said["surfaces"]]
     regions = read_table(table, WORDS, said.get("rows", {}).get("regions"), numbers=REGION_MEASURES)
     for number, row in enumerate(regions, start=2):
-        if row.get("hemi") not in HEMIS or not isinstance(row.get("region"), str) or not row.keys() >= {*REGION_MEASURES}:
+        named = row.get("hemi") in HEMIS and isinstance(row.get("region"), str)
+        if not (named and row.keys() >= {*REGION_MEASURES}):
             raise ValueError(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
     options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
     way = ", ".join([f"morphofold {said['morphofold']}", *options])

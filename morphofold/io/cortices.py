@@ -12,7 +12,7 @@ from pydantic import Field
 
 from morphofold.io.files import StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_label, scanner_transform
-from morphofold.io.json_files import Amount, Count, Record, read_json
+from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.surface import Cortex
 
@@ -24,10 +24,13 @@ _Size = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class StageHealth(Record):
-    """Of a ``stage.json``."""
+    """Numbers of a stage, in ``stage.json`` and ``health.json``."""
 
+    growth: Number = 1.0
+    min_J: Number = 1.0
     crossings: Count = 0
     deepest_crossing: Amount = 0.0
+    mean_radius_mm: Amount | None = None
 
 
 class StageRecord(Record):

@@ -27,7 +27,7 @@ class Record(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
 
 
-def read_json(path: Path, schema: type[Record], cure: str, *, most: int = MOST) -> dict[str, Any]:
+def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST) -> dict[str, Any]:
     """Content of a JSON object that is as the schema has it.
 
     Raises
@@ -36,7 +36,11 @@ def read_json(path: Path, schema: type[Record], cure: str, *, most: int = MOST) 
         If there is no such file, or anything in it is of another kind, NaN, infinite or out of its range; the message
         names the file and the key, and ends with the cure.
     """
-    size = existing_file(path, "JSON file").stat().st_size
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: is missing. {cure}")
+    if not path.is_file():
+        existing_file(path, "JSON file")                                # says what is there in its place
+    size = path.stat().st_size
     if size > most:
         raise ValueError(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")
     try:
