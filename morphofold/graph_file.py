@@ -6,18 +6,77 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from morphofold.analysis.gyral_net import GyralScales
+from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
-#: what a file that is no graph makes of the reading
-BROKEN = (
-    AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError, nx.NetworkXException,
-)  # fmt: skip
+CURE = "Analyze anew."
+Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class Scales(Record):
+    """As :class:`morphofold.analysis.gyral_net.GyralScales` has them [mm]."""
+
+    width: Amount
+    reach: Amount
+    smoothing: Amount
+    persistence: Amount
+    merge: Amount
+    prune: Amount
+    tip: Amount
+
+
+class Head(Record):
+    """Of the graph itself."""
+
+    scales: Scales | None
+    surface: str
+    edge: Number
+    wavelength: Number | None
+
+
+class Node(Record):
+    """Where crests meet or end."""
+
+    id: Count
+    position: Point
+    normal: Point
+    vertex: Count
+    degree: Count
+    cut: bool
+    persistence: Number | None
+
+
+class Edge(Record):
+    """A crest between two nodes."""
+
+    source: Count
+    target: Count
+    polyline: Annotated[list[Point], Field(min_length=2)]
+    vertices: list[Count]
+    blind: bool
+    number: Count
+    length: Number
+    altitude: Number
+    lowest: Number
+    strength: Number
+    curvature: Number
+
+
+class GraphFile(Record):
+    """A whole file."""
+
+    directed: Literal[False]
+    multigraph: Literal[True]
+    graph: Head
+    nodes: list[Node]
+    edges: list[Edge]
 
 
 def write_graph(path: Path, graph: nx.MultiGraph) -> None:
@@ -41,18 +100,15 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it holds anything else, or names vertices that the surface lacks.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
-    try:
-        found = nx.node_link_graph(json.loads(path.read_text(encoding="utf-8")), edges="edges")
-        if not found.is_multigraph() or found.is_directed():
-            raise ValueError("it is no undirected multigraph")
-        return _checked(found, n)
-    except BROKEN as error:
-        raise ValueError(
-            f"{path}: not a gyral graph as `morphofold analyze` writes it ({type(error).__name__}: {error}). "
-            "Analyze anew."
-        ) from None
+    content = read_json(path, GraphFile, CURE)
+    ids = {node["id"] for node in content["nodes"]}
+    for edge in content["edges"]:
+        if not ids >= {edge["source"], edge["target"]} or len(edge["vertices"]) != len(edge["polyline"]):
+            raise ValueError(f"{path}: edge {edge['number']} joins no two nodes, or lacks vertices. {CURE}")
+    for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
+        if max(place) >= n:
+            raise ValueError(f"{path}: names vertex {max(place)}, the surface has 0..{n - 1}. {CURE}")
+    return _graph(content)
 
 
 def _plain(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -71,48 +127,30 @@ def _short(value: Any) -> Any:
     return value
 
 
-def _checked(found: nx.MultiGraph, n: int) -> nx.MultiGraph:
-    head = found.graph
-    scales = None if head["scales"] is None else {k: _finite(v) for k, v in head["scales"].items()}
+def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
+    head, scales = content["graph"], content["graph"]["scales"]
+    names = GyralScales.__dataclass_fields__
     graph: nx.MultiGraph = nx.MultiGraph(
-        scales=None if scales is None else GyralScales(**scales), surface=str(head["surface"]),
-        edge=_finite(head["edge"]), wavelength=_number(head["wavelength"]),
+        scales=None if scales is None else GyralScales(**{name: float(scales[name]) for name in names}),
+        surface=head["surface"], edge=float(head["edge"]), wavelength=_number(head["wavelength"]),
     )  # fmt: skip
-    for node, data in found.nodes(data=True):
+    for node in content["nodes"]:
         graph.add_node(
-            int(node), position=_array(data["position"], (3,)), vertex=int(_vertices([data["vertex"]], n)[0]),
-            degree=int(data["degree"]), cut=bool(data["cut"]), normal=_array(data["normal"], (3,)),
-            persistence=_number(data["persistence"]),
+            node["id"], position=_array(node["position"]), vertex=node["vertex"], degree=node["degree"],
+            cut=node["cut"], normal=_array(node["normal"]), persistence=_number(node["persistence"]),
         )  # fmt: skip
-    for a, b, data in found.edges(data=True):
-        line = np.array(data["polyline"], dtype=np.float64)
+    for edge in content["edges"]:
         graph.add_edge(
-            int(a), int(b), polyline=_array(data["polyline"], (max(len(line), 2), 3)),
-            vertices=_vertices(data["vertices"], n, len(line)), blind=bool(data["blind"]), number=int(data["number"]),
-            **{key: _finite(data[key]) for key in ("length", "altitude", "lowest", "strength", "curvature")},
+            edge["source"], edge["target"], polyline=_array(edge["polyline"]),
+            vertices=np.array(edge["vertices"], dtype=np.int64), blind=edge["blind"], number=edge["number"],
+            **{key: float(edge[key]) for key in ("length", "altitude", "lowest", "strength", "curvature")},
         )  # fmt: skip
     return graph
 
 
-def _array(values: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"numbers are missing where {shape} finite ones belong")
-    return array
-
-
-def _vertices(values: Any, n: int, count: int = 1) -> NDArray[Any]:
-    array = np.array(values, dtype=np.int64)
-    if array.shape != (count,) or array.min() < 0 or array.max() >= n:
-        raise ValueError(f"there must be {count} vertices of the {n} of the surface")
-    return array
-
-
-def _finite(value: Any) -> float:
-    if not np.isfinite(value):
-        raise ValueError(f"{value} is no number")
-    return float(value)
+def _array(values: Any) -> NDArray[Any]:
+    return np.array(values, dtype=np.float64)
 
 
 def _number(value: float | None) -> float:
-    return np.nan if value is None else _finite(value)
+    return np.nan if value is None else float(value)

@@ -14,13 +14,6 @@ import numpy as np
 if TYPE_CHECKING:
     from morphofold.surface import Cortex
 
-#: what JSON that is not ours makes of the reading: other kinds, missing keys, numbers and nests beyond bounds
-NOT_OURS = (
-    AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, json.JSONDecodeError,
-    UnicodeDecodeError,
-)  # fmt: skip
-
-
 def sha256_of(path: Path) -> str:
     """SHA-256 of the bytes of a file."""
     with path.open("rb") as file:

@@ -1,10 +1,16 @@
-"""Tables on disk: rows as dicts, written to tab-separated text and read back."""
+"""Tables on disk: rows as dicts, written to tab-separated text and read back.
+
+One rule for all: a cell has no tab, no line break and no quotation marks around it, so ``cut`` and ``awk`` find
+columns; and none is a formula of a spreadsheet. Text that begins with ``= + - @`` or ``"``, and text that is ``n/a``,
+stands after an apostrophe, as spreadsheets have it; ``read_table`` takes it away.
+"""
 
 from __future__ import annotations
 
-import csv
-import io
+import math
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,39 +20,60 @@ from morphofold.records import shown
 
 MISSING = "n/a"
 
+#: what would leave its cell or steer a terminal, and the ends of lines that some readers know
+_CONTROLS = dict.fromkeys([*range(32), *range(127, 160), 0x2028, 0x2029], " ")
+_GUARDED = re.compile(r"""'*(?:[=+\-@"]|n/a\Z)""")
+_WHOLE, _DECIMAL = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Tab-separated, header always, ``n/a`` for what is missing; further columns follow as they appear."""
     rows = list(rows)
     extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
-        lines.writerow([*columns, *extra])
-        lines.writerows([cell(row.get(k)) for k in (*columns, *extra)] for row in rows)
+    keys = (*columns, *extra)
+    with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+        file.write(line(keys))
+        file.writelines(line([row.get(k) for k in keys]) for row in rows)
+
+
+def line(values: Iterable[Any]) -> str:
+    """A row of a table as it stands in its file."""
+    return "\t".join(map(cell, values)) + "\n"
 
 
 def cell(value: Any) -> str:
     """A value as tables have it: seven digits, ``n/a`` for what is missing, text without tabs and line breaks."""
+    if isinstance(value, str):
+        return _text(value)
     if value is None:
         return MISSING
     if isinstance(value, bool | int | np.integer | np.bool_):
         return str(int(value))
     if isinstance(value, float | np.floating):
         return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return " ".join(shown(str(value)).split())  # no tab or line break may leave its cell
+    return _text(shown(str(value)))
 
 
-def read_table(path: Path, words: Collection[str] = (), count: int | None = None) -> list[dict[str, Any]]:
+@lru_cache(maxsize=4096)                # names come again and again
+def _text(text: str) -> str:
+    text = text.translate(_CONTROLS)
+    return f"'{text}" if _GUARDED.match(text) else text
+
+
+def read_table(
+    path: Path, words: Collection[str] = (), count: int | None = None, *, numbers: Collection[str] = ()
+) -> list[dict[str, Any]]:
     """A table of an analysis, as ``write_table`` wrote it: numbers as numbers, None for n/a, text in columns ``words``.
 
-    ``count`` is the number of rows that were written, where it is known.
+    ``count`` is the number of rows that were written, where it is known; columns ``numbers`` hold nothing else.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it was cut, has another number of rows than ``count``, or a line another number of cells than the header.
+        If it was cut, has another number of rows than ``count``, a line another number of cells than the header, or a
+        cell of ``numbers`` no finite number.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
@@ -56,25 +83,31 @@ def read_table(path: Path, words: Collection[str] = (), count: int | None = None
         raise ValueError(f"{path}: is damaged: it is not UTF-8 text. Analyze anew.") from None
     if not text.endswith("\n"):
         raise ValueError(f"{path}: was cut: its last line has no end. Analyze anew.")
-    try:
-        rows = list(csv.DictReader(io.StringIO(text), delimiter="\t"))
-    except csv.Error as error:
-        raise ValueError(f"{path}: is no table ({error}). Analyze anew.") from None
-    for number, row in enumerate(rows, start=2):
-        if None in row or None in row.values():
+    head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
+    columns, rows = list(map(_unguarded, head)), []
+    for number, cells in enumerate(lines, start=2):
+        if len(cells) != len(columns):
             raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
+        row = {column: _value(cell, column in words) for column, cell in zip(columns, cells)}
+        for column in numbers:
+            if isinstance(row.get(column), str):
+                raise ValueError(f"{path}: line {number}: {column} is {row[column]!r:.40}, no number. Analyze anew.")
+        rows.append(row)
     if count not in (None, len(rows)):
         raise ValueError(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze anew.")
-    return [{k: _value(v, k in words) for k, v in row.items()} for row in rows]
+    return rows
 
 
 def _value(text: str, is_word: bool) -> Any:
     if text == MISSING:
         return None
     if not is_word:
-        for kind in (int, float):
-            try:
-                return kind(text)
-            except ValueError:
-                pass
-    return text
+        if _WHOLE.fullmatch(text):
+            return int(text)
+        if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
+            return float(text)
+    return _unguarded(text)
+
+
+def _unguarded(text: str) -> str:
+    return text[1:] if text.startswith("'") and _GUARDED.match(text) else text

@@ -25,6 +25,7 @@ from morphofold.sim.folder_check import (
     digests,
     inputs_of,
     is_temporary,
+    read_health,
     read_stage,
     stage_folder,
     sweep,
@@ -52,7 +53,7 @@ class Simulation:
     @property
     def health(self) -> dict[str, Any]:
         """Contents of ``health.json``."""
-        return json.loads((self.path / "health.json").read_text())
+        return read_health(self.path)
 
     def cortex(self, g: float | None = None) -> Cortex:
         """The surfaces at growth stretch ``g``, by default the final one."""
@@ -130,7 +131,7 @@ class FolderWriter:
             if self._inputs:
                 _write_json(self.out / "inputs.json", self._inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
-                temporary.write_text(to_toml(self.scene))
+                temporary.write_text(to_toml(self.scene), encoding="utf-8")
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:

@@ -9,13 +9,16 @@ import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, RootModel
 
 from morphofold.io import read_cortex, sample_path
+from morphofold.io.cortices import StageHealth, StageRecord
 from morphofold.io.files import decoding, existing_file
+from morphofold.io.json_files import Amount, Count, Length, Record, read_json
 from morphofold.sim.scene import MeshFile, Radial, Scene
 
 ANEW = "to grow anew from the start"
@@ -23,6 +26,54 @@ _KEPT = (
     "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
 )  # fmt: skip
 _TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
+
+
+class Health(Record):
+    """``health.json`` of a finished run; what an early version did not write has a default."""
+
+    morphofold: str
+    healthy: bool
+    warnings: list[str]
+    stages: Annotated[list[StageHealth], Field(min_length=1)]
+    steps: Count
+    seconds: Amount
+    seconds_by_phase: dict[str, Amount] = {}
+    effects: list[str] = []
+    elements: Count = 0
+    threads: Count = 1
+    surface_edge_mm: Length = 1.0
+    peak_memory_GiB: Amount | None = None
+
+
+class MeshBytes(Record):
+    """The file of a mesh."""
+
+    file: str
+    sha256: str
+    bytes: Count
+
+
+class MeshSize(Record):
+    """What a level of accuracy stood for."""
+
+    edge: Length
+    elements_through_cortex: Count
+
+
+class Inputs(Record):
+    """``inputs.json``: either is there."""
+
+    geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
+    accuracy: MeshSize | None = None
+
+
+class Digests(RootModel[dict[str, str]]):
+    """``files.json`` of a stage."""
+
+
+def read_health(folder: Path) -> dict[str, Any]:
+    """``health.json`` of a finished run; raises as :func:`morphofold.io.json_files.read_json` does."""
+    return read_json(folder / "health.json", Health, f"Delete it {ANEW}.")
 
 
 def stage_folder(out: Path, g: float) -> Path:
@@ -85,10 +136,9 @@ def check_inputs(folder: Path, scene: Scene) -> None:
         return
     (what, mine), = now.items()
     path = folder / "inputs.json"
-    with decoding(path, "a record of the mesh of a scene", f"Delete {folder} {ANEW}, or choose another folder."):
-        began = _json(path)[what]
-        if not isinstance(began, dict) or _kinds(began) != _kinds(mine):
-            raise ValueError(f"{what} is {began!r}")
+    began = read_json(path, Inputs, f"Delete {folder} {ANEW}, or choose another folder.").get(what)
+    if began is None:
+        raise ValueError(f"{path}: has no {what}. Delete {folder} {ANEW}, or choose another folder.")
     if what == "accuracy" and began != mine:
         raise ValueError(
             f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
@@ -100,10 +150,6 @@ def check_inputs(folder: Path, scene: Scene) -> None:
             f"{mine['file']}: has changed since the run in {folder} began (sha256 {began['sha256'][:12]}... then, "
             f"{mine['sha256'][:12]}... now). Put the old file back, or choose another folder."
         )
-
-
-def _kinds(record: Mapping[str, Any]) -> dict[str, type]:
-    return {key: type(value) for key, value in record.items()}
 
 
 # stages ------------------------------------------------------------------------------------------------------
@@ -128,15 +174,13 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
     beside = [name for name in ("checkpoint.npz", "health.json") if (out / name).exists()]
     cure = f"Delete {stage}{''.join(f' and {out / name}' for name in beside)}; --resume then grows it anew."
     record = stage / "stage.json"
-    with decoding(record, "the record of a stage", cure):
-        info = _json(record)
-        health = info.get("health")
-        if info.get("g") != g or not isinstance(health, dict) or health.get("growth") != g:
-            raise ValueError(f"it is of g = {info.get('g')!r} or without health, not of {g:g}")
+    info = read_json(record, StageRecord, cure)
+    if info.get("g") != g or info.get("health", {}).get("growth") != g:
+        raise ValueError(f"{record}: is of g = {info.get('g')!r} or without health, not of {g:g}. {cure}")
     listed = stage / "files.json"
     if listed.exists():
         with decoding(listed, "a list of files", cure):
-            for name, digest in _json(listed).items():
+            for name, digest in read_json(listed, Digests, cure).items():
                 if not (stage / name).is_file():
                     raise ValueError(f"{name} is missing")
                 if _sha256(stage / name) != digest:
@@ -169,19 +213,12 @@ def check_reached(out: Path, scene: Scene, growth: float) -> None:
 
 def check_finished(out: Path, scene: Scene) -> None:
     """Refuse a finished folder whose ``health.json`` isn't as a run writes it, or whose stages aren't as it says."""
-    path = out / "health.json"
-    with decoding(path, "the health of a finished run", f"Delete it {ANEW}."):
-        health = _json(path)
-        kinds = {"morphofold": str, "healthy": bool, "warnings": list, "stages": list, "effects": list,
-                 "seconds": float, "steps": int}  # fmt: skip
-        if not isinstance(scene.geometry, Radial):
-            kinds["elements"] = int
-        for name, kind in kinds.items():
-            if not isinstance(health.get(name), kind):
-                raise ValueError(f"{name} is {health.get(name)!r}")
-        grown = [stage.get("growth") for stage in health["stages"]]
-        if grown != list(scene.stages):
-            raise ValueError(f"its stages are {grown}, those of the scene {list(scene.stages)}")
+    path, health = out / "health.json", read_health(out)
+    if missing := {"effects", *(() if isinstance(scene.geometry, Radial) else ("elements",))} - health.keys():
+        raise ValueError(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {ANEW}.")
+    grown = [stage.get("growth") for stage in health["stages"]]
+    if grown != list(scene.stages):
+        raise ValueError(f"{path}: its stages are {grown}, those of the scene {list(scene.stages)}. Delete it {ANEW}.")
     found = check_stages(out, scene)
     for stage in health["stages"]:
         g = stage["growth"]
@@ -232,7 +269,7 @@ def read_log(out: Path, step: int, lines: int) -> list[dict[str, Any]]:
     path = out / "log.jsonl"
     with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {ANEW}."):
         kept = []
-        for number, text in enumerate(path.read_text("utf-8").splitlines(), start=1):
+        for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
             line = _object(text, f"line {number}")
             if not isinstance(line.get("step"), int):
                 raise ValueError(f"line {number} has no step")
@@ -254,10 +291,6 @@ def _check_line(line: Mapping[str, Any], number: int) -> None:
 def _sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _json(path: Path) -> dict[str, Any]:
-    return _object(path.read_text("utf-8"), "it")
 
 
 def _object(text: str, what: str) -> dict[str, Any]:

@@ -7,12 +7,15 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+HANG_UP = getattr(signal, "SIGHUP", None)       # Windows has none
+
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Callable[[], bool]]:
-    """Hold back SIGINT and SIGTERM; yields a function that says whether one came. A second one acts at once.
+    """Hold back SIGINT, SIGTERM and SIGHUP; yields a function that says whether one came. A second one acts at once.
 
-    Only the main thread can hold signals; elsewhere nothing is held and the function says no.
+    Signals that are ignored (SIGHUP under nohup) stay so, and a second SIGHUP is none: a terminal and its shell both
+    tell of its end. Only the main thread can hold signals; elsewhere nothing is held and the function says no.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -20,11 +23,12 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     came: list[int] = []
 
     def hold(number: int, frame: object) -> None:
-        if came:
+        if came and number != HANG_UP:
             raise KeyboardInterrupt
         came.append(number)
 
-    before = {number: signal.signal(number, hold) for number in (signal.SIGINT, signal.SIGTERM)}
+    held = [n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN]
+    before = {number: signal.signal(number, hold) for number in held}
     try:
         yield lambda: bool(came)
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,8 +44,8 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     FileNotFoundError
         If there is neither a built-in scene nor a file of that name.
     ValueError
-        If the file is not TOML, or says something unknown, impossible or contradictory; one line per problem,
-        with the line or the setting that says it.
+        If the file is not TOML, or says something unknown, impossible or contradictory; one sentence per
+        problem, with the line or the setting that says it.
     """
     own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read(source)
     keyed = [(_key_of(setting), setting) for setting in settings]
@@ -68,7 +69,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
 
     lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
     more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
-    raise ValueError("\n".join(lines + more))
+    raise ValueError(" ".join(lines + more))
 
 
 def _read(source: str | Path) -> Source:
@@ -222,8 +223,7 @@ def toml_value(v: Any) -> str:
     if isinstance(v, bool):
         return "true" if v else "false"
     if isinstance(v, str):
-        escaped = v.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")    # as TOML, but DEL
     if isinstance(v, dict):
         return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):

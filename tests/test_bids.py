@@ -250,7 +250,7 @@ def test_a_table_that_lost_whole_lines_is_refused_where_the_number_of_rows_is_kn
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
-    [("hemi", "xh", "'xh'"), ("transform", np.zeros((4, 4)).tolist(), "cannot be inverted"), ("maps", 3, "TypeError")],
+    [("hemi", "xh", "hemi: .*'xh'"), ("transform", np.zeros((4, 4)).tolist(), "transform"), ("maps", 3, "maps: ")],
 )
 def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, words):
     place = tmp_path / "sub-bert"
@@ -259,7 +259,7 @@ def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, k
     said = json_of(path)
     said["surfaces"][0][key] = value
     path.write_text(json.dumps(said))
-    with pytest.raises(ValueError, match=f"provenance.json: not as `morphofold analyze` writes it .*{words}"):
+    with pytest.raises(ValueError, match=rf"sub-bert.anat.*{words}.* Analyze anew"):
         read_subject(place)
 
 

@@ -169,10 +169,7 @@ def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout,
 
 
 def test_an_accuracy_of_another_name_is_refused(here, capsys):
-    with pytest.raises(SystemExit) as leave:
-        main(["analyze", str(sample_path("simulated")), "--accuracy", "best", "-o", "out"])
-    assert leave.value.code == 2
-    assert "--accuracy: invalid choice: 'best'" in capsys.readouterr().err.splitlines()[-1]
+    refused(capsys, ["analyze", str(sample_path("simulated")), "--accuracy", "best", "-o", "out"], "--accuracy", "best")
     assert not (here / "out").exists()
 
 
@@ -303,7 +300,7 @@ def test_scenes_prints_a_scene_that_reads_back_as_itself(here, capsys):
 
 
 def test_simulate_wants_the_name_of_a_folder(here, capsys):
-    refused(capsys, ["simulate", "demo", "-o", ""], "-o: no folder is named")
+    refused(capsys, ["simulate", "demo", "-o", ""], "-o/--out")
     assert list(here.iterdir()) == []
 
 
@@ -324,12 +321,9 @@ def test_bench_speed_prints_positive_speeds(capsys, monkeypatch):
 
 def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
     for name in COMMANDS:
-        with pytest.raises(SystemExit) as end:
-            main([name, "--help"])
-        assert end.value.code == 0
-    with pytest.raises(SystemExit) as end:
-        main(["unfold"])
-    assert end.value.code == 2
+        assert main([name, "--help"]) == 0
+    capsys.readouterr()
+    refused(capsys, ["unfold"], "unfold")
 
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):

@@ -84,7 +84,7 @@ def test_a_file_that_was_changed_is_refused(ridged, tmp_path, change):
     data = json.loads(path.read_text())
     change(data)
     path.write_text(json.dumps(data))
-    with pytest.raises(ValueError, match=r"lh.json: not a gyral graph as .*Analyze anew"):
+    with pytest.raises(ValueError, match=r"lh\.json: .*Analyze anew"):
         read_graph(path, len(surface.verts))
 
 
@@ -92,5 +92,5 @@ def test_a_file_that_was_changed_is_refused(ridged, tmp_path, change):
 def test_what_is_no_graph_is_refused(tmp_path, text):
     path = tmp_path / "lh.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(ValueError, match=r"lh\.json: not a gyral graph"):
+    with pytest.raises(ValueError, match=r"lh\.json: "):
         read_graph(path, 9)

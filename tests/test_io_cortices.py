@@ -59,7 +59,7 @@ def test_a_simulation_without_a_stage_says_so(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "not JSON"), ("[]", "portion in"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
+    [("{", "not JSON"), ("[]", "no JSON object"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
 )
 def test_a_damaged_stage_record_is_refused(tmp_path, text, message):
     stage = simulation(tmp_path) / "stages" / "g1.80"
@@ -124,7 +124,7 @@ def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
     cortex = read_cortex(tmp_path)
     assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("mine", "simulation", 0.5, {"g": 1.9})
     (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
-    with pytest.raises(ValueError, match=r"summary.json: is not the summary of an analysis of lh \(portion"):
+    with pytest.raises(ValueError, match=r"summary\.json: surfaces\.0\.portion: .*got 7\. Analyze"):
         read_cortex(tmp_path)
 
 

@@ -206,7 +206,7 @@ def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"holds no summary\.json"):
         read_analysis(tmp_path)
     (tmp_path / "summary.json").write_text('{"surfaces": 3}')
-    with pytest.raises(ValueError, match="not a summary"):
+    with pytest.raises(ValueError, match=r"summary\.json: morphofold: .* Analyze anew"):
         read_analysis(tmp_path)
 
 
@@ -216,7 +216,7 @@ def test_a_summary_cannot_lead_outside_its_folder(tmp_path, hemi):
     summary = json.loads((out / "summary.json").read_text())
     summary["surfaces"][0]["hemi"] = hemi
     (out / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match="hemi must be 'lh' or 'rh'"):
+    with pytest.raises(ValueError, match=rf"summary\.json: surfaces\.0\.hemi: .*'{hemi}'"):
         read_analysis(out)
     summary["surfaces"][0].update(hemi="lh", maps=["../../secret"])
     (out / "summary.json").write_text(json.dumps(summary))

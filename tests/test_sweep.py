@@ -435,7 +435,10 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, p
     found = Measures(cortex, {"n_hinges": 30, "area_pial_mm2": 20_000.0}, {}, notes={"wavelength_mm": "no folds"})
     write_analysis([found], folder / "analysis", report=False)
     (folder / "simulation").mkdir()
-    (folder / "simulation/health.json").write_text('{"warnings": ["it wobbles"], "elements": 5, "steps": 7}')
+    (folder / "simulation/health.json").write_text(
+        '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], "seconds": 1.5, '
+        '"elements": 5, "steps": 7}'
+    )
     write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
     read = read_run(here, point)
     assert read.measures == {"n_hinges": 30, "area_pial_mm2": 20_000.0, HINGES_PER_AREA: 1.5}

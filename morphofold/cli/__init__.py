@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 import signal
 import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
 
 from morphofold import __version__
+from morphofold.cli.streams import one_line, standard_streams
 
 #: subcommand -> what the overview says of it
 COMMANDS = {
@@ -31,11 +31,33 @@ COMMANDS = {
 }
 
 
+class Parser(argparse.ArgumentParser):
+    """Tells what is wrong in one line, and takes no empty value: an empty path is the folder one happens to be in."""
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        self.register("type", None, _not_empty)                         # of every argument that is text
+
+    def add_subparsers(self, **options: Any) -> Any:
+        commands = super().add_subparsers(**options)
+        commands.type = str                                             # empty words after it are for its own parser
+        return commands
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {one_line(message.rstrip('.'))}. See {self.prog} --help.\n")
+
+
+def _not_empty(text: str) -> str:
+    if not text or "\0" in text:
+        raise argparse.ArgumentTypeError("its value is empty" if not text else "its value has a NUL in it")
+    return text
+
+
 def parser() -> argparse.ArgumentParser:
     """The whole command line, without importing anything heavy."""
     from rich_argparse import RichHelpFormatter
 
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="morphofold",
         description="Grow folded cortices, read real ones, and measure both with the same ruler.",
         formatter_class=RichHelpFormatter,
@@ -58,27 +80,33 @@ def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted."""
-    try:
-        args = parser().parse_args(argv)
-    except OSError as error:                                            # no room for --help
-        return _fail("", f"standard output: {error.strerror}.", 2)
+    """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted.
+
+    Whatever becomes of whoever reads our words, the work is done and the code is its own.
+    """
+    with standard_streams():
+        try:
+            args = parser().parse_args(argv)
+        except SystemExit as end:                                       # after --help, --version, or what is wrong
+            return int(end.code or 0)
+        except OSError as error:                                        # no room for --help
+            return _fail("", f"standard output: {error.strerror}.", 2)
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _one_line
-            with _terminated_as_interrupted():
+            warnings.showwarning = _show
+            with _ended_as_interrupted():
                 code = args.run(args)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:                                             # whoever read our words has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except (KeyboardInterrupt, SystemError) as error:
         # a compiled kernel hands Ctrl-C on as the cause of a SystemError
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        print(f"morphofold {args.command}: interrupted.{getattr(args, 'on_interrupt', '')}", file=sys.stderr)
-        return 130
+        return _fail(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
     except (ValueError, TypeError, OSError, ImportError) as error:
         if args.debug:
             raise
@@ -101,25 +129,36 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM as Ctrl-C, so that what is half written is removed; the main thread alone can say so."""
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+def _ended_as_interrupted() -> Iterator[None]:
+    """SIGTERM and SIGHUP as Ctrl-C, so that what is half written is removed; the main thread alone can say so.
+
+    One that was ignored before (by nohup) stays ignored. A second one is: a terminal and its shell both tell of its
+    end, and what is half written has to go first.
+    """
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]     # not on Windows
+    main_thread = threading.current_thread() is threading.main_thread()
+    ours = [number for number in ends if main_thread and signal.getsignal(number) == signal.SIG_DFL]
+
+    def interrupt(number: int, frame: object) -> NoReturn:
+        for each in ours:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in ours:
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
-def _one_line(message: Warning | str, *_: object, **__: object) -> None:
-    """A warning as the users of a command want it: without the source line."""
-    print(f"morphofold: warning: {message}", file=sys.stderr)
+def _show(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as the users of a command want it: in one line, without that of the source."""
+    print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
 
 
 def _fail(command: str, error: object, code: int) -> int:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    for line in lines:
-        print(f"morphofold {command}".strip() + f": {line}", file=sys.stderr)
+    told = one_line(str(error).strip()) or type(error).__name__
+    print(f"morphofold {command}".strip() + f": {told}", file=sys.stderr)
     return code

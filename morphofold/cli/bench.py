@@ -114,8 +114,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _folds(args: argparse.Namespace) -> int:
-    if not args.out:
-        raise ValueError("-o: no folder is named; give one to write, such as -o folds.")
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
     from morphofold.report.fold_page import text_tables
@@ -144,8 +142,6 @@ def _folds(args: argparse.Namespace) -> int:
 
 
 def _accuracy(args: argparse.Namespace) -> int:
-    if not args.out:
-        raise ValueError("-o: no folder is named; give one to write, such as -o accuracy.")
     from morphofold.accuracy.study import HALVES, Kept, all_points, circumstances
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
@@ -174,8 +170,6 @@ def _accuracy(args: argparse.Namespace) -> int:
 
 
 def _cohort(args: argparse.Namespace) -> int:
-    if not args.out:
-        raise ValueError("-o: no folder is named; give one to write, such as -o load.")
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.cohort.load import Load, measure_load, text_table

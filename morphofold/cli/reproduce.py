@@ -38,8 +38,6 @@ def run(args: argparse.Namespace) -> int:
     for name in figures:
         if name not in FIGURES:
             raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
-    if not args.out:
-        raise ValueError("-o: no folder is named; give one to write, such as -o reproduce.")
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder

@@ -51,8 +51,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.out == "":
-        raise ValueError("-o: no folder is named; give one to write, such as -o mine.")
     from morphofold.cli.progress import progress
     from morphofold.sim.folder import is_finished
     from morphofold.sim.scene_file import load_scene

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
+from tempfile import TemporaryDirectory
 from typing import Any
 
 GiB = 2**30
@@ -199,7 +200,8 @@ def open_fleet(
             words = f"{slurm} SLURM jobs asked for, {bound} each"
         else:
             count, each = _shares(workers, threads, memory, need)
-            cluster = stack.enter_context(_local_cluster(count, each))
+            scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory"), ignore_cleanup_errors=True)
+            cluster = stack.enter_context(_local_cluster(count, each, stack.enter_context(scratch)))
             client = stack.enter_context(Client(cluster))
             bound = f"{each:.1f} GiB"
             words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
@@ -283,13 +285,14 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     return workers, each
 
 
-def _local_cluster(workers: int, memory: float) -> Any:
+def _local_cluster(workers: int, memory: float, scratch: str) -> Any:
     from distributed import LocalCluster
 
     return LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
         scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
         silence_logs=logging.CRITICAL,                                  # one job each: its kernels have the threads
+        local_directory=scratch,                                        # else workers leave one in that of the system
     )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import read_results
 from morphofold.cohort.tasks import read_record
 from morphofold.io import atomic_folder, read_surface
+from morphofold.sim.folder_check import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.tables import write_table
 
@@ -143,7 +143,7 @@ def read_run(out: Path, point: Point) -> Found:
     """What is on disk of a run; one that is not there has the reason."""
     record = read_record(out / "records" / f"{point.name}.json")
     folder = folder_of(out, point.name)
-    warnings, numbers = _health(folder / "simulation" / "health.json")
+    warnings, numbers = _health(folder / "simulation")
     if not record.get("results"):
         failures = record.get("failures", {"": "not run yet. Run the sweep again."})
         return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, {}, warnings, numbers)
@@ -172,13 +172,12 @@ def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
     return geometry.length * float(np.ptp(read_surface(pial).verts[:, 1]))
 
 
-def _health(path: Path) -> tuple[tuple[str, ...], dict[str, int]]:
+def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        numbers = {key: int(said[key]) for key in ("elements", "steps") if key in said}
-        return tuple(str(warning) for warning in said["warnings"]), numbers
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        said = read_health(folder)
+    except (OSError, ValueError):
         return (), {}                                                   # it did not come to its end
+    return tuple(said["warnings"]), {key: said[key] for key in ("elements", "steps") if key in said}
 
 
 # tables ------------------------------------------------------------------------------------------------------

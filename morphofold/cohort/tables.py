@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +15,10 @@ from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
 from morphofold.cohort.tasks import read_record
-from morphofold.records import NOT_OURS
+from morphofold.io.json_files import read_json
 from morphofold.results import COLUMNS
-from morphofold.results.summary import RECORDED, WORDS
-from morphofold.tables import cell, read_table, write_table
+from morphofold.results.summary import CURE, RECORDED, WORDS, Summary
+from morphofold.tables import line, read_table, write_table
 
 HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
@@ -102,36 +100,24 @@ def read_results(folder: Path) -> Found:
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
-    try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
-        wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
-        keys = ("hemi", "origin", "measures", "notes", "info")
-        entries = [{key: entry[key] for key in keys} for entry in said["surfaces"]]
-        hows = [_how(said["morphofold"], entry) for entry in said["surfaces"]]
-        regions = read_table(table, WORDS, said["rows"]["regions"])
-        if not all(isinstance(entry[key], dict) for entry in entries for key in ("measures", "notes", "info")):
-            raise TypeError("measures, notes and info are not by name")
-        if not all(one["hemi"] in HEMIS for one in (*entries, *regions)):
-            raise TypeError("a hemisphere is neither lh nor rh")
-        if {row["hemi"] for row in regions} - {entry["hemi"] for entry in entries}:
-            raise TypeError("regions are of a hemisphere that is not there")
-        numbers = [entry["measures"].get(name) for entry in entries for name in SCALARS]
-        numbers += [row[name] for row in regions for name in REGION_MEASURES]
-        if not all(x is None or (isinstance(x, int | float) and np.isfinite(float(x))) for x in numbers):
-            raise TypeError("a measure is no number")
-        if not all(isinstance(row["region"], str) for row in regions):
-            raise TypeError("a region has no name")
-        return Found(entries, hows, regions, " ".join(wanted))
-    except NOT_OURS as error:
-        raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
+    said = read_json(path, Summary, CURE)
+    surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
+    wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
+    keys = ("hemi", "origin", "measures", "notes", "info")
+    entries = [{key: entry[key] for key in keys} for entry in said["surfaces"]]
+    hows = [_how(said["morphofold"], entry) for entry in said["surfaces"]]
+    regions = read_table(table, WORDS, said.get("rows", {}).get("regions"), numbers=REGION_MEASURES)
+    there = {entry["hemi"] for entry in entries}
+    for number, row in enumerate(regions, start=2):
+        named = row.get("hemi") in there and isinstance(row.get("region"), str)
+        if not (named and row.keys() >= {*REGION_MEASURES}):
+            raise ValueError(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
+    return Found(entries, hows, regions, " ".join(wanted))
 
 
 def _how(version: str, entry: Mapping[str, Any]) -> How:
     """How a hemisphere was measured, in the order of HOW."""
     how = (version, *({**entry["parameters"], "annotation": entry["annotation"]}.get(key) for key in PARAMETERS))
-    if not all(x is None or isinstance(x, str) or (isinstance(x, int | float) and np.isfinite(x)) for x in how):
-        raise TypeError("a parameter is neither a word nor a number")
     return tuple(float(f"{x:.6g}") if isinstance(x, int | float) else x for x in how)
 
 
@@ -164,15 +150,16 @@ class TidyWriter:
         self._schema = pa.schema([(name, words) for name in TIDY[:-1]] + [(TIDY[-1], pa.float64())])
         self._table = pa.Table
         self._parquet = parquet.ParquetWriter(folder / "measures.parquet", self._schema, compression="zstd")
-        self._file: IO[str] = (folder / "measures.tsv").open("w", encoding="utf-8", newline="")
-        self._lines = csv.writer(self._file, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
-        self._lines.writerow(TIDY)
+        self._file: IO[str] = (folder / "measures.tsv").open(
+            "w", encoding="utf-8", errors="backslashreplace", newline="",
+        )  # fmt: skip
+        self._file.write(line(TIDY))
         self.rows = 0
 
     def write(self, rows: Sequence[Row]) -> None:
         if not rows:
             return
-        self._lines.writerows([*row[:-1], cell(row[-1])] for row in rows)
+        self._file.writelines(map(line, rows))
         columns = dict(zip(TIDY, zip(*rows)))
         columns["value"] = tuple(None if x is None else float(x) for x in columns["value"])
         self._parquet.write_table(self._table.from_pydict(columns, schema=self._schema))

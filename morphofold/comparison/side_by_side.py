@@ -6,8 +6,6 @@ shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoret
 
 from __future__ import annotations
 
-import csv
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -26,6 +24,7 @@ from morphofold.report.colours import CATEGORICAL
 from morphofold.report.plots import number
 from morphofold.report.quantities import CREST_RATIO, RATIO
 from morphofold.surface import check_kind
+from morphofold.tables import write_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +91,7 @@ class Comparison:
             comparison_report(self, folder, progress=progress)
             content = {"morphofold": morphofold.__version__, **self.to_dict()}
             (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
-            with (folder / "comparison.tsv").open("w", encoding="utf-8", newline="") as file:
-                lines = csv.writer(file, delimiter="\t", lineterminator="\n")
-                lines.writerow(["measure", *self.names])
-                for row in self.table:
-                    values = [row[name] for name in self.names]
-                    lines.writerow([row["measure"], *("n/a" if v is None else json.dumps(v) for v in values)])
+            write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)
         return Path(out) / "report.html"
 
 

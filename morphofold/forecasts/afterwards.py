@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, table
 from morphofold.forecasts.words import percent
-from morphofold.records import NOT_OURS
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -98,13 +96,13 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
 
 def cost_beside(stage: Path) -> Cost | None:
     """Cost of the run that wrote a ``stage.json``; None if its folder is not whole, or isn't there any more."""
+    from morphofold.sim.folder_check import read_health
     from morphofold.sim.scene_file import load_scene
 
     folder = stage.parent.parent.parent
     try:
-        health = json.loads((folder / "health.json").read_text(encoding="utf-8"))
-        return cost_of(health, load_scene(folder / "scene.toml"))
-    except (OSError, ValueError, *NOT_OURS):
+        return cost_of(read_health(folder), load_scene(folder / "scene.toml"))
+    except (OSError, ValueError):
         return None
 
 
@@ -115,4 +113,4 @@ def cost_line(cost: Cost, most: int = 3) -> str:
     if cost.edge_over_T is not None:
         name, expected = headline(cost.edge_over_T)
         parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
-    return ". ".join(["; ".join(parts), *cost.doubts]).removesuffix(".")
+    return ". ".join(said.removesuffix(".") for said in ("; ".join(parts), *cost.doubts))

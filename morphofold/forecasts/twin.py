@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from morphofold.forecasts.table import table
 from morphofold.forecasts.words import percent
 from morphofold.io import atomic_file
-from morphofold.records import NOT_OURS, input_records, strict_json
+from morphofold.io.json_files import Amount, Number, Record, read_json
+from morphofold.records import input_records, strict_json
 from morphofold.surface import Surface, check_kind
 
 if TYPE_CHECKING:
@@ -70,6 +70,26 @@ class Estimate:
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
         return asdict(self)
+
+
+class ErrorRow(Record):
+    """An ``Estimated``."""
+
+    change: Amount
+    power: Number
+    error: Amount | None
+
+
+class ErrorFile(Record):
+    """``error.json``: an ``Estimate``, and of which ``health.json``."""
+
+    growth: Number
+    edge_over_T: Amount
+    ratio: Amount
+    errors: dict[str, ErrorRow]
+    how: str
+    doubts: list[str]
+    health_sha256: str
 
 
 class Grown(NamedTuple):
@@ -178,12 +198,13 @@ def estimate_beside(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if there is none of this very run, or not whole."""
     folder = stage.parent.parent.parent
     try:
-        content = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        if content.pop("health_sha256") != _digest(folder):
+        content = read_json(folder / FILE, ErrorFile, "")
+        if content["health_sha256"] != _digest(folder):
             return None
-        errors = {name: Estimated(**each) for name, each in content.pop("errors").items()}
-        return Estimate(**{**content, "errors": errors, "doubts": tuple(content["doubts"])})
-    except (OSError, ValueError, *NOT_OURS):
+        errors = {name: Estimated(row["change"], row["power"], row["error"]) for name, row in content["errors"].items()}
+        told = {key: content[key] for key in ("growth", "edge_over_T", "ratio", "how")}
+        return Estimate(**told, errors=errors, doubts=tuple(content["doubts"]))
+    except (OSError, ValueError):
         return None
 
 

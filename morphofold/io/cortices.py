@@ -2,23 +2,70 @@
 
 from __future__ import annotations
 
-import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
+from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
-from morphofold.records import NOT_OURS, shown, unchanged
+from morphofold.records import shown, unchanged
 from morphofold.surface import Cortex
 
 MAPS = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
 _MAP_ENDINGS = ("", ".shape.gii", ".gii")
+
+_Size = Annotated[float, Field(ge=1e-6, le=1e6)]
+
+
+class StageHealth(Record):
+    """Numbers of a stage, in ``stage.json`` and ``health.json``."""
+
+    growth: Number = 1.0
+    min_J: Number = 1.0
+    crossings: Count = 0
+    deepest_crossing: Amount = 0.0
+    mean_radius_mm: Amount | None = None
+
+
+class StageRecord(Record):
+    """``stage.json``: what ``simulate`` recorded of a stage, and an analysis of one as ``info``; all may be missing."""
+
+    name: str = "simulation"
+    g: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    law: str = ""
+    mu_ratio: _Size = 1.0
+    shape: str = ""
+    reference_thickness: _Size = 1.0
+    reference_radius: _Size = 1.0
+    portion: Annotated[float, Field(ge=1e-3, le=1)] = 1.0
+    units: str = "mm"
+    health: StageHealth = StageHealth()
+    warnings: list[str] = []
+    vertices_without_value_written_as_0: dict[str, Count] = {}
+
+
+class SurfaceRecord(Record):
+    """What a ``summary.json`` says of where a surface comes from."""
+
+    hemi: Literal["lh", "rh"]
+    name: str
+    origin: str
+    units: str
+    portion: Annotated[float, Field(ge=1e-3, le=1)]
+    info: StageRecord
+
+
+class _Analysed(Record):
+    surfaces: list[SurfaceRecord]
 
 
 def read_cortex(
@@ -165,18 +212,20 @@ def cortex_files(
     ------
     FileNotFoundError
         If a surface is not there.
-    ValueError
-        If a simulated stage is asked for its right hemisphere, which it has not.
+    OSError, ValueError
+        If a simulated stage is asked for its right hemisphere, which it has not; or what else is there is no file: a
+        folder, a pipe, a link to nothing.
     """
     root = _stage(Path(path))
     stage = root / "stage.json"
-    if stage.is_file() and hemi == "rh":
+    staged = os.path.lexists(stage)
+    if staged and hemi == "rh":
         raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
     found = {what: _required(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
         file = _find((root / place,) if (root / place).is_dir() else (root,), stem, endings)
-        found.update({} if file is None else {what: file})
+        found.update({} if file is None else {what: existing_file(file, what)})
 
     for name in MAPS:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
@@ -191,7 +240,7 @@ def cortex_files(
         )
     add("label", "label", f"{hemi}.cortex.label")
     add("stats", "stats", "aseg.stats")
-    return {**found, "stage": stage} if stage.is_file() else found
+    return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
 
 def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None) -> Cortex:
@@ -229,7 +278,7 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
     if "stage" in files:
         info = _stage_info(files["stage"])
         said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
-    elif (root / "summary.json").is_file():
+    elif os.path.lexists(root / "summary.json"):
         said |= _analysed(root / "summary.json", hemi)
     return Cortex(
         white, pial, hemi, shown(name or said["name"]), maps,
@@ -245,7 +294,7 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
 
 
 def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
-    return next((f for folder in folders for e in endings if (f := folder / f"{stem}{e}").is_file()), None)
+    return next((f for folder in folders for e in endings if os.path.lexists(f := folder / f"{stem}{e}")), None)
 
 
 def _required(root: Path, stem: str) -> Path:
@@ -271,30 +320,14 @@ def _name(root: Path, info: dict[str, Any]) -> str:
 
 def _analysed(path: Path, hemi: str) -> dict[str, Any]:
     """What an analysis folder says of the surface it measured: name, origin, units, portion, info."""
-    existing_file(path, "summary of an analysis")
-    try:
-        entries = {str(e["hemi"]): e for e in json.loads(path.read_text(encoding="utf-8"))["surfaces"]}
-        entry = entries[hemi]
-        kept = {key: entry[key] for key in ("name", "origin", "units", "portion", "info")}
-        if not (isinstance(kept["info"], dict) and 0 < float(kept["portion"]) <= 1):
-            raise ValueError("portion must lie in (0, 1]")
-    except (ValueError, *NOT_OURS) as error:
-        raise ValueError(f"{path}: is not the summary of an analysis of {hemi} ({error}). Analyze it anew.") from error
-    return kept
+    said = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
+    found = next((entry for entry in said if entry["hemi"] == hemi), None)
+    if found is None:
+        raise ValueError(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
+    return {key: found[key] for key in ("name", "origin", "units", "portion", "info")}
 
 
 def _stage_info(path: Path) -> dict[str, Any]:
-    """What ``simulate`` recorded of a stage: plain facts, with a portion in (0, 1]."""
-    existing_file(path, "stage record")
-    if path.stat().st_size > 2**20:
-        raise ValueError(f"{path}: has {path.stat().st_size} bytes, a stage record has at most 1 MiB.")
-    try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: is not JSON ({error}). Simulate that stage anew.") from error
-    portion = info.get("portion", 1.0) if isinstance(info, dict) else None
-    if not isinstance(portion, (int, float)) or not 0 < portion <= 1:
-        raise ValueError(f"{path}: a stage record is an object with a portion in (0, 1], got {portion!r:.40}.")
+    """What ``simulate`` recorded of a stage."""
+    info = read_json(path, StageRecord, "Simulate that stage anew.", most=2**20)
     return {**info, "name": info.get("name", "simulation")}
-
-

@@ -39,6 +39,8 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, looked for a {what}. Name the file in it.")
+    if path.is_symlink() and not path.exists():
+        raise FileNotFoundError(f"{path}: is a link to what is not there, looked for a {what}. Fetch it, or remove it.")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_what_is_there(path)}")
     if not path.is_file():
@@ -65,7 +67,7 @@ def _what_is_there(path: Path) -> str:
     if close:
         return f"Close to it in that folder: {', '.join(close)}."
     if names:
-        return f"That folder holds {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}."
+        return f"That folder holds {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}."
     return "That folder is empty."
 
 

@@ -209,7 +209,8 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     if names and not (found / MARKER).is_file():
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
-            f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."
+            f"{', '.join(names[:4])}{f' and {len(names) - 4} more' if len(names) > 4 else ''}. Name a new folder, or "
+            "empty this one."
         )
 
 

@@ -32,7 +32,7 @@ def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str
 def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
     """A table with numbers as floats, and None for what is missing."""
     with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
+        rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
     return [{k: v if k in words else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
 
 

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 from morphofold.analysis.measures import Measures
 from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
-from morphofold.records import NOT_OURS, shown, strict_json
+from morphofold.io.json_files import read_json
+from morphofold.records import shown, strict_json
 from morphofold.report.quantities import column_words
 from morphofold.results.bids_hemisphere import (
     MISSING,
@@ -27,7 +28,9 @@ from morphofold.results.bids_hemisphere import (
 )
 from morphofold.results.summary import (
     COLUMNS,
+    CURE,
     SURFACES,
+    Summary,
     checked_inputs,
     entries_of,
     read_tables,
@@ -175,15 +178,9 @@ def read_subject(folder: str | Path) -> list[Measures]:
             "bids` wrote."
         )
     path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
-    try:
-        said = json.loads(path.read_text(encoding="utf-8"))
-        entries = entries_of(said)
-        tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
-        return [read_hemisphere(entry, tables, anat, stem) for entry in entries]
-    except NOT_OURS as error:
-        raise ValueError(
-            f"{path}: not as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
-        ) from error
+    said = read_json(path, Summary, CURE)
+    tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
+    return [read_hemisphere(entry, tables, anat, stem) for entry in entries_of(said)]
 
 
 def subject_place(dataset: Path, name: str) -> Path:
@@ -233,7 +230,8 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     path = dataset / "dataset_description.json"
     if _ours(dataset):
         said = _json(path)
-        said["GeneratedBy"] = [m for m in said["GeneratedBy"] if m.get("Name") != "morphofold"] + [me]
+        others = [m for m in said["GeneratedBy"] if not (isinstance(m, dict) and m.get("Name") == "morphofold")]
+        said["GeneratedBy"] = [*others, me]
     else:
         said = {
             "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",

@@ -19,7 +19,7 @@ from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_g
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
 from morphofold.records import strict_json
 from morphofold.report.quantities import quantity
-from morphofold.results.summary import measures_of
+from morphofold.results.summary import CURE, measures_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 
@@ -88,13 +88,11 @@ def read_hemisphere(
     ------
     FileNotFoundError
         If a file of it is missing.
-    KeyError, TypeError
-        If the entry is none that ``morphofold`` wrote.
     ValueError
         If a file cannot be understood; the message names it.
     """
     place = Place(anat, subject, entry["hemi"])
-    back = None if entry["transform"] is None else _inverse(entry["transform"])
+    back = None if entry["transform"] is None else _inverse(entry["transform"], anat)
 
     def surface(kind: str) -> Surface:
         found = read_surface(place.file(f"{kind}.surf.gii"))
@@ -116,7 +114,7 @@ def read_hemisphere(
         regions=regions,
         came_with={name: _read_map(place.file(f"{_input_end(name)}.shape.gii"), n) for name in entry["came_with"]},
         maps=maps,
-        graph=_moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back) if entry["graph"] else None,
+        graph=_moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back) if entry.get("graph") else None,
     )  # fmt: skip
     return replace(found, hinges=moved_rows(found.hinges, back))
 
@@ -144,11 +142,11 @@ def moved_rows(rows: list[dict[str, Any]], transform: np.ndarray | None) -> list
     return [row | dict(zip("xyz", moved(np.array([row[k] for k in "xyz"]), transform).tolist())) for row in rows]
 
 
-def _inverse(transform: Any) -> np.ndarray:
+def _inverse(transform: Any, anat: Path) -> np.ndarray:
     try:
-        return np.linalg.inv(np.array(transform, dtype=np.float64).reshape(4, 4))
-    except ValueError as error:  # singular, too
-        raise TypeError(f"its transform cannot be inverted, {error}") from None
+        return np.linalg.inv(np.array(transform, dtype=np.float64))
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"{anat}: the transform of its provenance can't be inverted ({error}). {CURE}") from None
 
 
 def _moved_graph(graph: Any, transform: np.ndarray | None) -> Any:

@@ -6,7 +6,6 @@ it can be opened in other tools and compared without the files it was made from.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,10 +27,13 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.records import NOT_OURS, strict_json
+from morphofold.io.json_files import read_json
+from morphofold.records import strict_json
 from morphofold.results.summary import (
     COLUMNS,
+    CURE,
     SURFACES,
+    Summary,
     checked_inputs,
     entries_of,
     file_word,
@@ -156,22 +158,13 @@ def _write_label(path: Path, cortex: Cortex) -> None:
 
 def read_plain(folder: Path) -> list[Measures]:
     """Read what ``write_analysis`` wrote; raises as :func:`morphofold.results.read_analysis` says."""
-    path = folder / "summary.json"
-    try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        entries = entries_of(summary)
-        tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
-        return [_read_surface(entry, tables, folder) for entry in entries]
-    except NOT_OURS as error:
-        raise ValueError(
-            f"{path}: not a summary as `morphofold analyze` writes it ({type(error).__name__}: {error}). Analyze anew."
-        ) from error
+    summary = read_json(folder / "summary.json", Summary, CURE)
+    tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
+    return [_read_surface(entry, tables, folder) for entry in entries_of(summary)]
 
 
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
     hemi, surf, label = entry["hemi"], folder / "surf", folder / "label"
-    if hemi not in ("lh", "rh"):  # it becomes part of file names below
-        raise ValueError(f"{folder / 'summary.json'}: hemi must be 'lh' or 'rh', got {hemi!r}.")
     white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
     n, regions = len(white.verts), None
     if entry["annotation"] is not None:

@@ -42,7 +42,8 @@ def read_analysis(folder: str | Path) -> list[Measures]:
                 how = f"It is a subject: `morphofold analyze {folder}` first, and name what that wrote."
             elif (folder / "dataset_description.json").is_file():
                 names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
-                how = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{' ...' * (len(names) > 4)}."
+                more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+                how = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{more}."
         raise FileNotFoundError(f"{folder}: {what}. {how}")
     return read_plain(folder)
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field, field_validator
 
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.io.cortices import SurfaceRecord
+from morphofold.io.json_files import Amount, Count, Number, Record
 from morphofold.records import records_as_read
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table
@@ -37,6 +40,74 @@ COLUMNS = {
 RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not measured here
 SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
+CURE = "Analyze anew."
+
+
+def file_word(name: str) -> str:
+    """A map's or annotation's name, refused if it cannot be part of a file name."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
+        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
+    return name
+
+
+FileWord = Annotated[str, AfterValidator(file_word)]
+_Four = Field(min_length=4, max_length=4)
+
+
+class InputRecord(Record):
+    """A file that an analysis is of."""
+
+    path: str
+    sha256: str | None
+    bytes: Count | None
+
+
+class Parameters(Record):
+    """Scales and options of a surface; further ones are shown as they are."""
+
+    curvature_scale_mm: Amount = 0.0
+    cortical_thickness_cap_mm: Amount | None = None
+    cortex_mask: str = ""
+    graph_width_mm: Amount | None = None
+    accuracy: str = "standard"
+    accuracy_vertices: Count = 0
+    local_gyrification_voxel_mm: Amount = 0.0
+
+
+class SurfaceSummary(SurfaceRecord):
+    """One of the ``surfaces`` of a summary."""
+
+    transform: Annotated[list[Annotated[list[Number], _Four]], _Four] | None
+    measures: dict[str, Number | None]
+    notes: dict[str, str]
+    parameters: Parameters
+    maps: list[FileWord]
+    came_with: list[FileWord]
+    inflated: bool
+    cortex_label: bool
+    graph: bool = False
+    annotation: FileWord | None
+    files: list[str]
+
+    @field_validator("measures")
+    @classmethod
+    def _no_negative_amounts(cls, measures: dict[str, float | None]) -> dict[str, float | None]:
+        for name, value in measures.items():
+            if value is not None and value < 0 and (name.startswith("n_") or name.endswith("_mm2")):
+                raise ValueError(f"{name} is {value:g}, and can't be negative")
+        return measures
+
+
+class Summary(Record):
+    """``summary.json`` of an analysis, and what a subject of a BIDS dataset has in its place."""
+
+    morphofold: str
+    inputs: list[InputRecord]
+    parameters: dict[str, Any]
+    rows: dict[str, Count] = {}                                         # older ones say none
+    surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
+
+
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
 
@@ -106,7 +177,10 @@ def _entry(m: Measures) -> dict[str, Any]:
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
     """The tables of an analysis by their names, each with as many rows as its summary says; older ones say nothing."""
     rows = summary.get("rows", {})
-    return {name: read_table(file, WORDS, rows.get(name)) for name, file in files.items()}
+    return {
+        name: read_table(file, WORDS, rows.get(name), numbers=set(COLUMNS[name]) - WORDS)
+        for name, file in files.items()
+    }
 
 
 def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -144,10 +218,3 @@ def measures_of(
         dict(entry["measures"]), maps, own["regions"], own["crests"], own["hinges"], own["arms"],
         parameters=dict(entry["parameters"]), notes=dict(entry["notes"]), graph=graph,
     )  # fmt: skip
-
-
-def file_word(name: str) -> str:
-    """A map's or annotation's name, refused if it cannot be part of a file name."""
-    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
-        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
-    return name

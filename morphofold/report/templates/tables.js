@@ -1,5 +1,7 @@
 // Tables that sort by a click on a head and can be saved as text with tabs; short ones are open on paper.
 "use strict";
+// As tables on disk have it: no tabs or line breaks; no formula, quotation or n/a, but after an apostrophe.
+const text = (words) => words.replace(/[\u0000-\u001f\u007f-\u009f\u2028\u2029]/g, " ").replace(/^'*([=+\-@"]|n\/a$)/, "'$&");
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.querySelectorAll("thead th")], body = table.tBodies[0];
   const value = (row, k) => row.cells[k].dataset.v ?? row.cells[k].textContent.trim();
@@ -26,7 +28,9 @@ for (const table of document.querySelectorAll("table.sortable")) {
   const save = document.createElement("button");
   save.type = "button"; save.className = "save"; save.textContent = "Save as TSV";
   save.addEventListener("click", () => {
-    const lines = [heads.map((h) => h.dataset.key || h.textContent.trim()), ...[...body.rows].map((r) => heads.map((_, k) => value(r, k) || "n/a"))];
+    const number = (row, k) => "v" in row.cells[k].dataset && !Number.isNaN(Number(value(row, k)));
+    const lines = [heads.map((h) => text(h.dataset.key || h.textContent.trim())), ...[...body.rows].map((r) =>
+      heads.map((_, k) => value(r, k) === "" ? "n/a" : number(r, k) ? value(r, k) : text(value(r, k))))];
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([lines.map((l) => l.join("\t")).join("\n") + "\n"], { type: "text/tab-separated-values" }));
     link.download = table.dataset.name + ".tsv";

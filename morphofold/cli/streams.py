@@ -1,0 +1,74 @@
+"""Standard streams as a command needs them: closed ones lead nowhere, broken ones stop no work, lines stay lines."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TypeVar
+from unicodedata import category
+
+Found = TypeVar("Found")
+
+#: of a pipe whose reader has gone, a stream that was closed or can't be written, a terminal that is gone
+_NOBODY_READS = (errno.EPIPE, errno.EBADF, errno.EIO)
+#: categories of characters that end a line, steer a terminal, or can't be printed
+_STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def one_line(text: str) -> str:
+    """A text with what would end its line or steer a terminal escaped as in Python: file names may hold anything."""
+    return "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
+
+
+@contextmanager
+def standard_streams() -> Iterator[None]:
+    """For as long as a command runs: streams that were closed are open to nowhere, so that no file of ours takes their
+    numbers; of one that nobody reads any more, the rest goes nowhere, and the work goes on."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            nowhere = open(os.devnull, mode, encoding="utf-8")          # the lowest free number: that of this stream
+            os.set_inheritable(nowhere.fileno(), True)                  # workers are to have it, too
+            setattr(sys, name, nowhere)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")               # a name that is no text, an old terminal
+    kept = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _Going(sys.stdout), _Going(sys.stderr)     # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):                                     # a full disk was told, or told too late
+                stream.flush()
+        sys.stdout, sys.stderr = kept
+
+
+class _Going:
+    """A stream that goes on where nobody reads it."""
+
+    def __init__(self, stream: Any):
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        return self._go_on(lambda: self._stream.write(text), len(text))
+
+    def flush(self) -> None:
+        self._go_on(self._stream.flush, None)
+
+    def _go_on(self, act: Callable[[], Found], otherwise: Found) -> Found:
+        try:
+            return act()
+        except OSError as error:
+            if error.errno not in _NOBODY_READS:
+                raise
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())                     # also for what it still holds, and our workers
+            os.close(nowhere)
+            return otherwise

@@ -1,0 +1,73 @@
+"""JSON files of our own, read back: each as its schema has it, or refused with the file, the key and the cure."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from morphofold.io.files import existing_file
+
+MOST = 64 * 2**20       # bytes; the net of a hemisphere of a million vertices has a tenth
+LARGEST = 1e12          # of any number of a surface: beyond, squares and sums lose their meaning
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Amount = Annotated[float, Field(ge=0, le=LARGEST)]
+Length = Annotated[float, Field(ge=1e-9, le=LARGEST)]
+Count = Annotated[int, Field(ge=0, le=10**12)]
+Index = Annotated[int, Field(ge=-(10**12), le=10**12)]
+
+
+class Record(BaseModel):
+    """What a JSON object must hold; keys that it does not name are free, and may hold anything."""
+
+    model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
+
+
+def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST) -> dict[str, Any]:
+    """Content of a JSON object that is as the schema has it.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or anything in it is of another kind, NaN, infinite or out of its range; the message
+        names the file and the key, and ends with the cure.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: is missing. {cure}")
+    if not path.is_file():
+        existing_file(path, "JSON file")                                # says what is there in its place
+    size = path.stat().st_size
+    if size > most:
+        raise ValueError(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")
+    try:
+        content = json.loads(path.read_bytes(), parse_constant=_refused, parse_float=_finite)
+    except RecursionError:
+        raise ValueError(f"{path}: is nested too deeply. {cure}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: is not JSON ({error}). {cure}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: holds no JSON object. {cure}")
+    try:
+        schema.model_validate(content)
+    except ValidationError as error:
+        problem = error.errors(include_url=False, include_context=False)[0]
+        key = ".".join(map(str, problem["loc"])) or "the whole"
+        got = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
+        words = problem["msg"].removeprefix("Value error, ").removesuffix(".")
+        raise ValueError(f"{path}: {key}: {words[:1].lower()}{words[1:]}{got}. {cure}") from None
+    return content
+
+
+def _refused(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"it holds {text:.20}, which is beyond all floats")
+    return value
