@@ -32,8 +32,8 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         i, j = crowded[0].tolist()
         raise ValueError(
             f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} "
-            f"and {j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds triangles "
-            f"twice: remove those that do not belong to it.{tried}"
+            f"and {j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds "
+            f"triangles twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
@@ -42,8 +42,8 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
         raise ValueError(
             f"{cortex.called}: {len(same)} edges are run the same way by both of their triangles; the first is that "
-            f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. Turn "
-            f"it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
+            f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
+            f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
         )
     border = np.unique(pair[count == 1])
     both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])

@@ -100,13 +100,14 @@ def measure(
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
         name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
         vertices, pieces, borders), ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in
-        it), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
+        it), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the input before believing the
+        numbers.
 
     Raises
     ------
     ValueError
-        If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart, a
-        closed surface or a piece of it is inside out, and that is not or can not be repaired; white encloses more than
+        If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
+        a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
         pial or coincides with it, the two are of two cortices, no vertex is cortex, the surfaces lie in a plane, or
         ``curvature_scale`` does not fit the mesh.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh, checks
-from morphofold.analysis.sheets import Sides, after, against, fans, joined_sides, sheets
+from morphofold.analysis.sheets import Sides, after, against, joined_sides, sheets
 from morphofold.surface import Cortex, Faces, Verts
 
 if TYPE_CHECKING:
@@ -158,11 +158,10 @@ def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
     if flat.any():
         done["repaired_flat_triangles"] = int(flat.sum()), int(faces[flat][0, 0])
         faces = faces[~flat]
-    if len(faces) and _mesh.edges_and_counts(faces)[1].max() > 2:
-        once = np.sort(np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1])
-        if len(again := np.setdiff1d(np.arange(len(faces)), once)):
-            done["repaired_double_triangles"] = len(again), int(faces[again[0], 0])
-            faces = faces[once]
+    double = _double(faces)
+    if double.any():
+        done["repaired_double_triangles"] = int(double.sum()), int(faces[double][0, 0])
+        faces = faces[~double]
     return faces, at
 
 
@@ -170,21 +169,40 @@ def _flat(faces: Faces) -> Bools:
     return np.any(faces == np.roll(faces, 1, axis=1), axis=1)
 
 
+def _double(faces: Faces) -> Bools:
+    """Triangles (M,) on the same vertices as others: all but one where the surface has an edge for it, else all."""
+    three = np.sort(faces, axis=1)
+    order = np.lexsort(three.T)
+    begin = np.flatnonzero(np.any(np.diff(three[order], axis=0, prepend=-1) != 0, axis=1))
+    copies = np.diff(begin, append=len(faces))
+    double = np.zeros(len(faces), dtype=bool)
+    double[order] = np.repeat(copies > 1, copies)
+    if double.any():
+        one, copies = order[begin[copies > 1]], copies[copies > 1]
+        pair, count = _mesh.edges_and_counts(faces)
+        base = int(faces.max()) + 1
+        key = three[one][:, [0, 0, 1]] * base + three[one][:, [1, 2, 2]]
+        others = count[np.searchsorted(pair[:, 0] * base + pair[:, 1], key)] - copies[:, None]
+        double[one[np.any(others % 2 == 1, axis=1)]] = False
+    return double
+
+
 def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Bools, Faces, Ints]:
     """Which triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each."""
     n, corner = cortex.n_vertices, faces.ravel()
     keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
-    fan = fans(faces, sides.joined)
+    fan = sides.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):          # as many fans as vertices
         return keep, faces, owner
     ends = lambda of: np.unique(corner[np.concatenate([of, after(of)])])
-    crowded = ends(np.concatenate([*sides.crowded, np.empty(0, np.int64)]))
+    crowded = ends(sides.crowded)
     shared = np.bincount(corner[np.unique(fan, return_index=True)[1]], minlength=n) > 1
     touching = np.setdiff1d(np.flatnonzero(shared), np.union1d(ends(sides.border), crowded))
     shared[:] = False
     shared[crowded] = shared[touching] = True
     if len(crowded):
-        done["repaired_pinched_edges"] = len(sides.crowded), int(corner[sides.crowded[0][0]])
+        pairs = np.sort([corner[sides.crowded], corner[after(sides.crowded)]], axis=0)
+        done["repaired_pinched_edges"] = len(np.unique(pairs, axis=1).T), int(pairs[0, 0])
     if len(touching):
         done["repaired_pinched_vertices"] = len(touching), int(touching[0])
     keep = ~_debris(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)

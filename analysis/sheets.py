@@ -26,22 +26,25 @@ class Sides:
     ----------
     joined : (P, 2) int64
         Sides that belong together, each side at most once.
-    crowded : list of (k,) int64
-        Sides of each edge that more than two have.
+    crowded : (C,) int64
+        Sides of edges that more than two have.
     border : (B,) int64
         Sides that are alone at their edge.
     left : (L,) int64
         Sides of crowded edges for which no other was found.
+    fan : (3 M,) int64
+        As :func:`fans` numbers the corners.
     """
 
     joined: Ints
-    crowded: list[Ints]
+    crowded: Ints
     border: Ints
     left: Ints
+    fan: Ints
 
 
 def joined_sides(faces: Faces) -> Sides:
-    """Sides that belong together: the two of an edge, or of more than two those that the surface itself joins.
+    """Sides that belong together: the two of an edge, or of more than two those that the surface joins elsewhere.
 
     Around a vertex, triangles are neighbours across edges that have two. A chain of them that begins and ends at the
     same crowded edge is one sheet of surface, so its first and last side are joined, which may close chains around the
@@ -53,31 +56,37 @@ def joined_sides(faces: Faces) -> Sides:
     order = np.argsort(key, kind="stable")
     begin = np.flatnonzero(np.diff(key[order], prepend=-1))
     count = np.diff(begin, append=len(key))
-    two = begin[count == 2]
+    two, many = begin[count == 2], np.repeat(count > 2, count)
     joined = np.column_stack([order[two], order[two + 1]])
-    crowded = [order[b : b + c] for b, c in zip(begin[count > 2], count[count > 2])]
-    rest = crowded
-    while rest:
-        fan = fans(faces, joined)
-        found = [pair for sides in rest for pair in _ends_of_chains(sides, corner, fan)]
-        found = found or [tuple(sides) for sides in rest if len(sides) == 2]
-        if not found:
+    crowded = order[many]
+    rest, edge = crowded, np.repeat(np.arange(len(count)), count)[many]
+    fan = fans(faces, joined)
+    while len(rest):
+        ways = _of_ends(rest, corner)
+        found = _pairs(edge, fan[ways[0]])
+        found = found if len(found) else _pairs(edge, fan[ways[1]])
+        found = found if len(found) else _pairs(edge, np.zeros(len(edge), dtype=np.int64))
+        if len(found) == 0:
             break
-        joined = np.concatenate([joined, np.array(found)])
-        rest = [left for sides in rest if len(left := np.setdiff1d(sides, found))]
-    return Sides(joined, crowded, order[begin[count == 1]], np.concatenate([*rest, np.empty(0, np.int64)]))
+        joined = np.concatenate([joined, rest[found]])
+        fan = fans(faces, joined)
+        rest, edge = np.delete(rest, found), np.delete(edge, found)
+    return Sides(joined, crowded, order[begin[count == 1]], rest, fan)
 
 
-def _ends_of_chains(sides: Ints, corner: Ints, fan: Ints) -> list[tuple[int, int]]:
-    """Pairs of the sides of one edge that the chain around one of its ends begins and ends with."""
-    found: dict[int, int] = {}
-    for vertex in np.unique([corner[sides[0]], corner[after(sides[0])]]):
-        at = fan[np.where(corner[sides] == vertex, sides, after(sides))]
-        for name in np.unique(at):
-            both = [s for s in sides[at == name].tolist() if s not in found]
-            if len(both) == 2:
-                found.update([both, both[::-1]])
-    return [(a, b) for a, b in found.items() if a < b]
+def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
+    """The corners of sides at the lower and at the higher vertex of their edge."""
+    far = after(side)
+    up = corner[side] < corner[far]
+    return np.where(up, side, far), np.where(up, far, side)
+
+
+def _pairs(edge: Ints, fan: Ints) -> Ints:
+    """Rows (P, 2) of which two and no more have the same edge and fan."""
+    order = np.lexsort((fan, edge))
+    begin = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))
+    two = begin[np.diff(begin, append=len(edge)) == 2]
+    return np.column_stack([order[two], order[two + 1]])
 
 
 def after(side: Ints) -> Ints:
