@@ -126,19 +126,17 @@ def measure(
 
     chosen = copies.accuracy_of(accuracy)
     tell = progress or (lambda what, share: None)
-    mend = mending.mended(cortex) if repair else mending.as_given(cortex)
+    tell("areas", 0.0)
+    mend = mending.measurable(cortex, repair=repair)
     cortex = mend.cortex
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
     mask = checks.cortex_mask(cortex)
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    faults.check_edges(cortex, mend.why_not)
     said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask)
 
-    tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    checks.check_surfaces(cortex)
     said |= faults.self_crossings(cortex, mask)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis import _mesh, checks
+from morphofold.analysis import _mesh, checks, faults
 from morphofold.analysis.sheets import Sides, after, against, joined_sides, sheets
 from morphofold.surface import Cortex, Faces, Verts
 
@@ -96,6 +96,15 @@ class Mended:
                 crest["vertices"] = self.twin[crest["vertices"]]
         hinges = [{**row, "vertex": int(self.twin[row["vertex"]])} for row in measures.hinges]
         return replace(measures, cortex=replace(self.of, white=white, pial=pial), maps=maps, hinges=hinges)
+
+
+def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
+    """The cortex mended, unless ``repair`` is not wanted; raises ``ValueError`` if it can not be measured then."""
+    mend = mended(cortex) if repair else as_given(cortex)
+    checks.cortex_mask(mend.cortex)
+    faults.check_edges(mend.cortex, mend.why_not)
+    checks.check_surfaces(mend.cortex)
+    return mend
 
 
 def as_given(cortex: Cortex, why_not: str = "") -> Mended:
