@@ -58,14 +58,14 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
     if not off.any():
         raise ValueError(
-            f"{cortex.name}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
+            f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
     label, word = cortex_label(cortex)
     mask = off & label
     if not mask.any():
         raise ValueError(
-            f"{cortex.name}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
+            f"{cortex.called}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
             f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
             "Check the label, or leave it out."
         )
@@ -82,18 +82,18 @@ def check_surfaces(cortex: Cortex) -> None:
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out, or swapped; the walls of a cavity rightly face inwards."""
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
-    inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
     hollow = cavities(cortex)
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
         for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
             where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise ValueError(
-                f"{cortex.name}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: its "
-                "faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+                f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
+                "its faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
             )
     if inner.sum() > outer.sum():
         raise ValueError(
-            f"{cortex.name}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
+            f"{cortex.called}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
             f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
         )
 
@@ -104,7 +104,7 @@ def cavities(cortex: Cortex) -> list[int]:
     Their faces are turned inwards, on both surfaces, and white lies around pial: outward is into the cavity.
     """
     piece = _mesh.components(cortex.n_vertices, cortex.faces)[1]
-    inner, outer = (_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
     hollow = np.flatnonzero((inner < outer) & (outer < 0))
     for surface in (cortex.white, cortex.pial):
         hollow = _within_others(surface, piece, hollow)
@@ -148,7 +148,7 @@ def check_pair(cortex: Cortex) -> None:
     if apart > APART * radius and abs(along.mean()) < ALONG:
         files = cortex.files[:2] or (white.name, pial.name)
         raise ValueError(
-            f"{cortex.name}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
+            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
             f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
             "hemisphere of one person."
         )
@@ -156,10 +156,16 @@ def check_pair(cortex: Cortex) -> None:
 
 def volume(surface: Surface) -> float:
     """Volume [mm^3] that a closed surface encloses, its cavities left out; negative if it is inside out."""
-    return float(_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
+    return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
 
 
-def _volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
+def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
     """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
     a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
     return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6).astype(np.float64)
+
+
+def place_of(point: NDArray[np.float64]) -> str:
+    """Coordinates (3,) as messages have them."""
+    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
+    return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -7,32 +7,36 @@ from numpy.typing import NDArray
 
 from morphofold.analysis import _mesh, checks
 from morphofold.crossings.intersection import self_intersections
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, PerVertex, check_mesh
 
 #: notes that a command tells, too
 WARNINGS = (
-    "simulation", "cortex_mask", "parcellation", "mesh", "crossing", "self_crossing", "thickness_file",
+    "simulation", "repair", "cortex_mask", "parcellation", "mesh", "crossing", "self_crossing", "thickness_file",
     "curvature_scale",
 )  # fmt: skip
 THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
-def check_edges(cortex: Cortex) -> None:
+def check_edges(cortex: Cortex, why_not: str = "") -> None:
     """Refuse triangles that are no surface: more than two at an edge, some flipped, or torn from their neighbours.
+
+    ``why_not`` is why they could not be repaired, if that was tried.
 
     Raises
     ------
     ValueError
         With the number of edges or vertices, the first of them and its place on white, and the cure.
     """
+    tried = f" Repair leaves it so: {why_not}." if why_not else ""
+    check_mesh(cortex.white.verts, cortex.faces, cortex.called)
     pair, count = _mesh.edges_and_counts(cortex.faces)
     if len(crowded := pair[count > 2]):
         i, j = crowded[0].tolist()
         raise ValueError(
-            f"{cortex.name}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} and "
-            f"{j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds triangles "
-            "twice: remove those that do not belong to it."
+            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} "
+            f"and {j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds "
+            f"triangles twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
@@ -40,9 +44,9 @@ def check_edges(cortex: Cortex) -> None:
         i, j = divmod(int(same[0]), n)
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
         raise ValueError(
-            f"{cortex.name}: {len(same)} edges are run the same way by both of their triangles; the first is that from "
-            f"vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. Turn "
-            "it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does)."
+            f"{cortex.called}: {len(same)} edges are run the same way by both of their triangles; the first is that "
+            f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
+            f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
         )
     border = np.unique(pair[count == 1])
     both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
@@ -51,9 +55,9 @@ def check_edges(cortex: Cortex) -> None:
     if len(torn := np.flatnonzero(twin != np.arange(len(border)))):
         i, j = border[twin[torn[0]]], border[torn[0]]
         raise ValueError(
-            f"{cortex.name}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
+            f"{cortex.called}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
             f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
-            "one vertex of those at the same place."
+            f"one vertex of those at the same place.{tried}"
         )
 
 
@@ -91,8 +95,8 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
         if len(thin := np.flatnonzero(height < THIN * edge)):
             told.append(
                 f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps, of next to no "
-                f"area, the first of them triangle {thin[0]}, at {_at(corner[thin[0], 0])}: measures bear them, other "
-                "tools may not."
+                f"area, the first of them triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}: measures bear "
+                "them, other tools may not."
             )
     notes = {"mesh": " ".join(told)} if told else {}
     apart = cortex.pial.verts - cortex.white.verts
@@ -122,7 +126,7 @@ def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
             told.append(
                 f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
-                f"deepest at {_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
+                f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
     if not told:
         return {}
@@ -149,9 +153,5 @@ def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex,
 
 
 def _place(cortex: Cortex, vertex: int) -> str:
-    return _at(cortex.white.verts[vertex])
+    return checks.place_of(cortex.white.verts[vertex])
 
-
-def _at(point: NDArray[np.float64]) -> str:
-    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
-    return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -94,6 +94,7 @@ def measure(
     gyral: Mapping[str, Any] | None = None,
     gyral_width: float | None = None,
     accuracy: str = "standard",
+    repair: bool = True,
     progress: Callable[[str, float], None] | None = None,
 ) -> Measures:
     """Everything the measuring room says of one cortex, by the same code whatever its origin.
@@ -114,6 +115,9 @@ def measure(
         50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four,
         if they have less than 40,000. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm. Curvature, areas
         and depth are the same in all (see docs/accuracy.md).
+    repair : bool
+        Whether to mend flipped triangles, pinched edges, torn seams and the like before measuring, as note ``repair``
+        and numbers ``repaired_...`` among the parameters then say; else they are refused.
     progress : callable, optional
         Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.
 
@@ -124,16 +128,18 @@ def measure(
         ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, NaN
         where that is 0, too.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
-        name does not, and why it is None where it is; and, under ``mesh`` (unused vertices, pieces, borders),
-        ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in it), ``curvature_scale``,
-        ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
+        name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
+        vertices, pieces, borders), ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in
+        it), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the input before believing the
+        numbers.
 
     Raises
     ------
     ValueError
-        If ``accuracy`` is none of the three, an edge has more than two triangles, triangles are flipped or torn apart,
-        a closed surface or a piece of it is inside out, white encloses more than pial or coincides with it, the two are
-        of two cortices, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
+        If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
+        a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
+        pial or coincides with it, the two are of two cortices, no vertex is cortex, the surfaces lie in a plane, or
+        ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
@@ -144,7 +150,7 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold.analysis import _mesh, checks, copies, depth, faults, gyrification, notes, regions
+    from morphofold.analysis import _mesh, checks, copies, depth, faults, gyrification, mending, notes, regions
     from morphofold.analysis._curvature import curvature, folding_indices
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
@@ -152,17 +158,17 @@ def measure(
     check_kind(cortex, Cortex, "measure: cortex")
     chosen = copies.accuracy_of(accuracy)
     tell = progress or (lambda what, share: None)
+    tell("areas", 0.0)
+    mend = mending.measurable(cortex, repair=repair)
+    cortex = mend.cortex
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
     mask = checks.cortex_mask(cortex)
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    faults.check_edges(cortex)
-    said = notes.of_input(cortex) | faults.remarks(cortex, mask)
+    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask)
 
-    tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    checks.check_surfaces(cortex)
     said |= faults.self_crossings(cortex, mask)
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
@@ -230,10 +236,10 @@ def measure(
     scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
     said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
     tell("done", 1.0)
-    return Measures(
-        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms,
-        _parameters(cortex, mask, scale, cap, across, graph) | copies.parameters(accuracy, copy), said, graph,
-    )  # fmt: skip
+    parameters = _parameters(cortex, mask, scale, cap, across, graph) | copies.parameters(accuracy, copy)
+    return mend.back(Measures(
+        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
+    ))  # fmt: skip
 
 
 def _parameters(

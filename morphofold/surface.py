@@ -58,6 +58,19 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     face that names a vertex twice. Holes, several components and unused vertices are allowed here;
     measures that cannot bear them say so themselves.
     """
+    _check_indexed(verts, faces, name)
+    flat = np.flatnonzero(
+        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    )
+    if flat.size:
+        raise ValueError(
+            f"{name}: {flat.size} of {len(faces)} faces name a vertex twice; the first is face {flat[0]} = "
+            f"{faces[flat[0]].tolist()}. Remove them."
+        )
+
+
+def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
+    """As ``check_mesh``, but faces may name a vertex twice."""
     check_arrays(verts, faces, name)
     if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
         raise ValueError(
@@ -81,19 +94,13 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
             f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
             "Were the indices 1-based? Then pass faces - 1."
         )
-    flat = np.flatnonzero(
-        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
-    )
-    if flat.size:
-        raise ValueError(
-            f"{name}: {flat.size} of {len(faces)} faces name a vertex twice; the first is face {flat[0]} = "
-            f"{faces[flat[0]].tolist()}. Remove them."
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A triangle surface, checked on construction and read-only.
+
+    As ``check_mesh`` has it, but faces may name a vertex twice: files have such, and ``measure`` leaves them out.
 
     Parameters
     ----------
@@ -124,7 +131,7 @@ class Surface:
 
     def __post_init__(self) -> None:
         verts, faces = (_as_array(values) for values in (self.verts, self.faces))
-        check_mesh(verts, faces, self.name)
+        _check_indexed(verts, faces, self.name)
         verts = np.array(verts, dtype=np.float64, order="C")
         faces = np.array(faces, dtype=np.int64, order="C")
         verts.flags.writeable = faces.flags.writeable = False
@@ -261,6 +268,11 @@ class Cortex:
     @property
     def n_vertices(self) -> int:
         return len(self.white.verts)
+
+    @property
+    def called(self) -> str:
+        """Name and hemisphere, as messages have them."""
+        return f"{self.name} {self.hemi}"
 
     @property
     def faces(self) -> Faces:

@@ -1,19 +1,26 @@
-"""Measure one cortex: curvature, thickness, gyral thickness, gyrification and regions, with a page to look at."""
+"""Measure one cortex: curvature, thickness, gyral thickness, gyrification and regions, with a page to look at. Exit
+code 1: one hemisphere could not be measured, as summary.json and the page say, and the other one was."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from morphofold.analysis import Measures
     from morphofold.clock import Stages
     from morphofold.surface import Cortex
+
+
+UNMEASURED = (ValueError, TypeError, OSError)   # of one hemisphere, after which the other is measured all the same
+T = TypeVar("T")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -84,7 +91,8 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
     clock = Stages()
     clock.begin(READING)
-    cortices = _cortices(args)
+    failed: dict[str, str] = {}
+    cortices = _of_each(_readers(args), failed)
     clock.end()
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
@@ -95,29 +103,33 @@ def run(args: argparse.Namespace) -> int:
     refuse_place_of_inputs(out, (file for cortex in cortices for file in cortex.files))
     refuse_foreign(out)
     if args.dry_run:
-        return _dry_run(cortices, clock.seconds[READING], args)
+        return _dry_run(cortices, failed, clock.seconds[READING], args)
     with progress(cortices[0].name, args.quiet) as tell:
-        measures = []
+        works = {}
         for i, cortex in enumerate(cortices):
             share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
-            measures.append(_measure(cortex, args, share, clock))
+            works[cortex.hemi] = partial(_measure, cortex, args, share, clock)
+        measures = _of_each(works, failed)
         tell(0.8, "writing")
         clock.begin(READING)
         asked = {"hemi": args.hemi, "name": args.name, **options}
         report = not args.no_report
         stages = [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)] if report else []
         if bids:
-            write_dataset(measures, args.out, called, parameters=asked, report=report, stages=stages, clock=clock)
+            write_dataset(
+                measures, args.out, called, failed=failed, parameters=asked, report=report, stages=stages, clock=clock
+            )
         else:
             write_analysis(
-                measures, out, parameters=asked, report=report, stages=stages, mgh=args.mgh, wide=args.wide,
-                clock=clock,
+                measures, out, failed=failed, parameters=asked, report=report, stages=stages, mgh=args.mgh,
+                wide=args.wide, clock=clock,
             )
         tell(1.0, "done")
+    code = _tell_failed(failed)
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     if args.json:
         print(summary.read_text(encoding="utf-8"), end="")
-        return 0
+        return code
     for m in measures:
         s = m.scalars
         index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
@@ -130,11 +142,33 @@ def run(args: argparse.Namespace) -> int:
                 print(f"warning: {m.notes[key]}")
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
-    return 0
+    return code
 
 
-def _cortices(args: argparse.Namespace) -> list[Cortex]:
-    """The hemispheres that are asked for, read from INPUT or from --white and --pial."""
+def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
+    """What each hemisphere gives; why others fail is added to ``failed``. Raises if none gives anything."""
+    found = []
+    for hemi, work in works.items():
+        try:
+            found.append(work())
+        except UNMEASURED as error:
+            failed[hemi], last = " ".join(str(error).split()), error
+    if not found and len(failed) == 1:
+        raise last
+    if not found:
+        raise ValueError(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
+    return found
+
+
+def _tell_failed(failed: Mapping[str, str]) -> int:
+    """Say which hemispheres failed and why; the exit code."""
+    for hemi, why in failed.items():
+        print(f"{hemi} failed: {why}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
+    """What reads each hemisphere that is asked for, of INPUT or of --white and --pial."""
     from morphofold.io import read_cortex
     from morphofold.io.cortices import hemispheres, side_named
 
@@ -142,28 +176,41 @@ def _cortices(args: argparse.Namespace) -> list[Cortex]:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
         hemi = None if args.hemi == "both" else args.hemi
-        return [read_cortex(white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)]
+        return {
+            "": partial(
+                read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot
+            )
+        }
     named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     hemis = named if args.hemi else hemispheres(Path(args.input))
-    called = args.name or args.subject
-    return [read_cortex(args.input, hemi=hemi, name=called, annotation=args.annot) for hemi in hemis]
+    one = partial(read_cortex, args.input, name=args.name or args.subject, annotation=args.annot)
+    return {hemi: partial(one, hemi=hemi) for hemi in hemis}
 
 
 def _said(value: float | None, form: str, unit: str = "") -> str:
     return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
-def _dry_run(cortices: list[Cortex], reading: float, args: argparse.Namespace) -> int:
+def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
+    from morphofold.analysis.measures import scale_of_curvature
+    from morphofold.analysis.mending import measurable
     from morphofold.forecasts import forecast_analysis
     from morphofold.forecasts.words import table_of_analysis
     from morphofold.records import strict_json
 
+    def checked(cortex: Cortex) -> Cortex:
+        mended = measurable(cortex, repair=args.repair).cortex
+        scale_of_curvature(mended, args.curvature_scale)
+        return mended
+
     found = forecast_analysis(
-        cortices, accuracy=args.accuracy, report=not args.no_report, threads=args.threads, reading=reading,
-        curvature_scale=args.curvature_scale, stages=len(_places_of_stages(args.input)),
+        _of_each({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed), accuracy=args.accuracy,
+        report=not args.no_report, threads=args.threads, reading=reading, curvature_scale=args.curvature_scale,
+        repair=args.repair, stages=len(_places_of_stages(args.input)),
     )  # fmt: skip
-    print(strict_json(found.as_dict()).rstrip() if args.json else table_of_analysis(found))
-    return 0
+    code = _tell_failed(failed)
+    print(strict_json({**found.as_dict(), "failed": failed}).rstrip() if args.json else table_of_analysis(found))
+    return code
 
 
 def _find_subject(args: argparse.Namespace) -> None:
@@ -235,7 +282,7 @@ def _measure(
 
     return measure(
         cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, accuracy=args.accuracy,
-        progress=tell,
+        repair=args.repair, progress=tell,
     )  # fmt: skip
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 
 def add_measuring_args(parser: argparse.ArgumentParser) -> None:
-    """--curvature-scale, --gyral-width and --accuracy."""
+    """--curvature-scale, --gyral-width, --accuracy and --no-repair."""
     parser.add_argument(
         "--curvature-scale", type=float, metavar="MM",
         help="radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
@@ -20,6 +21,11 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
         "--accuracy", choices=["draft", "standard", "fine"], default="standard",
         help="draft: thicknesses and the gyral net are of a thinned copy of a mesh of more than 50,000 vertices; fine: "
         "of a split one of a mesh of less than 40,000 (default: standard, of the mesh as it is)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-repair", dest="repair", action="store_false",
+        help="refuse surfaces with flipped triangles, pinched edges, torn seams and the like (default: they are mended "
+        "first, and what was mended is told)",
     )  # fmt: skip
 
 
@@ -44,12 +50,13 @@ def _side(word: str) -> str:
     return SIDES[word.lower()]
 
 
-def measuring_options(args: argparse.Namespace) -> dict[str, float | str | None]:
-    """What was asked for, as results record it; the standard accuracy and parcellation go without saying, so that those
-    of older runs stay. Raises ``ValueError`` for what is no length."""
+def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
+    """What was asked for, as results record it; standard accuracy, parcellation and repair go without saying, so that
+    those of older runs stay. Raises ``ValueError`` for what is no length."""
     for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
         if length is not None and not 0 < length < float("inf"):
             raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
     asked = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
     asked |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
+    asked |= {} if args.repair else {"repair": False}
     return asked if getattr(args, "annot", None) is None else {**asked, "annotation": args.annot}

@@ -36,7 +36,8 @@ class Participant:
     report : bool
         With a page and pictures of its own.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm`` [mm], ``accuracy`` and ``annotation``, as ``analyze`` takes them.
+        ``curvature_scale_mm``, ``gyral_width_mm`` [mm], ``accuracy``, ``repair`` and ``annotation``, as ``analyze``
+        takes them.
     """
 
     name: str
@@ -131,11 +132,12 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
     asked = {"hemi": None, "name": None, **subject.options}
     if subject.bids:
         write_dataset(
-            measured, subject.place.out, subject.name, parameters=asked, report=subject.report, clock=clock
+            measured, subject.place.out, subject.name, failed=failures, parameters=asked, report=subject.report,
+            clock=clock,
         )
     else:
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_analysis(measured, place, parameters=asked, report=subject.report, clock=clock)
+        write_analysis(measured, place, failed=failures, parameters=asked, report=subject.report, clock=clock)
     return failures
 
 

@@ -77,7 +77,7 @@ class AnalysisForecast:
 
 def forecast_analysis(
     cortices: Sequence[Cortex], *, accuracy: str = "standard", report: bool = True, threads: int | None = None,
-    reading: float = 0.0, curvature_scale: float | None = None, stages: int = 0,
+    reading: float = 0.0, curvature_scale: float | None = None, repair: bool = True, stages: int = 0,
 ) -> AnalysisForecast:  # fmt: skip
     """Forecast of an analysis: its time on this machine, memory and errors. Takes a few seconds, writes nothing.
 
@@ -94,6 +94,8 @@ def forecast_analysis(
         Seconds that reading the surfaces took.
     curvature_scale : float, optional
         As for :func:`morphofold.analysis.measure` [mm].
+    repair : bool
+        As for :func:`morphofold.analysis.measure`.
     stages : int
         How many of a simulation the page will draw; their time is not counted, which is said.
 
@@ -103,15 +105,13 @@ def forecast_analysis(
         If there is no cortex, no such accuracy, the threads cannot be had, or a cortex is one that can not be measured:
         for all that the measuring itself would refuse but a surface without volume.
     """
-    from morphofold.analysis.checks import check_surfaces, cortex_mask
     from morphofold.analysis.copies import accuracy_of
+    from morphofold.analysis.mending import measurable
 
     if not cortices:
         raise ValueError("there is no cortex to forecast the measuring of. Pass one at least.")
     chosen = accuracy_of(accuracy)
-    for cortex in cortices:
-        cortex_mask(cortex)
-        check_surfaces(cortex)
+    cortices = [measurable(cortex, repair=repair).cortex for cortex in cortices]
     wider = [_wider(cortex, curvature_scale) for cortex in cortices]
     timed, uneven, threads = _timed(threads)
     sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]

@@ -19,6 +19,7 @@ from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.records import shown, unchanged
 from morphofold.surface import Cortex
 
+HEMIS = ("lh", "rh")
 MAPS = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
 _MAP_ENDINGS = ("", ".shape.gii", ".gii")
@@ -135,28 +136,11 @@ def read_cortex(
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres whose surfaces lie in ``folder`` or its surf/; ("lh",) if none does, for the reader to say.
-
-    Raises
-    ------
-    FileNotFoundError
-        If one hemisphere is there and the other is half there: one of its two surfaces.
-    """
+    """Hemispheres of which white or pial is in ``folder`` or its surf/; ("lh",) if neither, for the reader to say."""
     place = folder / "surf" if (folder / "surf").is_dir() else folder
     files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
-    there = {
-        hemi: [kind for kind in ("white", "pial") if any(f"{hemi}.{kind}{end}" in files for end in SURFACE_ENDINGS)]
-        for hemi in ("lh", "rh")
-    }
-    half, whole = ([hemi for hemi, kinds in there.items() if len(kinds) == n] for n in (1, 2))
-    if half and whole:
-        (has,), side = there[half[0]], {"lh": "left", "rh": "right"}[whole[0]]
-        lacks = "pial" if has == "white" else "white"
-        raise FileNotFoundError(
-            f"{folder}: {place.name}/{half[0]}.{has} is there and {place.name}/{half[0]}.{lacks} is not. Restore it, "
-            f"or pass --hemi {whole[0]} to measure the {side} alone."
-        )
-    return tuple(whole or half) or ("lh",)
+    names = {hemi: {f"{hemi}.{kind}{end}" for kind in ("white", "pial") for end in SURFACE_ENDINGS} for hemi in HEMIS}
+    return tuple(hemi for hemi in HEMIS if names[hemi] & files) or ("lh",)
 
 
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:

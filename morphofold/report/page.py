@@ -42,18 +42,21 @@ if TYPE_CHECKING:
     from morphofold.comparison import Comparison
 
 ANALYSIS = "Analysis"
+SIDES = {"lh": "left", "rh": "right"}
+NONE: Mapping[str, str] = {}
 SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
 def analysis_report(
-    measures: Sequence[Measures], path: str | Path, *, inputs: Inputs = (), stages: Sequence[Measures] = (),
-    clock: Stages | None = None,
+    measures: Sequence[Measures], path: str | Path, *, failed: Mapping[str, str] = NONE, inputs: Inputs = (),
+    stages: Sequence[Measures] = (), clock: Stages | None = None,
 ) -> Path:  # fmt: skip
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
 
-    ``inputs`` are rows with ``path`` and ``sha256``; without them the files the surfaces name are hashed. ``stages``
+    ``failed`` are hemispheres that could not be measured, and why. ``inputs`` are rows with ``path`` and ``sha256``;
+    without them the files the surfaces name are hashed. ``stages``
     are those of the one body that was measured, to be drawn as it grows. ``clock`` went along with the measuring: with
     it the page says what all this took.
     """
@@ -66,13 +69,14 @@ def analysis_report(
     comparison = compare(dict(zip(unique, measures)))
     if stages:
         comparison = replace(comparison, stages={unique[0]: tuple(stages)})
-    sides = " and ".join({"lh": "left", "rh": "right"}[m.cortex.hemi] for m in measures)
+    sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
     what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs, clock=clock)
+    missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
+    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs, missing, clock=clock)
 
 
 def comparison_report(
@@ -87,7 +91,7 @@ def comparison_report(
 
 
 def _write(
-    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs,
+    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, missing: Sequence[str] = (),
     progress: Callable[[str, float], None] = lambda what, share: None, clock: Stages | None = None,
 ) -> Path:  # fmt: skip
     entries = _entries(comparison)
@@ -110,7 +114,7 @@ def _write(
         headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
         scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),
-        warnings=contents.warnings(entries), cautions=contents.cautions(entries, comparison),
+        warnings=[*missing, *contents.warnings(entries)], cautions=contents.cautions(entries, comparison),
         plot_notes=contents.plot_notes(comparison),
         bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
         tables=contents.tables(entries), methods=paragraph, references=references,

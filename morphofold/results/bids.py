@@ -65,6 +65,7 @@ README = """\
 Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject; the `.json` beside a map
 or table says what it holds, `*_provenance.json` where it comes from. What BIDS has no name for is in `.bidsignore`.
 """
+NAN = f"{MISSING}; n/a in tables"
 LEVELS = {"hemi": {"lh": "left", "rh": "right"}}
 
 
@@ -73,6 +74,7 @@ def write_dataset(
     dataset: str | Path,
     name: str,
     *,
+    failed: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
     stages: Sequence[Cortex] = (),
@@ -88,6 +90,8 @@ def write_dataset(
         Folder of the dataset: new, empty, or one that this function wrote; its other subjects stay.
     name : str
         The subject's; BIDS leaves letters and digits of it, and what an earlier run wrote of that name is replaced.
+    failed : mapping, optional
+        As for ``write_analysis``.
     parameters : mapping, optional
         Recorded for the whole run.
     report : bool
@@ -129,13 +133,15 @@ def write_dataset(
         for key, columns in COLUMNS.items():
             _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
         _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
-        said = {"subject": name, **summary_of(measures, records, parameters), "nan": f"{MISSING}; n/a in tables"}
+        said = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
         (anat / f"{place.name}{PROVENANCE}").write_text(strict_json(said), encoding="utf-8")
         if report:
             from morphofold.report import analysis_report
 
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(measures, folder / "report.html", inputs=records, stages=grown, clock=clock)
+            analysis_report(
+                measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock
+            )
         if clock is not None:
             cost = cost_of_analysis(measures, clock)
             (anat / f"{place.name}{COST}").write_text(strict_json(cost.as_dict()), encoding="utf-8")

@@ -53,6 +53,7 @@ def write_analysis(
     measures: Sequence[Measures],
     out: str | Path,
     *,
+    failed: Mapping[str, str] | None = None,
     inputs: Iterable[str | Path] = (),
     parameters: Mapping[str, Any] | None = None,
     report: bool = True,
@@ -69,6 +70,8 @@ def write_analysis(
         One hemisphere, or a left and a right one.
     out : str or path
         Folder to write. One that an earlier run wrote is replaced; any other that is not empty is refused.
+    failed : mapping, optional
+        Hemispheres that could not be measured, and why; recorded, and said on the page.
     inputs : iterable of path
         Files to record with their SHA-256 beside those the cortices name.
     parameters : mapping, optional
@@ -105,7 +108,8 @@ def write_analysis(
             (folder / name).mkdir()
         for m in measures:
             _write_surface(m, folder, mgh)
-        (folder / "summary.json").write_text(strict_json(summary_of(measures, records, parameters)), encoding="utf-8")
+        said = summary_of(measures, records, parameters, failed or {})
+        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
         write_table(folder / "surfaces.tsv", SURFACES, scalar_rows(measures))
@@ -116,7 +120,9 @@ def write_analysis(
             from morphofold.report import analysis_report
 
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(measures, folder / "report.html", inputs=records, stages=grown, clock=clock)
+            analysis_report(
+                measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock
+            )
         if clock is not None:
             cost = cost_of_analysis(measures, clock)
             (folder / "cost.json").write_text(strict_json(cost.as_dict()), encoding="utf-8")

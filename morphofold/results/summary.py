@@ -141,15 +141,16 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
 
 
 def summary_of(
-    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None
-) -> dict[str, Any]:
-    """What summary.json holds: where the numbers come from, the scalars, and what is said of them."""
+    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None,
+    failed: Mapping[str, str],
+) -> dict[str, Any]:  # fmt: skip
+    """What summary.json holds: where the numbers come from, the scalars, what is said of them, and what failed."""
     import morphofold
 
     return {
         "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
         "nan": NAN_RULE, "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
-        "surfaces": [_entry(m) for m in measures],
+        "surfaces": [_entry(m) for m in measures], "failed": dict(failed),
     }  # fmt: skip
 
 

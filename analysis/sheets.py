@@ -1,0 +1,133 @@
+"""Which triangles are neighbours, also where more than two share an edge; and which of them run the wrong way round.
+
+A *side* of a triangle is numbered like the corner that it runs from: side 3 t + k of triangle t runs from its corner k
+to the next one. Two sides along one edge that belong together are *joined*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from morphofold.surface import Faces
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """How the sides of triangles are joined.
+
+    Attributes
+    ----------
+    joined : (P, 2) int64
+        Sides that belong together, each side at most once.
+    crowded : (C,) int64
+        Sides of edges that more than two have.
+    border : (B,) int64
+        Sides that are alone at their edge.
+    left : (L,) int64
+        Sides of crowded edges for which no other was found.
+    fan : (3 M,) int64
+        As :func:`fans` numbers the corners.
+    """
+
+    joined: Ints
+    crowded: Ints
+    border: Ints
+    left: Ints
+    fan: Ints
+
+
+def joined_sides(faces: Faces) -> Sides:
+    """Sides that belong together: the two of an edge, or of more than two those that the surface joins elsewhere.
+
+    Around a vertex, triangles are neighbours across edges that have two. A chain of them that begins and ends at the
+    same crowded edge is one sheet of surface, so its first and last side are joined, which may close chains around the
+    other end. Two that are left at an edge in the end belong together.
+    """
+    corner = faces.ravel()
+    ends = np.sort([corner, corner[after(np.arange(len(corner)))]], axis=0)
+    key = ends[0] * (int(corner.max()) + 1) + ends[1]
+    order = np.argsort(key, kind="stable")
+    begin = np.flatnonzero(np.diff(key[order], prepend=-1))
+    count = np.diff(begin, append=len(key))
+    two, many = begin[count == 2], np.repeat(count > 2, count)
+    joined = np.column_stack([order[two], order[two + 1]])
+    crowded = order[many]
+    rest, edge = crowded, np.repeat(np.arange(len(count)), count)[many]
+    fan = fans(faces, joined)
+    while len(rest):
+        ways = _of_ends(rest, corner)
+        found = _pairs(edge, fan[ways[0]])
+        found = found if len(found) else _pairs(edge, fan[ways[1]])
+        found = found if len(found) else _pairs(edge, np.zeros(len(edge), dtype=np.int64))
+        if len(found) == 0:
+            break
+        joined = np.concatenate([joined, rest[found]])
+        fan = fans(faces, joined)
+        rest, edge = np.delete(rest, found), np.delete(edge, found)
+    return Sides(joined, crowded, order[begin[count == 1]], rest, fan)
+
+
+def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
+    """The corners of sides at the lower and at the higher vertex of their edge."""
+    far = after(side)
+    up = corner[side] < corner[far]
+    return np.where(up, side, far), np.where(up, far, side)
+
+
+def _pairs(edge: Ints, fan: Ints) -> Ints:
+    """Rows (P, 2) of which two and no more have the same edge and fan."""
+    order = np.lexsort((fan, edge))
+    begin = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))
+    two = begin[np.diff(begin, append=len(edge)) == 2]
+    return np.column_stack([order[two], order[two + 1]])
+
+
+def after(side: Ints) -> Ints:
+    """The next side of the same triangle, which begins where this one ends."""
+    return side - side % 3 + (side + 1) % 3
+
+
+def fans(faces: Faces, joined: Ints) -> Ints:
+    """Number (3 M,) of the fan that each corner is of: triangles around a vertex that are joined."""
+    corner, (one, other) = faces.ravel(), joined.T
+    same = corner[one] == corner[other]
+    far = after(other)
+    i, j = (one, after(one)), (np.where(same, other, far), np.where(same, far, other))
+    return _parts(len(corner), np.concatenate(i), np.concatenate(j))
+
+
+def sheets(faces: Faces, joined: Ints) -> Ints:
+    """Number (M,) of the piece that each triangle is of: those that are joined."""
+    return _parts(len(faces), *(joined // 3).T)
+
+
+def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
+    """Triangles (M,) that run against the most of those that are joined to them; None if a piece has one side only.
+
+    Each triangle is there in both ways round; those that agree across joined sides are one part. On a piece with two
+    sides the two ways of a triangle are of two parts, and the one that holds more triangles as they are is right.
+    """
+    corner, m = faces.ravel(), len(faces)
+    same = corner[joined[:, 0]] == corner[joined[:, 1]]                 # one of the two runs the wrong way
+    if not same.any():
+        return np.zeros(m, dtype=bool)
+    one, other = (joined // 3).T
+    shift = np.where(same, m, 0)
+    part = _parts(2 * m, np.concatenate([one, one + m]), np.concatenate([other + shift, other + m - shift]))
+    as_is, turned = part[:m], part[m:]
+    if (as_is == turned).any():
+        return None
+    votes = np.bincount(as_is, minlength=int(part.max()) + 1)
+    return (votes[as_is] < votes[turned]) | ((votes[as_is] == votes[turned]) & (as_is > turned))
+
+
+def _parts(n: int, i: Ints, j: Ints) -> Ints:
+    links = sparse.coo_array((np.ones(len(i), dtype=np.bool_), (i, j)), shape=(n, n))
+    return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
