@@ -24,6 +24,8 @@ STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6                 # widths: of a curve, fi
 NEAR, SMOOTHING = 0.2, 0.2                              # spared at a junction, smoothed along
 INNER, OUTER = 0.5, 1.5                                 # widths from a junction between which an arm has its direction,
 SHARE = 0.6                                             # and the share of it that may be used
+MEETING = (0.3, 1.0)                                    # widths between which its arms say where a junction is: farther
+                                                        # out they bend, and it would be found anew less exactly
 SHIFT, TIE = 0.25, 0.3                                  # a junction's move a round, widths; how it clings to its place
 STRAIGHT = 0.3                                          # of an arm that is made straight at most
 BLOCKS = 64
@@ -34,7 +36,7 @@ def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int =
 
     Each point moves across its curve to the top of a parabola fitted to the altitude around it; curves
     are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
-    between 0.5 and 1.5 widths from it, and within 0.5 the arms become straight: on the last stretch altitude has no
+    between 0.3 and 1 width from it, and within 0.5 the arms become straight: on the last stretch altitude has no
     crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
     wander along them.
     """
@@ -136,10 +138,10 @@ def _arms(net, node, names):
 
 
 def _window(line, width):
-    """The points of an arm from which its direction is taken; None if there are fewer than two."""
+    """The points of an arm from which its line is taken; None if there are fewer than two."""
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    outer = min(OUTER * width, SHARE * way[-1])
-    inner = min(INNER * width, 0.5 * outer)
+    outer = min(MEETING[1] * width, SHARE * way[-1])
+    inner = min(MEETING[0] * width, 0.5 * outer)
     inside = (way >= inner) & (way <= outer)
     return line[inside] if inside.sum() > 1 else None
 
