@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from morphofold.analysis.scaling import ShapeTerms, shape_terms
     from morphofold.analysis.sensitivity import hinge_sensitivity
     from morphofold.analysis.spectrum import Spectrum, power_spectrum
-    from morphofold.analysis.thickness import GyralThickness, cortical_thickness, gyral_thickness
+    from morphofold.analysis.thickness import cortical_thickness
 
 _PUBLIC = {
     "Arm": "hinge_table",
@@ -42,7 +42,7 @@ _PUBLIC = {
     "Curvature": "_curvature",
     "FoldingIndices": "_curvature",
     "GyralScales": "gyral_net",
-    "GyralThickness": "thickness",
+    "GyralThickness": "chord",
     "Hinge": "hinge_table",
     "HingeShapes": "patterns",
     "Measures": "measures",
@@ -55,7 +55,7 @@ _PUBLIC = {
     "folding_indices": "_curvature",
     "fractal_dimension": "fractal",
     "gyral_graph": "gyri",
-    "gyral_thickness": "thickness",
+    "gyral_thickness": "chord",
     "gyrification_index": "gyrification",
     "hinge_sensitivity": "sensitivity",
     "hinge_shapes": "patterns",

@@ -157,7 +157,7 @@ def of_gyral_thickness(across: GyralThickness) -> Notes:
         or (
             f"Wall to wall at mid-height on the pial surface; folds by a smoothing length of {across.scale:.1f} mm; "
             f"{across.coverage:.0%} of the mid-height contour could be measured, quartiles {across.lower:.1f} and "
-            f"{across.upper:.1f} mm."
+            f"{across.upper:.1f} mm. The map is empty on gyri without such a measurement nearby."
         ),
         "wavelength_mm": across.reason
         or (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,20 +42,66 @@ class Scanner:
         hit = (triangle >= 0) & (np.abs(cosine) > 1e-6)
         return np.divide(ahead, cosine, out=np.full(len(origins), np.inf), where=hit), triangle, cosine
 
+    def crossings(
+        self,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        lengths: NDArray[np.float64] | float,
+        wanted: NDArray[np.bool_],
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]]:
+        """Hits of rays one after the other, up to their lengths: first of all the first, then of all the second.
+
+        Yields the rays (L,) that hit, the distances, triangles and cosines (L,). Rays whose ``wanted`` (R,) is or
+        becomes False are not followed; 32 hits at most, for those that graze.
+        """
+        gone, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
+        for _ in range(32):
+            live = np.flatnonzero(wanted)
+            if not len(live):
+                return
+            far, triangle, cosine = self.shoot(origins[live] + gone[live, None] * directions[live], directions[live])
+            at = gone[live] + np.maximum(far, 0)
+            within = at < lengths[live]
+            wanted[live[~within]] = False
+            live, at = live[within], at[within]
+            gone[live] = at + 1e-3 * self.edge
+            yield live, at, triangle[within], cosine[within]
+
+    def bodies(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], longest: float
+    ) -> NDArray[np.int64]:
+        """How many bodies each point (R,) lies in: exits less entries along its ray, up to where most of it is left."""
+        depth, deepest = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
+        for live, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
+            depth[live] += np.where(cosine > 0, 1, -1)
+            np.maximum(deepest, depth, out=deepest)
+        return deepest
+
+    def exits(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], number: NDArray[np.int64], longest: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """As ``shoot``, of where each ray leaves the surface for the ``number``-th (R,) time; entries are passed over.
+
+        inf where it does not within ``longest``.
+        """
+        distance, found = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        slope, still, wanted = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        for live, at, triangle, cosine in self.crossings(origins, directions, longest, wanted):
+            still[live] -= cosine > 0
+            last = still[live] == 0
+            wanted[live[last]] = False
+            distance[live[last]], found[live[last]], slope[live[last]] = at[last], triangle[last], cosine[last]
+        return distance, found, slope
+
     def stays_white(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], lengths: NDArray[np.float64], slack: float
     ) -> NDArray[np.bool_]:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than slack."""
-        good = np.ones(len(origins), dtype=bool)
-        live, gone, left = np.arange(len(origins)), np.zeros(len(origins)), np.full(len(origins), np.nan)
-        for _ in range(32):                     # who grazes more often is judged by what it did so far
-            far, _, cosine = self.shoot(origins[live] + gone[live, None] * directions[live], directions[live])
-            at = gone[live] + np.maximum(far, 0)
-            within, leaving = at < lengths[live], cosine > 0
-            good[live[within & ~leaving & (at - left[live] > slack)]] = False
+        good, left = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
+        wanted = good.copy()
+        for live, at, _, cosine in self.crossings(origins, directions, lengths, wanted):
+            leaving = cosine > 0
+            out = live[~leaving & (at - left[live] > slack)]
+            good[out], wanted[out] = False, False
             left[live[leaving]] = at[leaving]
-            gone[live] = at + 1e-3 * self.edge
-            live = live[within & good[live]]
-            if not len(live):
-                break
         return good

@@ -15,7 +15,7 @@ from morphofold.surface import Cortex, PerVertex, check_kind
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.analysis.thickness import GyralThickness
+    from morphofold.analysis.chord import GyralThickness
 
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",

@@ -8,10 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold.analysis import _mesh
-from morphofold.analysis.chord import GyralThickness, gyral_thickness
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
-
-__all__ = ["GyralThickness", "cortical_thickness", "gyral_thickness"]
 
 BLOCKS = 64     # independent stretches of vertices; each has its own scratch, none depends on the thread count
 
