@@ -75,9 +75,10 @@ class Control:
 class HingeComparison:
     """Hinges of group ``one`` beside those of group ``other``.
 
-    ``surfaces`` says how many surfaces they are of. ``shape`` compares the distributions of whole shapes, ``numbers`` those of single numbers. ``matches`` has one entry
-    per hinge of ``one``, the nearest first. ``controls``: the first group, the second group itself (each hinge left out
-    in turn), and a net at chance, if one can have as many hinges for their gyral width.
+    ``surfaces`` says of how many they are. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
+    single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls``: the first group,
+    the second group itself (each hinge left out in turn), and a net at chance, if one can have as many hinges for their
+    gyral width.
     """
 
     one: str
