@@ -31,9 +31,8 @@ def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
     if isinstance(value, kinds):
         return
     names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
-    raise TypeError(
-        f"{what} must be of class {' or '.join(names)}, not {type(value).__name__}{_shown(value)}. {_HOW.get(names[0], '')}"
-    )
+    got = f"{type(value).__name__}{_shown(value)}"
+    raise TypeError(f"{what} must be of class {' or '.join(names)}, not {got}. {_HOW.get(names[0], '')}")
 
 
 def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.cli import COMMANDS, main
+from morphofold.analysis.measures import SCALARS
+from morphofold.cli import COMMANDS, main, parser
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Surface
+from morphofold.tables import read_table
 
 
 def pair(folder, levels=(3, 3)):
@@ -33,6 +35,33 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
     assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
+
+
+@pytest.mark.parametrize(("word", "hemi"), [("LH", "lh"), ("L", "lh"), ("left", "lh"), ("Right", "rh"), ("rh", "rh")])
+def test_a_hemisphere_is_understood_in_any_spelling(word, hemi):
+    args = parser().parse_args(["analyze", "subject", "--hemi", word])
+    assert args.hemi == hemi
+
+
+@pytest.mark.parametrize("command", ["analyze", "cohort", "bids"])
+def test_what_is_no_hemisphere_is_refused(capsys, command):
+    try:
+        code = main([command, "there", *(["out", "group"] if command == "bids" else []), "--hemi", "middle"])
+    except SystemExit as ended:                                         # argparse's own refusal
+        code = ended.code
+    assert code == 2
+    assert "'middle'" in capsys.readouterr().err
+
+
+def test_scalars_are_a_table_of_one_row_for_each_hemisphere(here):
+    assert main([*pair(here), "--no-report"]) == 0
+    (row,) = read_table(here / "out" / "surfaces.tsv", ("hemi",))
+    summary = json.loads((here / "out" / "summary.json").read_text())["surfaces"][0]["measures"]
+    assert row["hemi"] == "lh"
+    assert set(SCALARS) < set(row)
+    assert row["etiv_mm3"] is None
+    for name, value in summary.items():
+        assert row[name] == (None if value is None else pytest.approx(value, rel=1e-6))
 
 
 def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):

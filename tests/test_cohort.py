@@ -617,3 +617,37 @@ def test_two_runs_into_one_folder_are_refused(tmp_path):
     assert "another run is writing here" in told
     process.communicate()
     assert process.returncode == 0
+
+
+def test_the_parcellation_is_one_of_the_options_that_results_follow_from(three, tmp_path, quick):
+    out, asked = tmp_path / "out", {"annotation": "aparc.a2009s"}
+    label = three[0] / "label"
+    for hemi in ("lh", "rh"):
+        regions = Regions(np.zeros(162, int), ("all",), np.array([[9, 9, 9]], np.uint8))
+        write_annotation(label / f"{hemi}.aparc.a2009s.annot", regions)
+    assert states(measured(three[:2], out)) == {"anna": "done", "ben": "done"}
+    assert states(measured(three[:2], out, "2", options=asked)) == {"anna": "done", "ben": "failed"}
+    assert read_results(out / "subjects" / "anna").hows[0][-1] == "aparc.a2009s"
+    assert {row["region"] for row in read_results(out / "subjects" / "anna").regions} == {"all"}
+    assert states(measured(three[:2], out, "3", options=asked)) == {"anna": "reused", "ben": "failed"}
+    for hemi in ("lh", "rh"):
+        shutil.copy(label / f"{hemi}.aparc.a2009s.annot", three[1] / "label")
+    assert states(measured(three[:2], out, "4", options=asked)) == {"anna": "reused", "ben": "done"}
+
+
+def test_what_freesurfer_says_of_a_brain_is_in_the_table_of_hemispheres(three, tmp_path, quick):
+    (three[0] / "stats").mkdir()
+    (three[0] / "stats" / "aseg.stats").write_text(
+        "# Measure EstimatedTotalIntraCranialVol, eTIV, Estimated Total Intracranial Volume, 1500000.5, mm^3\n"
+        "# Measure rhSurfaceHoles, rhSurfaceHoles, Number of defect holes in rh surfaces prior to fixing, 7, unitless\n"
+    )
+    out = tmp_path / "out"
+    measured(three, out)
+    grouped(three, out)
+    words = ("subject", "hemi", "morphofold", "cortex_mask", "accuracy", "annotation")
+    rows = read_table(out / "group" / "hemispheres.tsv", words)
+    assert [(row["subject"], row["hemi"]) for row in rows[:2]] == [("anna", "lh"), ("anna", "rh")]
+    told = [(row["etiv_mm3"], row["surface_holes"]) for row in rows[:3]]
+    assert told == [(1500000, None), (1500000, 7), (None, None)]
+    (three[0] / "stats" / "aseg.stats").unlink()
+    assert states(measured(three, out, "2"))["anna"] == "done"          # it is an input like the surfaces

@@ -188,3 +188,72 @@ def test_a_folder_whose_name_is_no_text_is_read_under_a_name_that_can_be_written
     cortex = read_cortex(folder)
     assert cortex.name == "caf\\udce9"
     assert cortex.name.encode("utf-8")
+
+
+# --- what FreeSurfer says of a subject, and which parcellation is read
+
+STATS = """\
+# Title Segmentation Statistics
+# Measure lhSurfaceHoles, lhSurfaceHoles, Number of defect holes in lh surfaces prior to fixing, 23, unitless
+# Measure rhSurfaceHoles, rhSurfaceHoles, Number of defect holes in rh surfaces prior to fixing, 41, unitless
+# Measure EstimatedTotalIntraCranialVol, eTIV, Estimated Total Intracranial Volume, 1534567.890123, mm^3
+  1   4     14046    14046.0  Left-Lateral-Ventricle     30.1      9.2      4.0     68.0     64.0
+"""
+
+
+@pytest.fixture
+def bert(tmp_path):
+    return shutil.copytree(sample_path("fsaverage5"), tmp_path / "bert")
+
+
+def with_stats(subject, content):
+    (subject / "stats").mkdir(exist_ok=True)
+    (subject / "stats" / "aseg.stats").write_bytes(content if isinstance(content, bytes) else content.encode())
+    return subject
+
+
+def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
+    with_stats(bert, STATS)
+    for hemi, holes in (("lh", 23), ("rh", 41)):
+        cortex = read_cortex(bert, hemi)
+        assert cortex.info == {"etiv_mm3": 1534567.890123, "surface_holes": holes}
+        assert str(bert / "stats" / "aseg.stats") in cortex.files       # so that its digest is recorded
+
+
+@pytest.mark.parametrize(
+    ("content", "known"),
+    [
+        (b"", set()),
+        (STATS.replace("1534567.890123", "nan").encode(), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "-3").encode(), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "1e999").encode(), {"surface_holes"}),
+        (STATS.replace(" 23,", " many,").encode(), {"etiv_mm3"}),
+        (STATS[: STATS.index("23,") + 1].encode(), set()),              # cut within a number
+        (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),
+        (b"# Measure lhSurfaceHoles\n# Measure\n# Measure ,,,,\n,\n", set()),
+        (b"# Measure lhSurfaceHoles, , , " + b"9" * 5000 + b", unitless", set()),
+        (b"x" * 10_000_000, set()),
+    ],
+)  # fmt: skip
+def test_what_damaged_statistics_do_not_say_is_left_out(bert, content, known):
+    assert set(read_cortex(with_stats(bert, content), "lh").info) == known
+
+
+def test_the_parcellation_that_is_named_is_read(bert):
+    label = bert / "label"
+    for hemi in ("lh", "rh"):
+        shutil.copy(label / f"{hemi}.aparc.annot", label / f"{hemi}.aparc.a2009s.annot")
+    usual, named, short = (read_cortex(bert, annotation=name) for name in (None, "aparc.a2009s", "a2009s"))
+    assert (usual.regions.name, named.regions.name, short.regions.name) == ("aparc", "aparc.a2009s", "aparc.a2009s")
+    assert str(label / "lh.aparc.a2009s.annot") in named.files
+
+
+@pytest.mark.parametrize("name", ["economo", "", "../surf/lh.white"])
+def test_a_parcellation_that_is_named_and_not_there_is_refused(bert, name):
+    with pytest.raises(FileNotFoundError, match=r"lh\.aparc\.annot"):
+        read_cortex(bert, annotation=name)
+
+
+def test_a_pair_of_files_has_no_parcellation_to_name(bert):
+    with pytest.raises(ValueError, match="annotation"):
+        read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")

@@ -35,6 +35,38 @@ def average():
     return measures, steps
 
 
+def test_volumes_are_those_of_spheres_and_an_open_surface_has_none():
+    """Of inscribed polyhedra at two levels: what they lack falls with the square of the edge."""
+    exact = {"white": 4 / 3 * np.pi * 47**3, "pial": 4 / 3 * np.pi * 50**3}
+    lack = []
+    for level in (3, 4):
+        s = measure(shell(level)).scalars
+        lack.append([1 - s[f"volume_{name}_mm3"] / volume for name, volume in exact.items()])
+        assert s["gray_volume_mm3"] == pytest.approx(s["volume_pial_mm3"] - s["volume_white_mm3"], rel=1e-9)
+    np.testing.assert_allclose(np.divide(*lack), 4, rtol=0.02)
+    assert max(lack[1]) < 0.003
+    whole = shell(3)
+    cut = [Surface(one.verts, one.faces[1:], one.name) for one in (whole.white, whole.pial)]
+    opened = measure(Cortex(*cut))
+    assert opened.scalars["volume_white_mm3"] is None
+    assert opened.scalars["volume_pial_mm3"] is None
+    assert {"volume_white_mm3", "volume_pial_mm3"} <= set(opened.notes)
+    assert opened.scalars["gray_volume_mm3"] == pytest.approx(s["gray_volume_mm3"], rel=0.01)
+
+
+def test_gray_matter_is_that_of_the_cortex_alone():
+    """A label of the northern half: half the shell."""
+    whole = shell(4)
+    north = measure(replace(whole, cortex=whole.pial.verts[:, 2] > 0))
+    equator = np.abs(whole.pial.verts[:, 2]) < 1e-9
+    rest = measure(replace(whole, cortex=(whole.pial.verts[:, 2] < 0) | equator))
+    both = measure(whole).scalars
+    found = [m.scalars["gray_volume_mm3"] for m in (north, rest)]
+    assert sum(found) == pytest.approx(both["gray_volume_mm3"], rel=1e-12)
+    assert found[0] == pytest.approx(found[1], rel=0.1)
+    assert north.scalars["volume_pial_mm3"] == both["volume_pial_mm3"]  # of the whole surface
+
+
 def test_a_shell_has_the_measures_of_its_spheres():
     m = measure(shell())
     s = m.scalars

@@ -115,3 +115,92 @@ def test_a_cortex_counts_its_vertices_and_shows_the_common_faces():
     c = cortex(maps={"thickness": np.full(42, 2.0)})
     assert c.n_vertices == 42
     assert c.faces is c.white.faces
+
+
+# --- nouns in the wrong place
+
+
+def public():
+    """Public functions that take a noun, each with the noun that it takes."""
+    import morphofold as mf
+    from morphofold import analysis
+
+    of_arrays = [
+        analysis.crest_lines, analysis.curvature, analysis.fractal_dimension, analysis.gyrification_index,
+        analysis.local_gyrification_index, analysis.sulcal_depth, analysis.vertex_areas, analysis.vertex_normals,
+        analysis.wavelength,
+    ]  # fmt: skip
+    return {
+        "one": [
+            mf.measure, mf.compare, mf.estimate_error, analysis.euler_characteristic, analysis.gray_volumes,
+            analysis.gyral_graph, analysis.gyral_thickness, analysis.hinge_sensitivity, analysis.hinge_shapes,
+            analysis.hinges, lambda x: analysis.region_table(x, {}), lambda x: mf.compare({"model": x}),
+        ],
+        "two": [mf.Cortex, mf.Surface, analysis.cortical_thickness, *of_arrays],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", ["lh.pial", None, 3, Surface, {}.keys()], ids=str)
+def test_the_wrong_noun_is_a_type_error_everywhere(wrong):
+    for function in public()["one"]:
+        with pytest.raises(TypeError):
+            function(wrong)
+    for function in public()["two"]:
+        with pytest.raises(TypeError):
+            function(wrong, wrong)
+
+
+def test_bare_arrays_and_surfaces_in_place_of_each_other_are_type_errors(ball):
+    functions = public()
+    for function in functions["one"]:
+        with pytest.raises(TypeError):
+            function((ball[0], ball[1]))
+    surface = Surface(*ball)
+    for function in functions["two"]:
+        with pytest.raises(TypeError):
+            function((ball[0], ball[1]), (ball[0], ball[1]))
+        with pytest.raises(TypeError):
+            function(surface, ball[1])
+    for function in functions["one"][-2:]:
+        with pytest.raises(TypeError):
+            function(surface)
+
+
+def test_sequences_of_numbers_make_a_surface_and_uneven_ones_do_not(ball):
+    assert np.array_equal(Surface(ball[0].tolist(), ball[1].tolist()).verts, ball[0])
+    with pytest.raises(TypeError):
+        Surface([[0, 0, 0], [1, 0]], ball[1])
+
+
+# --- what other packages and people see
+
+
+@pytest.mark.parametrize("level", [1, 5])
+def test_reprs_hold_counts_and_no_arrays(level):
+    verts, faces = icosphere(level, radius=10.0)
+    surface = Surface(verts, faces, "lh.pial")
+    regions = Regions(np.zeros(len(verts), int), ("a", "b"), np.zeros((2, 3), np.uint8))
+    both = Cortex(surface, Surface(verts * 1.2, faces), regions=regions, maps={"curv": verts[:, 0]})
+    for noun in (surface, regions, both):
+        assert len(repr(noun)) < 80
+        assert f"{len(verts):,} vertices" in repr(noun)
+    assert "lh.pial" in repr(surface)
+
+
+def test_nilearn_takes_a_surface_for_a_mesh(ball):
+    from nilearn.surface import load_surf_mesh
+
+    surface = Surface(*ball)
+    mesh = load_surf_mesh(surface)
+    np.testing.assert_array_equal(mesh.coordinates, surface.verts)
+    np.testing.assert_array_equal(mesh.faces, surface.faces)
+
+
+def test_coordinates_can_be_turned_and_changed_and_the_surface_stays(ball):
+    from scipy.spatial.transform import Rotation
+
+    surface = Surface(*ball)
+    turned = Rotation.from_euler("z", 90, degrees=True).apply(surface.coordinates)
+    np.testing.assert_allclose(turned[:, 1], surface.verts[:, 0], atol=1e-12)
+    surface.coordinates[:] = 0
+    assert np.array_equal(surface.verts, ball[0])

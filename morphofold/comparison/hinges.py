@@ -75,13 +75,15 @@ class Control:
 class HingeComparison:
     """Hinges of group ``one`` beside those of group ``other``.
 
-    ``shape`` compares the distributions of whole shapes, ``numbers`` those of single numbers. ``matches`` has one entry
-    per hinge of ``one``, the nearest first. ``controls``: the first group, the second group itself (each hinge left out
-    in turn), and a net at chance, if one can have as many hinges for their gyral width.
+    ``surfaces`` says of how many they are. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
+    single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls``: the first group,
+    the second group itself (each hinge left out in turn), and a net at chance, if one can have as many hinges for their
+    gyral width.
     """
 
     one: str
     other: str
+    surfaces: tuple[int, int]
     shape: TwoSample
     numbers: tuple[NumberRow, ...]
     controls: tuple[Control, ...]
@@ -116,8 +118,8 @@ def _compare(
     pooled = np.concatenate([a, b])
     across, _ = shape_distance(pooled, pooled)
     return HingeComparison(
-        one, other, two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed), _numbers(mine, theirs),
-        _controls(one, other, a, b, theirs, seed), _matches(a, b, mine, theirs),
+        one, other, (len(mine), len(theirs)), two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
+        _numbers(mine, theirs), _controls(one, other, a, b, theirs, seed), _matches(a, b, mine, theirs),
     )  # fmt: skip
 
 

@@ -249,7 +249,8 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
     said = []
     if differing := _by_value(named, "curvature_scale_mm", lambda mm: f"{number(float(mm), 2)} mm"):
         where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
-        said.append(f"Curvature was taken within {where}; compare H and folding indices with care.")
+        said.append(f"Curvature was taken within {where}; compare H, folding indices and the sharpness of "
+            "hinges with care.")
     if differing := _by_value(named, "cortical_thickness_cap_mm", lambda mm: f"at {mm:g} mm" if mm else "nowhere"):
         where = _listed([f"{at} on {_listed(names)}" for at, names in differing.items()])
         said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")

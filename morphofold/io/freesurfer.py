@@ -322,14 +322,14 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         before FreeSurfer mended its topology; its Euler characteristic was 2 less twice as many. What the file does not
         say as a finite number of at least 0 is left out, whatever else is in it.
     """
-    with existing_file(path, "statistics").open("rb") as file:
+    with Path(path).open("rb") as file:
         lines = file.read(STATS_BYTES).decode("utf-8", errors="replace").splitlines()
     wanted = {name.format(hemi=hemi): key for name, key in _STATS.items()}
     found: dict[str, float | int] = {}
     for line in lines:
         cells = [cell.strip() for cell in line.removeprefix("# Measure ").split(",")]
         key = wanted.get(cells[0])
-        if key is None or len(cells) < 4 or not line.startswith("# Measure "):
+        if key is None or len(cells) < 5 or not line.startswith("# Measure "):
             continue
         try:
             value = float(cells[3])

@@ -139,7 +139,8 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
     def check(seed, place, unit):
         there = changed(cortex, lambda verts: unit * (verts @ turned(seed).T + np.array(place)))
         found = measure(there).scalars
-        power = {name: 2 if name.endswith("_mm2") else 1 if name.endswith("_mm") else 0 for name in found}
+        powers = {"_mm": 1, "_mm2": 2, "_mm3": 3}
+        power = {name: powers.get(name[name.rfind("_"):], 0) for name in found}
         known = [name for name, value in whole.scalars.items() if value and found[name] is not None]
         return {name: abs(found[name] / (unit ** power[name] * whole.scalars[name]) - 1) for name in known}
 
@@ -178,6 +179,7 @@ def test_a_finer_mesh_has_the_same_measures(holds, count):
     bounds = {"area_pial_mm2": 0.01, "area_white_mm2": 0.01, "gyrification_index": 0.01, "n_hinges": 0, "n_crests": 0,
               "mean_cortical_thickness_mm": 0.01, "median_gyral_thickness_mm": 0.02, "wavelength_mm": 0.02,
               "mean_sulcal_depth_mm": 0.1, "crest_length_mm": 0.02, "folding_index": 0.05,
-              "intrinsic_curvature_index": 0.05, "mean_local_gyrification_index": 0.01}  # fmt: skip
+              "intrinsic_curvature_index": 0.05, "mean_local_gyrification_index": 0.01,
+              "gray_volume_mm3": 0.015, "volume_white_mm3": 0.015, "volume_pial_mm3": 0.015}  # fmt: skip
     for name, bound in bounds.items():
         holds(name, worst[name], at_most=bound)

@@ -1,0 +1,62 @@
+"""Groups of hemispheres that were measured unlike, or of which one side failed: no statistic tells the two apart."""
+
+from dataclasses import replace
+
+import numpy as np
+from hard_cases.cases import hard_case
+from made_cohort import HereFleet, participants, quick_measure, write_subject
+from made_groups import made_group
+
+from morphofold.cohort import tables
+from morphofold.cohort.group import write_group
+from morphofold.cohort.participant import measure_participant
+from morphofold.cohort.pooling import Pooling
+from morphofold.cohort.running import run_tasks
+from morphofold.cohort.statistics import asymmetry, distributions, measures_of
+from morphofold.report import group_page
+
+
+def by_width(cortex, **options):
+    """Hinges as the width of the net has it, which is another on the right: of one brain twice as many."""
+    width = {"lh": 8.0, "rh": 5.6}[cortex.hemi]
+    found = quick_measure(cortex, **options)
+    noise = round(float(np.abs(cortex.pial.verts[:, 0]).max())) % 3
+    return replace(
+        found, scalars={**found.scalars, "n_hinges": round(6000 / width**2) + noise},
+        parameters={**found.parameters, "graph_width_mm": width},
+    )  # fmt: skip
+
+
+def all_pooled(patch):
+    patch.setattr(tables, "pooling", lambda *measured: Pooling())
+
+
+@hard_case("surfaces", "a group whose left and right hemispheres were measured with nets of unlike width",
+           peers="–", guard="hemispheres measured unlike are not pooled", without=all_pooled)  # fmt: skip
+def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measures.measure", by_width)
+    folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
+    subjects = participants(folders, tmp_path / "out")
+    run_tasks(HereFleet(), measure_participant, subjects)
+    group = write_group(tmp_path / "out", {one.name: one.results for one in subjects}, report=False)
+    scalars = measures_of(group)
+    holds.equal("tests of hinges, left against right", [r for r in asymmetry(scalars) if r.measure == "n_hinges"], [])
+    holds.equal("distributions of hinges", [r for r in distributions(scalars) if r.measure == "n_hinges"], [])
+    holds.equal("values left out, of", group.pooling.left_out.get("n_hinges"), (12, 12))
+
+
+def each_side_by_itself(patch):
+    patch.setattr(group_page, "of_both", lambda values: values)
+
+
+@hard_case("surfaces", "a group of alike sides, of which the right ones of the most folded brains failed",
+           peers="–", guard="medians beside each other are of subjects with both sides",
+           without=each_side_by_itself)  # fmt: skip
+def test_medians_of_the_sides_are_of_the_same_subjects(holds):
+    folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
+    folded[12:, 1] = np.nan
+    group = made_group(20, gyrification_index=folded)
+    rows = {row["key"]: row["cells"] for row in group_page.headlines(measures_of(group), group_page.BOTH)}
+    left, right = rows["gyrification_index"]
+    holds.equal("subjects, left and right", (left.n, right.n), (12, 12))
+    holds("difference of the medians", abs(left.median - right.median), at_most=0)
