@@ -2,6 +2,7 @@
 
 import logging
 import os
+import tempfile
 import time
 from pathlib import Path
 
@@ -42,6 +43,15 @@ def test_jobs_survive_their_workers(tmp_path):
     assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}
     assert told
     assert all(name.startswith("job ") for name in told)
+
+
+@pytest.mark.slow
+def test_workers_leave_nothing_in_the_temporary_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with open_fleet(workers=1, memory=1.0) as fleet:
+        assert [outcome for _, outcome in fleet.run(square, [Job("a", 3)])] == [9]
+        assert list(tmp_path.glob("*/dask-scratch-space"))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
