@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphofold.cli.measuring import add_measuring_args, measuring_options
+from morphofold.cli.streams import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -121,13 +122,13 @@ def run(args: argparse.Namespace) -> int:
     for m in measures:
         s = m.scalars
         index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
-        print(
+        print(one_line(
             f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
             f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
-        )
+        ))  # fmt: skip
         for key in WARNINGS:
             if key in m.notes:
-                print(f"warning: {m.notes[key]}")
+                print(one_line(f"warning: {m.notes[key]}"))
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
     return 0
