@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from morphofold.sim.scene import SHAPES, Scene
-from morphofold.sim.scene_words import Problem, Source, as_toml, blamed, explain, root_problems
+from morphofold.sim.scene_words import Problem, Source, as_toml, blamed, explain, root_problems, with_notes
 
 MOST_PROBLEMS = 20      # that are told of one scene
 #: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
@@ -44,8 +44,8 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     FileNotFoundError
         If there is neither a built-in scene nor a file of that name.
     ValueError
-        If the file is not TOML, or says something unknown, impossible or contradictory; one sentence per
-        problem, with the line or the setting that says it.
+        If the file is not TOML, or says something unknown, impossible or contradictory; the first problem,
+        with the line or the setting that says it, and the others as notes of the error.
     """
     own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read(source)
     keyed = [(_key_of(setting), setting) for setting in settings]
@@ -69,7 +69,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
 
     lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
     more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
-    raise ValueError(" ".join(lines + more))
+    raise with_notes(lines + more)
 
 
 def _read(source: str | Path) -> Source:

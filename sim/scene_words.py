@@ -33,6 +33,14 @@ def root_problems(problems: Iterable[Problem]) -> list[Problem]:
     ]  # fmt: skip
 
 
+def with_notes(lines: Sequence[str]) -> ValueError:
+    """An error of several lines: the first, with the others as its notes."""
+    error = ValueError(lines[0])
+    for line in lines[1:]:
+        error.add_note(line)
+    return error
+
+
 def blamed(
     problem: Problem, settings: Sequence[tuple[str, str]], still: Callable[[Sequence[tuple[str, str]]], list[Problem]]
 ) -> str | None:

@@ -3,6 +3,7 @@
 import http.client
 import logging
 import os
+import tempfile
 import time
 import urllib.error
 import urllib.request
@@ -100,6 +101,15 @@ def test_one_job_that_is_cancelled_is_lost_alone():
         found = {job.name: outcome for job, outcome in cancelling.run(square, [Job("bad", 2), Job("good", 3)])}
     assert isinstance(found["bad"], Lost)
     assert found["good"] == 9
+
+
+@pytest.mark.slow
+def test_workers_leave_nothing_in_the_temporary_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with open_fleet(workers=1, memory=1.0) as fleet:
+        assert [outcome for _, outcome in fleet.run(square, [Job("a", 3)])] == [9]
+        assert list(tmp_path.glob("*/dask-scratch-space"))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def test_the_gyral_graph_goes_with_an_analysis(tmp_path):
     write_analysis([m], tmp_path / "without", report=False)
     assert read_analysis(tmp_path / "without")[0].graph is None
     (tmp_path / "with" / "graph" / "lh.json").unlink()
-    with pytest.raises(FileNotFoundError, match=r"lh\.json: missing from the analysis. Analyze anew."):
+    with pytest.raises(FileNotFoundError, match=r"lh\.json: is missing\. Analyze anew\."):
         read_analysis(tmp_path / "with")
 
 

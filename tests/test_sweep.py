@@ -138,12 +138,11 @@ def test_seeds_of_a_scene_without_imperfection_are_refused(here, capsys):
 
 def test_all_impossible_scenes_are_named_before_anything_runs(here, capsys):
     assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 3
-    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in told[0]
-    assert any("cortex_thickness 60 leaves no core" in line for line in told)
-    of_mu = next(line for line in told if "less than or equal to 10000" in line)
-    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in of_mu
+    (told,) = capsys.readouterr().err.splitlines()
+    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in told
+    assert told.count("cortex_thickness 60 leaves no core") == 1
+    assert told.count("less than or equal to 10000") == 1
+    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in told
     assert not (here / "x").exists()
 
 
@@ -436,8 +435,8 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, p
     write_analysis([found], folder / "analysis", report=False)
     (folder / "simulation").mkdir()
     (folder / "simulation/health.json").write_text(
-        '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], "seconds": 1.5, '
-        '"elements": 5, "steps": 7}'
+        '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], '
+        '"seconds": 1.5, "elements": 5, "steps": 7}'
     )
     write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
     read = read_run(here, point)

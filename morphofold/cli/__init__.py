@@ -159,6 +159,6 @@ def _show(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _fail(command: str, error: object, code: int) -> int:
-    told = one_line(str(error).strip()) or type(error).__name__
+    told = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
     print(f"morphofold {command}".strip() + f": {told}", file=sys.stderr)
     return code

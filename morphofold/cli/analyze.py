@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
+from morphofold.cli.streams import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -133,13 +134,13 @@ def run(args: argparse.Namespace) -> int:
     for m in measures:
         s = m.scalars
         index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
-        print(
+        print(one_line(
             f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
             f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
-        )
+        ))  # fmt: skip
         for key in WARNINGS:
             if key in m.notes:
-                print(f"warning: {m.notes[key]}")
+                print(one_line(f"warning: {m.notes[key]}"))
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
     return code
@@ -163,7 +164,7 @@ def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> li
 def _tell_failed(failed: Mapping[str, str]) -> int:
     """Say which hemispheres failed and why; the exit code."""
     for hemi, why in failed.items():
-        print(f"{hemi} failed: {why}", file=sys.stderr)
+        print(one_line(f"{hemi} failed: {why}"), file=sys.stderr)
     return 1 if failed else 0
 
 

@@ -178,8 +178,8 @@ def _cohort(args: argparse.Namespace) -> int:
     from morphofold.sim.folder_lock import alone
 
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
-    if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000:
-        words = "name at least 1 of each, and 1,000 workers at most."
+    if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
+        words = "name at least 1 of each, and 1,000,000 subjects and 1,000 workers at most."
         raise ValueError(f"--subjects {args.subjects} --workers {args.workers}: {words}")
     out, loads = Path(args.out).absolute(), list[Load]()
     refuse_foreign(out)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
+from morphofold.cli.streams import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -225,7 +226,7 @@ def told_unlike(group: Group, quiet: bool) -> None:
 
 def told(text: str, quiet: bool) -> None:
     if not quiet:
-        print(text, file=sys.stderr)
+        print(one_line(text), file=sys.stderr)
 
 
 def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
@@ -243,7 +244,7 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
         return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
         for part, why in one.failures.items():
-            print(f"{' '.join(filter(None, (one.name, part)))}: {why}")
+            print(one_line(f"{' '.join(filter(None, (one.name, part)))}: {why}"))
     words = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
     words += [f"{before} of them from before"] if before else []
     words += [f"{len(failed)} failed"] if failed else []

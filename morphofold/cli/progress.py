@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from morphofold.cli.streams import one_line
+
 COMPILING = "compiling, once on this machine"
 
 
@@ -22,7 +24,7 @@ class Tell(Protocol):
 
 @contextmanager
 def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
-    """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error."""
+    """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
 
         def silent(share: float, text: str = "") -> None:
@@ -30,8 +32,8 @@ def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
 
         yield silent
     else:
-        with _bar(label) if sys.stderr.isatty() else _lines(label) as tell:
-            yield tell
+        with _bar(one_line(label)) if sys.stderr.isatty() else _lines(one_line(label)) as tell:
+            yield lambda share, text="": tell(share, one_line(text))
 
 
 def time_left(seconds: float, share: float) -> str:
@@ -53,8 +55,9 @@ def _bar(label: str) -> Iterator[Tell]:
     from morphofold.clock import telling_of_compiling, working_seconds
 
     columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"), TextColumn("[dim]{task.fields[text]}"),
+        TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.percentage:>3.0f}%"),
+        TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+        TextColumn("{task.fields[text]}", style="dim", markup=False),   # names may have brackets
     )  # fmt: skip
     started = working_seconds()
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:

@@ -179,6 +179,8 @@ def open_fleet(
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
     }  # fmt: skip
     with ExitStack() as stack:
+        scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True)
+        settings["temporary-directory"] = stack.enter_context(scratch)  # or Dask leaves a folder in that of the system
         stack.enter_context(_environment_kept())
         stack.enter_context(dask.config.set(settings))
         stack.enter_context(_quietly())
@@ -200,8 +202,7 @@ def open_fleet(
             words = f"{slurm} SLURM jobs asked for, {bound} each"
         else:
             count, each = _shares(workers, threads, memory, need)
-            scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory"), ignore_cleanup_errors=True)
-            cluster = stack.enter_context(_local_cluster(count, each, stack.enter_context(scratch)))
+            cluster = stack.enter_context(_local_cluster(count, each))
             client = stack.enter_context(Client(cluster))
             bound = f"{each:.1f} GiB"
             words = f"{count} worker{'s' if count > 1 else ''} of {threads} thread{'s' if threads > 1 else ''}, "
@@ -285,14 +286,13 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     return workers, each
 
 
-def _local_cluster(workers: int, memory: float, scratch: str) -> Any:
+def _local_cluster(workers: int, memory: float) -> Any:
     from distributed import LocalCluster
 
     return LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
         scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
         silence_logs=logging.CRITICAL,                                  # one job each: its kernels have the threads
-        local_directory=scratch,                                        # else workers leave one in that of the system
     )  # fmt: skip
 
 

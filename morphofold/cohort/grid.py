@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.sim.folder_check import inputs_of
 from morphofold.sim.scene import EFFECTS_OF, Effects, MeshFile, Scene
 from morphofold.sim.scene_file import load_scene, toml_value
+from morphofold.sim.scene_words import with_notes
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -219,12 +220,12 @@ def _points(
                     problems.setdefault(told, []).append(name)
                 found.append((name, at, seed, scene))
         except (ValueError, FileNotFoundError) as error:
-            for line in str(error).splitlines():
+            for line in (str(error), *getattr(error, "__notes__", ())):
                 problems.setdefault(line, []).append(_name(axes, at, None) or "the scene")
     if problems:
         lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
         more = [f"{len(lines) - MOST_TOLD} problems more."] if len(lines) > MOST_TOLD else []
-        raise ValueError("\n".join(lines[:MOST_TOLD] + more))
+        raise with_notes(lines[:MOST_TOLD] + more)
     own = _folder_names([name for name, *_ in found])
     points = [
         Point(name, at, seed, scene.model_copy(update={"name": name}))

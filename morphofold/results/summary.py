@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
 
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.json_files import Amount, Count, Number, Record
@@ -41,6 +41,7 @@ RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not 
 SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
+SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
 
 
 def file_word(name: str) -> str:
@@ -68,7 +69,7 @@ class Parameters(Record):
     curvature_scale_mm: Amount = 0.0
     cortical_thickness_cap_mm: Amount | None = None
     cortex_mask: str = ""
-    graph_width_mm: Amount | None = None
+    graph_width_mm: Amount = 0.0
     accuracy: str = "standard"
     accuracy_vertices: Count = 0
     local_gyrification_voxel_mm: Amount = 0.0
@@ -93,7 +94,7 @@ class SurfaceSummary(SurfaceRecord):
     @classmethod
     def _no_negative_amounts(cls, measures: dict[str, float | None]) -> dict[str, float | None]:
         for name, value in measures.items():
-            if value is not None and value < 0 and (name.startswith("n_") or name.endswith("_mm2")):
+            if value is not None and value < 0 and name in SCALARS and name not in SIGNED:
                 raise ValueError(f"{name} is {value:g}, and can't be negative")
         return measures
 

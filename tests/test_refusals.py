@@ -1,0 +1,131 @@
+"""Whatever a command is given that it can't take: exit code 2, one line on standard error, nothing written."""
+
+import argparse
+import os
+
+import pytest
+
+from morphofold.cli import main, parser
+
+#: a call of every command that is refused for what it names, so that none begins to work
+CALLS = {
+    ("demo",): ["--scene", "nowhere"],
+    ("simulate",): ["nowhere"],
+    ("analyze",): ["nowhere"],
+    ("compare",): ["a=nowhere"],
+    ("cohort",): ["nowhere"],
+    ("bids",): ["nowhere", "out", "participant"],
+    ("sweep",): ["nowhere", "--vary", "mu_ratio=1,2"],
+    ("theory", "radius"): ["--radius=-1"],
+    ("theory", "stress"): ["--radius=-1"],
+    ("theory", "critical"): ["--ratio=-1"],
+    ("theory", "bifurcation"): ["--radius=-1"],
+    ("reproduce",): ["fig99"],
+    ("scenes",): ["nowhere"],
+    ("bench", "speed"): ["--seconds=-1"],
+    ("bench", "effects"): ["--seconds=-1"],
+    ("bench", "measures"): ["--vertices=1"],
+    ("bench", "cohort"): ["-o", "out", "--subjects=0"],
+    ("bench", "folds"): ["-o", "out", "--scenes=nowhere"],
+    ("bench", "accuracy"): ["-o", "out", "--halves=none"],
+}
+ODD = "a\nb\r\x1b[31m\u202e\u2028"
+WRONG = ["", "\0", "nowhere", ODD, "\udcff", "nan", "-1", "1e400", "9" * 30, "x" * 300, "."]
+
+
+def commands():
+    """The parser of every command and question, by its words."""
+
+    def below(one, words):
+        deeper = [action for action in one._actions if isinstance(action, argparse._SubParsersAction)]
+        for action in deeper:
+            for name, sub in action.choices.items():
+                yield from below(sub, (*words, name))
+        if not deeper:
+            yield words, one
+
+    return dict(below(parser(), ()))
+
+
+def refused(argv, capsys, folder):
+    """The one line that is said."""
+    before = sorted(os.listdir(folder))
+    assert main(argv) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.endswith("\n")
+    line = told.err[:-1]
+    assert line.isprintable()                                           # so neither ends a line nor steers a terminal
+    assert ".." not in line.replace("...", "")
+    assert "Traceback" not in line
+    assert sorted(os.listdir(folder)) == before
+    return line
+
+
+def test_no_command_is_left_out():
+    assert commands().keys() == CALLS.keys()
+
+
+@pytest.mark.parametrize("words", CALLS, ids=" ".join)
+def test_wrong_values_of_every_option_are_refused_in_one_line(words, here, capsys):
+    base = CALLS[words]
+    refused([*words, *base], capsys, here)
+    options = [action for action in commands()[words]._actions if action.option_strings and action.nargs != 0]
+    for action in options:
+        for value in WRONG:
+            line = refused([*words, *base, f"{action.option_strings[-1]}={value}"], capsys, here)
+            if value == "":
+                assert action.option_strings[-1] in line                # refused for itself, and named
+
+
+@pytest.mark.parametrize("words", CALLS, ids=" ".join)
+def test_wrong_and_missing_arguments_are_refused_in_one_line(words, here, capsys):
+    needed = [action for action in commands()[words]._actions if not action.option_strings]
+    required = [a for a in needed if a.nargs not in ("?", "*")]
+    for count in range(len(required)):
+        refused([*words, *count * ["nowhere"]], capsys, here)
+    for value in WRONG if needed else ():
+        refused([*words, *len(needed) * [value]], capsys, here)
+    refused([*words, "--no-such-option"], capsys, here)
+    refused([*words, *CALLS[words], ODD], capsys, here)
+
+
+@pytest.mark.parametrize("argv", [[], [""], [ODD], ["unfold"], ["theory"], ["bench", ""], ["--no-such-option"]])
+def test_what_names_no_command_is_refused_in_one_line(argv, here, capsys):
+    refused(argv, capsys, here)
+
+
+@pytest.mark.parametrize("out", ["", "a-file", "x" * 300])
+def test_folders_that_can_not_be_written_are_refused_alike(out, here, capsys):
+    (here / "a-file").write_text("mine")
+    for argv in (["simulate", "radial"], ["demo"], ["reproduce", "fig4"], ["bench", "folds"], ["bench", "accuracy"]):
+        refused([*argv, "-q", "-o", out], capsys, here)
+    assert (here / "a-file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("argv", [
+    ["analyze", "made", "--threads", "0"], ["analyze", "made", "--threads", "-1"],
+    ["analyze", "made", "--curvature-scale", "nan"], ["analyze", "made", "--gyral-width", "inf"],
+    ["cohort", ".", "--workers", "0"], ["cohort", ".", "--memory", "nan"],
+    ["cohort", ".", "--memory", "-1"], ["cohort", ".", "--threads", "0"], ["simulate", "radial", "--threads", "0"],
+    ["simulate", "radial", "--budget", "nan"], ["simulate", "radial", "--error", "-1"],
+    ["simulate", "radial", "--budget", "x"],
+    ["simulate", "radial", "--set", "growth.final=nan"], ["simulate", "radial", "--set", "growth.final=1e400"],
+    ["bench", "speed", "--seconds", "nan"], ["bench", "measures", "--vertices", "9" * 30],
+    ["theory", "radius", "--growth", "1:2:999999999"], ["theory", "radius", "--growth", "nan"],
+], ids=" ".join)  # fmt: skip
+def test_absurd_numbers_are_refused_in_one_line(argv, here, capsys, made):
+    refused(argv, capsys, here)
+
+
+@pytest.fixture
+def made(here):
+    """A subject that could be measured."""
+    from made_measures import made_measures
+
+    from morphofold.io import write_surface
+
+    cortex = made_measures(level=1).cortex
+    (here / "made" / "surf").mkdir(parents=True)
+    write_surface(here / "made" / "surf" / "lh.white", cortex.white)
+    write_surface(here / "made" / "surf" / "lh.pial", cortex.pial)

@@ -1,0 +1,134 @@
+"""Standard streams that are closed, full or left by their reader, and signals: work is done, and the code its own."""
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from morphofold.cli.streams import one_line
+
+CALL = f"{shlex.quote(sys.executable)} -m morphofold"
+RADIAL = "--set growth.final=1.2 --set output.stages=[1.1]"
+needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a shell's redirections and SIGHUP")
+
+
+def shell(command, here, **options):
+    return subprocess.run(["bash", "-c", command], cwd=here, capture_output=True, text=True, timeout=120, **options)
+
+
+@pytest.mark.parametrize("text", ["a\nb", "\r", "\x1b[31m", "\x7f", "\x85", "\u2028", "\u202e", "\udcff", "\0", "\\n"])
+def test_a_line_stays_one_and_steers_no_terminal(text):
+    line = one_line(f"<{text}>")
+    assert line.isprintable()
+    assert line.encode("ascii").startswith(b"<")
+    if text != "\\n":
+        assert line[1:-1].encode("ascii").decode("unicode_escape") == text
+
+
+def test_letters_of_all_languages_stay():
+    assert one_line("Gehirn äöü 脳 мозг – 10 µm") == "Gehirn äöü 脳 мозг – 10 µm"
+
+
+@needs_shell
+@pytest.mark.parametrize("streams", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_with_closed_streams_results_are_written(streams, tmp_path):
+    done = shell(f"{CALL} simulate radial -o run {RADIAL} {streams}", tmp_path)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stdout + done.stderr
+    assert (tmp_path / "run" / "health.json").is_file()
+    assert shell(f"{CALL} analyze nowhere {streams}", tmp_path).returncode == 2
+
+
+@needs_shell
+def test_of_a_broken_pipe_nothing_is_said_and_results_are_written(tmp_path):
+    """Both streams, and before the work has begun: progress must not end it."""
+    run = f"{CALL} simulate radial -o run {RADIAL}"
+    done = shell(f"{run} 2>&1 | sleep 0; exit ${{PIPESTATUS[0]}}", tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (tmp_path / "run" / "health.json").is_file()
+    for command in ("scenes", "--help", "theory radius --growth 1:2:9000"):
+        done = shell(f"{CALL} {command} | head -1; exit ${{PIPESTATUS[0]}}", tmp_path)
+        assert (done.returncode, done.stdout.count("\n"), done.stderr) == (0, 1, "")
+    done = shell(f"{CALL} analyze nowhere 2>&1 | sleep 0; exit ${{PIPESTATUS[0]}}", tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+
+
+@needs_shell
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+@pytest.mark.parametrize("command", ["scenes", "--help", "theory radius"])
+def test_a_full_disk_below_standard_output_is_refused_in_one_line(command, tmp_path):
+    done = shell(f"{CALL} {command} > /dev/full", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+
+
+@needs_shell
+def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
+    env = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = shell(f"{CALL} bench speed --seconds nan; {CALL} theory bifurcation --thickness 2", tmp_path, env=env)
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+
+
+def started(argv, here, **options):
+    """A run that goes on for minutes, once it has written its first file."""
+    run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=here, stderr=subprocess.DEVNULL, **options)
+    until = time.monotonic() + 100
+    while not any(here.glob("*/checkpoint.npz")) and time.monotonic() < until:
+        assert run.poll() is None
+        time.sleep(0.05)
+    return run
+
+
+SIMULATE = ["simulate", "demo", "-o", "run", "--set", "accuracy.level=draft", "--set", "geometry.portion=octant"]
+
+
+@needs_shell
+@pytest.mark.parametrize("number", ["SIGHUP", "SIGTERM"])
+def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(number, tmp_path):
+    run = started(SIMULATE, tmp_path)
+    run.send_signal(getattr(signal, number))
+    assert run.wait(60) == 130
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert "checkpoint.npz" in names
+    assert not [name for name in names if name.startswith(".")]
+    assert "lock" not in names
+
+
+@needs_shell
+def test_two_hang_ups_at_once_are_one(tmp_path):
+    """A terminal tells its processes, and its shell does: neither may end the tidying up of the other."""
+    run = started(SIMULATE, tmp_path)
+    for _ in range(2):
+        run.send_signal(signal.SIGHUP)
+    assert run.wait(60) == 130
+    assert not list((tmp_path / "run").glob(".*"))
+
+
+@needs_shell
+def test_under_nohup_a_hang_up_is_nothing(tmp_path):
+    run = started(SIMULATE, tmp_path, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    for _ in range(3):
+        run.send_signal(signal.SIGHUP)
+        time.sleep(0.3)
+        assert run.poll() is None
+    run.kill()
+    run.wait()
+
+
+@needs_shell
+def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path):
+    from morphofold.io import sample_path
+
+    argv = [sys.executable, "-m", "morphofold", "analyze", str(sample_path("fsaverage5")), "-o", "out", "--hemi", "lh"]
+    run = subprocess.Popen(argv, cwd=tmp_path, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 100
+    while not list(tmp_path.glob(".out.*/maps/*")) and time.monotonic() < until:
+        assert run.poll() is None
+        time.sleep(0.02)
+    run.send_signal(signal.SIGHUP)
+    assert run.wait(60) == 130
+    assert list(tmp_path.iterdir()) == []
