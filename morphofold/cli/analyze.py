@@ -232,8 +232,8 @@ def _measure(
         progress(what, share)
 
     return measure(
-        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, accuracy=args.accuracy,
-        progress=tell,
+        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width,
+        thickness_cap=args.thickness_cap, accuracy=args.accuracy, progress=tell,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
-    """Measure with ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, where ``options`` have them."""
+    """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, where there."""
     from morphofold.analysis.measures import measure
 
     def tell(what: str, share: float) -> None:
@@ -22,5 +22,5 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
 
     return measure(
         cortex, curvature_scale=options.get("curvature_scale_mm"), gyral_width=options.get("gyral_width_mm"),
-        accuracy=options.get("accuracy", "standard"), progress=tell,
+        thickness_cap=options.get("thickness_cap_mm"), accuracy=options.get("accuracy", "standard"), progress=tell,
     )  # fmt: skip

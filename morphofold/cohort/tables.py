@@ -25,7 +25,7 @@ HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
-OPTIONS = ("accuracy", "curvature_scale_mm", "gyral_width_mm")          # that change numbers
+OPTIONS = ("accuracy", "curvature_scale_mm", "gyral_width_mm", "thickness_cap_mm")      # that change numbers
 FAILURES = ("subject", "hemi", "reason", "log")
 BATCH = 200             # subjects whose rows are held at once
 

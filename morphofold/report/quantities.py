@@ -66,12 +66,14 @@ SCALAR_WORDS = {
     "gyral_to_cortical_slope_high": ("Robust slope, upper bound, 95 %", "mm/mm"),
     "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
     "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
+    "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("Gyral / cortical at crests", ""),
 }
 #: the map that a scalar is made of, where it is one
 MAP_OF = {
-    "mean_cortical_thickness_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
+    "mean_cortical_thickness_mm": "cortical_thickness",
+    "mean_cortical_thickness_area_weighted_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
     "mean_sulcal_depth_mm": "sulcal_depth", "gyrification_index": "local_gyrification_index",
     "mean_local_gyrification_index": "local_gyrification_index", "folding_index": "curvedness",
     "intrinsic_curvature_index": "K", "gyral_to_cortical_slope": "gyral_thickness",
