@@ -3,7 +3,9 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
+import nibabel as nib
 import numpy as np
 import pytest
 
@@ -141,3 +143,30 @@ def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
 def test_a_simulation_has_no_right_hemisphere_and_says_so():
     with pytest.raises(ValueError, match="one closed surface named lh"):
         read_cortex(sample_path("simulated"), hemi="rh")
+
+
+@pytest.mark.parametrize("name", ["thickness", "curv", "sulc", "area"])
+@pytest.mark.parametrize("ending", ["", ".shape.gii"])
+def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name, ending):
+    verts, faces = icosphere(1)
+    for surface, radius in (("white", 47.0), ("pial", 50.0)):
+        write_surface(tmp_path / f"lh.{surface}", Surface(radius * verts, faces))
+    file, values = tmp_path / f"lh.{name}{ending}", np.full(42, 2.0, dtype=np.float32)
+
+    def write():
+        if ending:
+            array = nib.gifti.GiftiDataArray(values, intent="NIFTI_INTENT_SHAPE", datatype="NIFTI_TYPE_FLOAT32")
+            nib.save(nib.GiftiImage(darrays=[array]), file)
+        else:
+            nib.freesurfer.write_morph_data(file, values)
+
+    values[7] = np.inf
+    write()
+    with pytest.raises(ValueError, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42 values .* vertex 7\."):
+        read_cortex(tmp_path)
+    values[7] = np.nan
+    write()
+    cortex = read_cortex(tmp_path)
+    assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
+    with pytest.raises(ValueError, match=rf"{name} has 1 infinite values, the first at vertex 3\."):
+        replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})

