@@ -15,6 +15,8 @@ NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within nam
 PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
 
 APART = 0.05            # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
+SAME = 1e-3             # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
+LABELLED = 0.01         # of the vertices: a cortex label that holds fewer is none
 ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
 
 
@@ -62,6 +64,13 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
     label, word = cortex_label(cortex)
+    if word == "label" and label.mean() < LABELLED:
+        said = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), said)
+        raise ValueError(
+            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's hold "
+            "about 90 %. Name the right label, or leave it out."
+        )
     mask = off & label
     if not mask.any():
         raise ValueError(
@@ -132,8 +141,9 @@ def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np
 
 
 def check_pair(cortex: Cortex) -> None:
-    """Refuse surfaces of two hemispheres or people: vertex i of pial far from that of white, and not outward of it.
+    """Refuse one surface given twice, and those of two hemispheres or people.
 
+    Of two: vertex i of pial is far from that of white, and not outward of it.
     Distance alone will not do: a thick simulated cortex is as deep as half the radius of its brain.
     """
     white, pial = cortex.white, cortex.pial
@@ -145,6 +155,12 @@ def check_pair(cortex: Cortex) -> None:
     apart = float(np.median(size[off]))
     radius = float(np.sqrt(_mesh.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
     along = np.einsum("ij,ij->i", step, _mesh.vertex_normals(white.verts, cortex.faces))[off] / size[off]
+    if apart < SAME * radius:
+        raise ValueError(
+            f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface but for rounding: half "
+            f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
+            "reconstruction."
+        )
     if apart > APART * radius and abs(along.mean()) < ALONG:
         files = cortex.files[:2] or (white.name, pial.name)
         raise ValueError(

@@ -26,7 +26,7 @@ SCALARS = (
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
     "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
     "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
-    "gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3",
+    "gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3", "mean_cortical_thickness_area_weighted_mm",
 )  # fmt: skip
 #: what numbers follow from beside the surfaces, and that may differ between two cortices
 PARAMETERS = (
@@ -41,7 +41,10 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
     ), ()),
     **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("curvature_scale_mm",)),
     **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
-    "mean_cortical_thickness_mm": ("cortical_thickness_cap_mm", "cortex_mask", "accuracy"),
+    **dict.fromkeys(
+        ("mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm"),
+        ("cortical_thickness_cap_mm", "cortex_mask", "accuracy"),
+    ),
     **dict.fromkeys(
         ("median_gyral_thickness_mm", "wavelength_mm", "mean_local_gyrification_index"), ("cortex_mask", "accuracy")
     ),
@@ -84,7 +87,6 @@ class Measures:
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
 BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
-FREESURFER_CAP = 5.0    # [mm], FreeSurfer's bound on thickness, for its own subjects only
 
 
 def measure(
@@ -93,6 +95,7 @@ def measure(
     curvature_scale: float | None = None,
     gyral: Mapping[str, Any] | None = None,
     gyral_width: float | None = None,
+    thickness_cap: float | None = None,
     accuracy: str = "standard",
     repair: bool = True,
     progress: Callable[[str, float], None] | None = None,
@@ -110,6 +113,9 @@ def measure(
         Options for :func:`morphofold.analysis.gyral_thickness`.
     gyral_width : float, optional
         For :func:`morphofold.analysis.gyral_graph` [mm]; None: measured.
+    thickness_cap : float, optional
+        Upper bound [mm] of each distance that cortical thickness is made of; FreeSurfer's is 5. None: none, whatever
+        the origin, as a cap is a length of adult human cortex.
     accuracy : {"draft", "standard", "fine"}
         ``"draft"``: cortical and gyral thickness and the gyral net are of a copy of the surfaces that is thinned to
         50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four,
@@ -129,16 +135,18 @@ def measure(
         where that is 0, too.
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
         name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
-        vertices, pieces, borders), ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in
-        it), ``curvature_scale``, ``cortex_mask`` and ``simulation``, what to know of the input before believing the
-        numbers.
+        vertices, pieces, borders), ``crossing`` (white outside pial), ``pair`` (so much that the two are hardly of one
+        cortex), ``self_crossing``, ``thickness_file`` (gaps in it), ``thickness_unlike`` (it is not that of the
+        surfaces), ``thickness_cap``, ``curvature_scale``, ``size``, ``side``, ``cortex_mask``, ``cortex_label``,
+        ``parcellation`` and ``simulation``, what to know of the input before believing the numbers.
 
     Raises
     ------
     ValueError
         If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
         a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
-        pial or coincides with it, the two are of two cortices, no vertex is cortex, the surfaces lie in a plane, or
+        pial or all but coincides with it, the two are of two cortices, the cortex label is next to empty, no vertex is
+        cortex, the surfaces lie in a plane, or
         ``curvature_scale`` does not fit the mesh.
 
     Notes
@@ -150,7 +158,18 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold.analysis import _mesh, checks, copies, depth, faults, gyrification, mending, notes, regions
+    from morphofold.analysis import (
+        _mesh,
+        checks,
+        copies,
+        depth,
+        faults,
+        gyrification,
+        mending,
+        notes,
+        plausibility,
+        regions,
+    )
     from morphofold.analysis._curvature import curvature, folding_indices
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
@@ -166,7 +185,7 @@ def measure(
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask)
+    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask) | plausibility.remarks(cortex)
 
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     said |= faults.self_crossings(cortex, mask)
@@ -188,14 +207,16 @@ def measure(
     said |= notes.of_gyrification(closed, pieces)
 
     tell("cortical thickness", 0.05)
-    cap = FREESURFER_CAP if cortex.origin == "FreeSurfer" else None
     copy = copies.copied(cortex, chosen)
-    maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=cap))
+    maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=thickness_cap))
     scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
+    both = area_white + area_pial
+    scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(maps["cortical_thickness"], both)
+    said |= plausibility.at_cap(maps["cortical_thickness"], thickness_cap)
     if "thickness" in cortex.maps:
         maps["thickness_file"], gaps = faults.given_thickness(cortex, mask)
-        said |= gaps
-    said |= notes.of_thickness(cap, "thickness" in cortex.maps)
+        said |= gaps | plausibility.against_file(maps["thickness_file"], maps["cortical_thickness"])
+    said |= notes.of_thickness(thickness_cap, "thickness" in cortex.maps)
 
     tell("curvature", 0.3)
     scale, remark = scale_of_curvature(cortex, curvature_scale)
@@ -236,7 +257,7 @@ def measure(
     scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
     said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
     tell("done", 1.0)
-    parameters = _parameters(cortex, mask, scale, cap, across, graph) | copies.parameters(accuracy, copy)
+    parameters = _parameters(cortex, mask, scale, thickness_cap, across, graph) | copies.parameters(accuracy, copy)
     return mend.back(Measures(
         cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
     ))  # fmt: skip

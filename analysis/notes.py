@@ -103,12 +103,14 @@ def of_volumes(closed: bool) -> Notes:
 
 
 def of_thickness(cap: float | None, with_file: bool) -> Notes:
-    bound = f"each at most {cap:g} mm as in FreeSurfer." if cap else "without an upper bound."
-    text = (
-        "Plain mean over the vertices of the cortex of half the sum of both closest distances between white and "
-        f"pial, {bound}"
-    )
-    return {"mean_cortical_thickness_mm": text + " The file's own thickness is the map thickness_file." * with_file}
+    bound = f"each at most {cap:g} mm." if cap else "without an upper bound."
+    what = f"of half the sum of both closest distances between white and pial, {bound}"
+    file = " The file's own thickness is the map thickness_file." * with_file
+    return {
+        "mean_cortical_thickness_mm": f"Plain mean over the vertices of the cortex, as FreeSurfer's, {what} It depends "
+        f"on where the mesh is dense.{file}",
+        "mean_cortical_thickness_area_weighted_mm": f"Mean over the cortex, by the sum of white and pial area, {what}",
+    }
 
 
 def of_folding(scale: float, folding: FoldingIndices, closed: bool, euler: int) -> Notes:

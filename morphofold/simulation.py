@@ -33,7 +33,7 @@ def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
     scale = 0.2 * float(np.sqrt(area.sum() / (4 * np.pi)))
     height = relief(white, faces, scale).height
     return {
-        "thickness": analysis.cortical_thickness(cortex.white, cortex.pial, cap=None),
+        "thickness": analysis.cortical_thickness(cortex.white, cortex.pial),
         "curv": flip_curvature_sign(analysis.curvature(white, faces).H),
         "sulc": flip_curvature_sign(height - np.average(height, weights=area)),
         "area": area,

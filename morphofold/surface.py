@@ -214,7 +214,8 @@ class Cortex:
     Raises
     ------
     ValueError
-        If white and pial do not correspond, or a map has another length; the message gives the counts.
+        If white and pial do not correspond, or a map has another length or infinite values; the message gives the
+        counts.
     """
 
     white: Surface
@@ -259,6 +260,11 @@ class Cortex:
                 raise ValueError(
                     f"{self.name}: {name} has shape {np.shape(values)}, the surfaces have {n_white} vertices. "
                     "It belongs to another surface."
+                )
+            if len(infinite := np.flatnonzero(np.isinf(values))):
+                raise ValueError(
+                    f"{self.name}: {name} has {len(infinite)} infinite values, the first at vertex {infinite[0]}. Put "
+                    "NaN where a value is unknown."
                 )
 
     def __repr__(self) -> str:

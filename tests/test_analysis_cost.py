@@ -23,7 +23,7 @@ from morphofold.results import is_analysis_of, read_analysis
 @pytest.fixture
 def pair(here):
     """A folded ball as a pair of files, and the command that measures it."""
-    ball = folded_ball(2500)
+    ball = folded_ball(7000)
     for name in ("white", "pial"):
         write_surface(here / f"lh.{name}", getattr(ball, name))
     return ["analyze", "--white", "lh.white", "--pial", "lh.pial", "--name", "ball", "-q"]
@@ -41,14 +41,14 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert list(cost["stages"]) == list(STAGES)                         # those of measure, in its order, and no other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
-    assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 2500}, "standard", 1)
+    assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 7000}, "standard", 1)
     assert cost["memory_GiB"] > 0.1
     worst = max(cost["errors"], key=lambda name: cost["errors"][name]["error"])
     told = f"expected errors up to {percent(cost['errors'][worst]['error'])} ({worst})"
     assert line.endswith(f"{told}, by one person's hemisphere and its mesh")
     page = (here / "out" / "report.html").read_text(encoding="utf-8")
     said = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
-    for word in (*STAGES, "by 1 thread", "GiB", "lh of 2,500 vertices", *cost["errors"], cost["how"]):
+    for word in (*STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
         assert word in said
     (longest, _), *_ = sorted(cost["stages"].items(), key=lambda item: -item[1]["seconds"])
     assert f", {longest} " in line
@@ -83,7 +83,7 @@ def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsy
     assert is_analysis_of(here / "out", cortex, asked)
     (here / "out" / "cost.json").unlink()
     assert is_analysis_of(here / "out", cortex, asked)
-    assert read_analysis(here / "out")[0].scalars["n_vertices"] == 2500
+    assert read_analysis(here / "out")[0].scalars["n_vertices"] == 7000
 
 
 def test_times_of_both_hemispheres_are_added(monkeypatch):
@@ -119,12 +119,29 @@ def test_expected_errors_are_those_of_the_person_with_about_as_many_vertices(acc
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
 def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it_is(accuracy):
     ball, n = folded_ball(1000), table()["errors"]["measuring"][0]["vertices"]
-    for sizes, unlike in (((n, n), ""), ((n, 2 * n), f"{2 * n:,}"), ((2 * n, 3 * n), f"{2 * n:,} or {3 * n:,}")):
+    for sizes, unlike in (((n, n), ""), ((n, 2 * n), f"{2 * n:,}"), ((n, 2 * n, 3 * n), f"{2 * n:,} or {3 * n:,}")):
         for order in (sizes, sizes[::-1]):
             doubts = measured_errors([replace_count(ball, each) for each in order], accuracy).doubts
             said = f"of a mesh of {n:,} vertices; how much they differ on one of {unlike} is not known."
             assert len(doubts) == bool(unlike)
             assert all(doubt.endswith(said) for doubt in doubts)
+
+
+@pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
+@pytest.mark.parametrize(("n", "known"), [(42, False), (642, False), (6_600, False), (6_700, True), (229_000, True),
+                                          (230_000, False), (1_000_000, False)])  # fmt: skip
+def test_no_errors_are_told_of_meshes_beyond_those_that_were_measured(accuracy, n, known):
+    ball = folded_ball(1000)
+    found = measured_errors([replace_count(ball, n), replace_count(ball, max(n, 152_893))], accuracy)
+    assert bool(found.errors) == known
+    assert (f"{n:,} vertices" in found.how) != known
+    assert all(f"{person['vertices']:,}" in found.how for person in table()["errors"]["measuring"]) != known
+
+
+def test_the_line_on_costs_says_that_errors_are_not_known():
+    cost = cost_of_analysis([Measures(folded_ball(1000), {}, {}, parameters={"accuracy": "fine"})], Stages())
+    assert cost.errors == {}
+    assert analysis_cost_line(cost).endswith(cost.how)
 
 
 def test_nothing_has_no_errors_and_no_cost():

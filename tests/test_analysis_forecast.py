@@ -17,6 +17,7 @@ from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
 from morphofold.forecasts.table import costs
 from morphofold.io import sample_path, write_surface
+from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
 MEASURING = [name for name in STAGES if name not in ("reading", WRITING, PAGE)]
@@ -30,14 +31,14 @@ def second(monkeypatch):
 
 @pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
-    ball = folded_ball(2500)
+    ball = folded_ball(7000)
     (here / "in").mkdir()
     for name in ("white", "pial"):
         write_surface(here / "in" / f"lh.{name}", getattr(ball, name))
     argv = ["analyze", "--white", "in/lh.white", "--pial", "in/lh.pial", "--name", "ball", "--dry-run"]
     assert main([*argv, "--threads", "1"]) == 0
     told = capsys.readouterr().out
-    for word in ("2,500 vertices", "memory", "by 1 thread", "error of hinges", "against", "scaled by power laws"):
+    for word in ("7,000 vertices", "memory", "by 1 thread", "error of hinges", "against", "scaled by power laws"):
         assert word in told
     assert main([*argv, "--accuracy", "fine", "--no-report", "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
@@ -45,7 +46,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     assert found["seconds"] == pytest.approx(sum(found["seconds_by_stage"].values()))
     assert found["fastest"] < found["seconds"] < found["slowest"]
     (lh,) = found["hemispheres"]
-    assert (lh["vertices"], lh["measured_on"]) == (2500, copied(ball, ACCURACIES["fine"]).cortex.n_vertices)
+    assert (lh["vertices"], lh["measured_on"]) == (7000, copied(ball, ACCURACIES["fine"]).cortex.n_vertices)
     assert [path.name for path in here.iterdir()] == ["in"]
 
 
@@ -138,6 +139,7 @@ def test_a_dry_run_refuses_what_the_run_would(here, capsys, monkeypatch):
         ([*argv, *bids, "-o", "mine"], "is not a BIDS dataset"),
         ([*argv, *bids, "-o", "out", "--name", "_"], "letters and digits"),
         ([*argv, *bids, "-o", "out", "--wide"], "of the plain layout"),
+        ([*argv, "--wide", "-o", "out"], "no parcellation"),
         ([*argv, "--curvature-scale", "0.001", "-o", "out"], "less than the mean edge"),
         (["analyze", "--white", "in/lh.pial", "--pial", "in/lh.white", "-o", "out"], "swapped"),
         (["analyze", "--white", "in/lh.white", "--pial", "in/lh.white", "-o", "out"], "are the same surface"),
@@ -145,6 +147,19 @@ def test_a_dry_run_refuses_what_the_run_would(here, capsys, monkeypatch):
         refused(capsys, [*changed, "-q"], word)
         refused(capsys, [*changed, "--dry-run"], word)
     assert sorted(path.name for path in here.iterdir()) == ["in", "mine"]
+
+
+def test_errors_of_a_mesh_like_none_that_was_measured_are_not_forecast(second, here, capsys):
+    sphere, faces = icosphere(1)
+    for name, radius in (("white", 47.0), ("pial", 50.0)):
+        write_surface(here / f"lh.{name}", Surface(radius * sphere, faces))
+    argv = ["analyze", "--white", "lh.white", "--pial", "lh.pial", "--dry-run"]
+    assert main([*argv, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["errors"] == {}
+    assert "42 vertices" in found["how"]["errors"]
+    assert main(argv) == 0
+    assert "error of" not in capsys.readouterr().out
 
 
 def test_what_can_not_be_measured_can_not_be_forecast(here, capsys):

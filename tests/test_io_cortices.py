@@ -4,7 +4,9 @@ import hashlib
 import json
 import re
 import shutil
+from dataclasses import replace
 
+import nibabel as nib
 import numpy as np
 import pytest
 
@@ -257,3 +259,30 @@ def test_a_parcellation_that_is_named_and_not_there_is_refused(bert, name):
 def test_a_pair_of_files_has_no_parcellation_to_name(bert):
     with pytest.raises(ValueError, match="annotation"):
         read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
+
+
+@pytest.mark.parametrize("name", ["thickness", "curv", "sulc", "area"])
+@pytest.mark.parametrize("ending", ["", ".shape.gii"])
+def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name, ending):
+    verts, faces = icosphere(1)
+    for surface, radius in (("white", 47.0), ("pial", 50.0)):
+        write_surface(tmp_path / f"lh.{surface}", Surface(radius * verts, faces))
+    file, values = tmp_path / f"lh.{name}{ending}", np.full(42, 2.0, dtype=np.float32)
+
+    def write():
+        if ending:
+            array = nib.gifti.GiftiDataArray(values, intent="NIFTI_INTENT_SHAPE", datatype="NIFTI_TYPE_FLOAT32")
+            nib.save(nib.GiftiImage(darrays=[array]), file)
+        else:
+            nib.freesurfer.write_morph_data(file, values)
+
+    values[7] = np.inf
+    write()
+    with pytest.raises(ValueError, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42 values .* vertex 7\."):
+        read_cortex(tmp_path)
+    values[7] = np.nan
+    write()
+    cortex = read_cortex(tmp_path)
+    assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
+    with pytest.raises(ValueError, match=rf"{name} has 1 infinite values, the first at vertex 3\."):
+        replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})

@@ -11,6 +11,7 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis._curvature import Curvature
+from morphofold.analysis._mesh import split
 from morphofold.analysis.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.measures import SCALARS
 from morphofold.analysis.notes import of_input
@@ -109,13 +110,34 @@ def test_maps_are_nan_off_the_cortex_and_means_leave_it_out():
     assert measure(told).scalars["mean_cortical_thickness_mm"] == pytest.approx(3, rel=2e-3)
 
 
-def test_freesurfers_bound_on_thickness_is_for_its_own_subjects_only():
-    thick = measure(shell(3, 42.0))
+@pytest.mark.parametrize("origin", ["FreeSurfer", "simulation", "files"])
+def test_thickness_is_capped_where_that_is_asked_for_whatever_the_origin(origin):
+    thick = measure(shell(3, 42.0, origin=origin))
     assert thick.scalars["mean_cortical_thickness_mm"] == pytest.approx(8, rel=0.01)
     assert thick.parameters["cortical_thickness_cap_mm"] is None
-    capped = measure(shell(3, 42.0, origin="FreeSurfer"))
+    assert "thickness_cap" not in thick.notes
+    capped = measure(shell(3, 42.0, origin=origin), thickness_cap=5)
     assert capped.scalars["mean_cortical_thickness_mm"] == 5
     assert capped.parameters["cortical_thickness_cap_mm"] == 5
+    assert "100.0%" in capped.notes["thickness_cap"]
+
+
+def test_the_mean_by_area_does_not_depend_on_where_the_mesh_is_dense():
+    """A cortex of 2 mm in the south and 3 in the north, where every triangle is cut in four."""
+    verts, faces = shapes.icosphere(4)
+    north = (verts[faces][:, :, 2] > 0.05).all(axis=1)
+    finer, cut = split(verts, faces[north])
+    finer /= np.linalg.norm(finer, axis=1, keepdims=True)
+    means = []
+    for points, triangles in ((verts, faces), (finer, np.concatenate([faces[~north], cut]))):
+        away = np.where(points[:, 2] > 0, 47.0, 48.0)
+        white, pial = Surface(away[:, None] * points, triangles), Surface(50 * points, triangles)
+        s = measure(Cortex(white, pial), curvature_scale=12).scalars
+        means.append((s["mean_cortical_thickness_mm"], s["mean_cortical_thickness_area_weighted_mm"]))
+    (plain, by_area), (dense, dense_by_area) = means
+    assert dense / plain > 1.08
+    assert dense_by_area == pytest.approx(by_area, rel=0.005)
+    assert plain == pytest.approx(by_area, rel=0.01)
 
 
 def test_the_curvature_scale_is_what_was_asked_for_or_fits_the_mesh():
@@ -260,7 +282,7 @@ def test_a_cortex_may_be_as_thick_as_its_core():
 
 def test_a_cortex_label_without_a_vertex_is_refused():
     none = np.zeros(642, dtype=bool)
-    with pytest.raises(ValueError, match=r"no vertex is cortex: the cortex label holds 0 of 642 .* differ at 642"):
+    with pytest.raises(ValueError, match=r"holds 0 of 642 vertices"):
         measure(shell(3, cortex=none))
 
 

@@ -73,7 +73,13 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
-    from morphofold.results import refuse_place_of_inputs, subject_place, write_analysis, write_dataset
+    from morphofold.results import (
+        check_wide,
+        refuse_place_of_inputs,
+        subject_place,
+        write_analysis,
+        write_dataset,
+    )
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
@@ -95,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
     failed: dict[str, str] = {}
     cortices = _of_each(_readers(args), failed)
     clock.end()
+    if args.wide:
+        check_wide(cortices)
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
     out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
@@ -282,8 +290,8 @@ def _measure(
         progress(what, share)
 
     return measure(
-        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width, accuracy=args.accuracy,
-        repair=args.repair, progress=tell,
+        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width,
+        thickness_cap=args.thickness_cap, accuracy=args.accuracy, repair=args.repair, progress=tell,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def add_measuring_args(parser: argparse.ArgumentParser) -> None:
-    """--curvature-scale, --gyral-width, --accuracy and --no-repair."""
+    """--curvature-scale, --gyral-width, --thickness-cap, --accuracy and --no-repair."""
     parser.add_argument(
         "--curvature-scale", type=float, metavar="MM",
         help="radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
@@ -16,6 +16,10 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
         "--gyral-width", type=float, metavar="MM",
         help="lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
         "(default: from each surface; of a group, their median)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--thickness-cap", type=float, metavar="MM",
+        help="upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
     )  # fmt: skip
     parser.add_argument(
         "--accuracy", choices=["draft", "standard", "fine"], default="standard",
@@ -51,12 +55,14 @@ def _side(word: str) -> str:
 
 
 def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
-    """What was asked for, as results record it; standard accuracy, parcellation and repair go without saying, so that
-    those of older runs stay. Raises ``ValueError`` for what is no length."""
-    for option, length in (("--curvature-scale", args.curvature_scale), ("--gyral-width", args.gyral_width)):
+    """What was asked for, as results record it; standard accuracy, parcellation and repair, and no
+    cap, go without saying, so that those of older runs stay. Raises ``ValueError`` for what is no length."""
+    for option in ("--curvature-scale", "--gyral-width", "--thickness-cap"):
+        length = getattr(args, option[2:].replace("-", "_"))
         if length is not None and not 0 < length < float("inf"):
             raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
-    asked = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    asked: dict[str, Any] = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    asked |= {} if args.thickness_cap is None else {"thickness_cap_mm": args.thickness_cap}
     asked |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
     asked |= {} if args.repair else {"repair": False}
     return asked if getattr(args, "annot", None) is None else {**asked, "annotation": args.annot}

@@ -231,7 +231,7 @@ LESS_WATCHING = {
 
 #: Dask's pages show names, paths and call stacks to whoever asks. A scheduler and a worker listen for them whatever they
 #: are told: here on this machine alone, and they know none
-NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+NO_PAGES: dict[str, list[Any]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 UNSEEN = "127.0.0.1:0"
 
 

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
-    """Measure with ``curvature_scale_mm``, ``gyral_width_mm`` [mm], ``accuracy`` and ``repair``, where ``options`` have
-    them; ``common_curvature_scale_mm`` is taken where the mesh bears it."""
+    """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy`` and ``repair``,
+    where ``options`` have them; ``common_curvature_scale_mm`` is taken where the mesh bears it."""
     from morphofold.analysis.measures import measure
     from morphofold.cohort.scales import curvature_scale
 
@@ -28,5 +28,6 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
 
     return measure(
         cortex, curvature_scale=scale, gyral_width=options.get("gyral_width_mm"),
-        accuracy=options.get("accuracy", "standard"), repair=options.get("repair", True), progress=tell,
+        thickness_cap=options.get("thickness_cap_mm"), accuracy=options.get("accuracy", "standard"),
+        repair=options.get("repair", True), progress=tell,
     )  # fmt: skip

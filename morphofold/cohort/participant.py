@@ -36,8 +36,8 @@ class Participant:
     report : bool
         With a page and pictures of its own.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm`` [mm], ``accuracy``, ``repair`` and ``annotation``, as ``analyze``
-        takes them.
+        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair`` and
+        ``annotation``, as ``analyze`` takes them.
     """
 
     name: str

@@ -35,7 +35,7 @@ class Run:
     report : bool
         With a page and pictures of its own.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm`` [mm] and ``accuracy``, as ``analyze`` takes them.
+        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as ``analyze`` takes them.
     """
 
     place: Place

@@ -98,8 +98,9 @@ def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
     """A line on what took the time, and on the worst of the expected errors: the least one may be so by chance."""
     largest = sorted(cost.stages.items(), key=lambda item: -item[1][0])[:most]
     taken = ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)
+    line = f"time: {span(cost.seconds)}, {taken}; "
+    if not cost.errors:
+        return f"{line}errors are {cost.how}"
     worst = max(cost.errors, key=lambda name: cost.errors[name].error)
-    return (
-        f"time: {span(cost.seconds)}, {taken}; expected errors up to {percent(cost.errors[worst].error)} ({worst}), by "
-        "one person's hemisphere and its mesh"
-    )
+    error = percent(cost.errors[worst].error)
+    return f"{line}expected errors up to {error} ({worst}), by one person's hemisphere and its mesh"

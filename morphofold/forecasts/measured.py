@@ -39,7 +39,7 @@ class MeasuredErrors:
     vertices : int
         Of that.
     errors : mapping
-        Quantity to ``Measured``.
+        Quantity to ``Measured``; empty where none are known.
     how : str
         How they were obtained.
     doubts : tuple of str
@@ -56,7 +56,9 @@ class MeasuredErrors:
 def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors:
     """Expected errors of an accuracy: those of the hemisphere in the table that has about as many vertices.
 
-    Of several cortices the one of fewest vertices chooses; every other one that is not like it is doubted.
+    Of several cortices the one of fewest vertices chooses; every other one that is not like it is doubted. Beyond the
+    meshes of the table by more than ``ALIKE`` none are known: a mesh of 42 vertices is off by 26 % in thickness, where
+    that of 10,001 is by 5 %.
 
     Raises
     ------
@@ -70,12 +72,17 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     sizes = sorted({cortex.n_vertices for cortex in cortices})
     if not sizes:
         raise ValueError("there is no cortex to expect errors of. Pass one at least.")
-    nearest = min(table()["errors"]["measuring"], key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
+    persons = table()["errors"]["measuring"]
+    least, most = (of(person["vertices"] for person in persons) for of in (min, max))
+    nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
     vertices = nearest["vertices"]
     errors = {
         name: Measured(law[accuracy], AGAINST.get(law["against"], law["against"]))
         for name, law in nearest["quantities"].items()
     }
+    if not least / ALIKE <= sizes[0] <= most * ALIKE:
+        how = f"not known of meshes of {sizes[0]:,} vertices: measured on those of {least:,} to {most:,} only"
+        return MeasuredErrors(nearest["subject"], vertices, {}, how, ())
     said = []
     if any(cortex.origin == "simulation" for cortex in cortices):
         said.append("The errors are those of a person's hemisphere, not of a simulated cortex.")

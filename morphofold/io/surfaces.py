@@ -130,12 +130,19 @@ def read_morph(path: StrPath) -> PerVertex:
     """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, as the file has them.
 
     FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` turns
-    them.
+    them. NaN stays, and is an unknown value to all that takes a map.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged or of another kind, or a value is infinite.
     """
     path = existing_file(path, "per-vertex map")
     with path.open("rb") as file:
         head = file.read(1024)
-    return gifti.read_gifti_map(path) if is_gifti(path, head) else freesurfer.read_curv(path)
+    values = gifti.read_gifti_map(path) if is_gifti(path, head) else freesurfer.read_curv(path)
+    _refuse_infinite(path, values)
+    return values
 
 
 def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -> None:
@@ -171,14 +178,8 @@ def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:
         raise ValueError(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
+    _refuse_infinite(path, values)
     missing = np.isnan(values)
-    with np.errstate(over="ignore"):
-        infinite = ~missing & ~np.isfinite(values.astype(np.float32))
-    if infinite.any():
-        raise ValueError(
-            f"{path}: {infinite.sum()} of {len(values)} values are infinite or beyond float32, the first at "
-            f"vertex {np.flatnonzero(infinite)[0]}."
-        )
     if missing.any():
         if nan is None:
             raise ValueError(
@@ -187,3 +188,13 @@ def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.
             )
         values = np.where(missing, nan, values)
     return values.astype(np.float32)
+
+
+def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
+    with np.errstate(over="ignore"):
+        infinite = np.flatnonzero(np.isinf(values.astype(np.float32)))
+    if len(infinite):
+        raise ValueError(
+            f"{path}: {len(infinite)} of {len(values)} values are infinite or beyond float32, the first at vertex "
+            f"{infinite[0]}. Mend the file, or leave it out."
+        )

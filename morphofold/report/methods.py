@@ -63,7 +63,7 @@ def measured(measures: Sequence[Measures], version: str) -> list[str]:
     within = " or ".join(dict.fromkeys(number(mm, 2) for mm in scales)) or "a few"
     caps = {m.parameters.get("cortical_thickness_cap_mm") for m in measures}
     bounds = " or ".join(f"{cap:g}" for cap in sorted(cap for cap in caps if cap))
-    where = " in FreeSurfer's subjects" if None in caps else ""
+    where = " in some of them" if None in caps else ""
     simulated = {m.cortex.origin == "simulation" for m in measures} == {True, False}
     return [
         f"White and pial surfaces were measured with morphofold {version}"

@@ -71,12 +71,14 @@ SCALAR_WORDS = {
     "volume_pial_mm3": ("Volume within the pial surface", "mm³"),
     "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
     "surface_holes": ("Holes of the surface that FreeSurfer mended", ""),
+    "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("Gyral / cortical at crests", ""),
 }
 #: the map that a scalar is made of, where it is one
 MAP_OF = {
-    "mean_cortical_thickness_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
+    "mean_cortical_thickness_mm": "cortical_thickness",
+    "mean_cortical_thickness_area_weighted_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
     "mean_sulcal_depth_mm": "sulcal_depth", "gyrification_index": "local_gyrification_index",
     "mean_local_gyrification_index": "local_gyrification_index", "folding_index": "curvedness",
     "intrinsic_curvature_index": "K", "gyral_to_cortical_slope": "gyral_thickness",

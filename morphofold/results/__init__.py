@@ -1,11 +1,11 @@
 """Analyses on disk: written in our own layout or as a subject of a BIDS dataset, and read back from either."""
 
 from morphofold.results.bids import subject_place, write_dataset
-from morphofold.results.plain import write_analysis
+from morphofold.results.plain import check_wide, write_analysis
 from morphofold.results.reading import is_analysis_of, read_analysis, read_pial, read_stages
 from morphofold.results.summary import COLUMNS, refuse_place_of_inputs
 
 __all__ = [
-    "COLUMNS", "is_analysis_of", "read_analysis", "read_pial", "read_stages", "refuse_place_of_inputs", "subject_place",
-    "write_analysis", "write_dataset",
+    "COLUMNS", "check_wide", "is_analysis_of", "read_analysis", "read_pial", "read_stages", "refuse_place_of_inputs",
+    "subject_place", "write_analysis", "write_dataset",
 ]  # fmt: skip

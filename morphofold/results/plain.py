@@ -49,6 +49,15 @@ if TYPE_CHECKING:
     from morphofold.clock import Stages
 
 
+def check_wide(cortices: Sequence[Cortex]) -> None:
+    """Refuse a table with a column per region of surfaces that have no regions."""
+    if not any(cortex.regions for cortex in cortices):
+        raise ValueError(
+            f"{cortices[0].name}: regions_wide.tsv has a column per region, and no parcellation (label/?h.aparc.annot) "
+            "came with the surfaces. Leave --wide (wide=True) out."
+        )
+
+
 def write_analysis(
     measures: Sequence[Measures],
     out: str | Path,
@@ -95,14 +104,16 @@ def write_analysis(
     Raises
     ------
     ValueError
-        If there is no surface, two of one hemisphere, or ``out`` is, holds or lies in a subject the surfaces were
-        read from: writing would replace or fill it.
+        If there is no surface, two of one hemisphere, no parcellation for a wide table, or ``out`` is, holds or lies in
+        a subject the surfaces were read from: writing would replace or fill it.
     FileExistsError
         If ``out`` holds something morphofold did not write.
     """
     if clock is not None:
         clock.begin(WRITING)
     records = checked_inputs(measures, out, inputs)
+    if wide:
+        check_wide([m.cortex for m in measures])
     with atomic_folder(out) as folder:
         for name in ("surf", "maps"):
             (folder / name).mkdir()

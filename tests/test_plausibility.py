@@ -1,0 +1,127 @@
+"""Remarks on what is hardly the cortex that it is said to be: size, side, pair, label, thickness."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import refused
+
+from morphofold import shapes
+from morphofold.analysis import faults, measure, plausibility
+from morphofold.analysis.checks import check_pair, cortex_mask
+from morphofold.io import read_cortex, sample_path, write_surface
+from morphofold.surface import Cortex, Surface
+
+OWN = {"size", "side", "pair", "cortex_label", "thickness_cap", "thickness_unlike"}
+
+
+@pytest.fixture(scope="module")
+def average():
+    return read_cortex(sample_path("fsaverage5"))
+
+
+@pytest.fixture(scope="module")
+def person():
+    return read_cortex(sample_path("S1"))
+
+
+def moved(cortex, place, which=("white", "pial")):
+    return replace(cortex, **{name: replace(s, verts=place(s.verts)) for name in which if (s := getattr(cortex, name))})
+
+
+def told(cortex):
+    return OWN & (plausibility.remarks(cortex).keys() | faults.remarks(cortex, cortex_mask(cortex)).keys())
+
+
+def turned(degrees):
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("name", ["fsaverage5", "S1", "simulated"])
+@pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
+def test_nothing_is_said_of_people_averages_models_and_smaller_animals(name, size):
+    assert told(moved(read_cortex(sample_path(name)), lambda v: size * v)) == set()
+
+
+@pytest.mark.parametrize("times", [2, 12])
+def test_a_hemisphere_larger_than_a_persons_is_told_and_a_simulated_one_is_not(person, times):
+    large = moved(person, lambda v: times * v)
+    assert told(large) == {"size"}
+    area = float(re.search(r"([\d,]+) cm\^2", plausibility.remarks(large)["size"])[1].replace(",", ""))
+    assert area == pytest.approx(914.7 * times**2, rel=1e-3)
+    assert plausibility.remarks(replace(large, origin="simulation")) == {}
+
+
+def test_a_right_hemisphere_that_is_called_left_is_told(average):
+    right = read_cortex(sample_path("fsaverage5"), "rh")
+    assert told(replace(right, hemi="lh")) == {"side"} == told(replace(average, hemi="rh"))
+    assert told(right) == set()
+    assert told(moved(average, lambda v: v + [500, 0, 0])) == set()             # a frame that says nothing of sides
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize(
+    "place", [lambda v: v + [3, 0, 0], lambda v: (v - v.mean(0)) @ turned(3).T + v.mean(0)], ids=["shifted", "turned"]
+)
+def test_white_and_pial_that_do_not_belong_together_are_told(average, labelled, place):
+    cortex = average if labelled else replace(average, cortex=None, regions=None, maps={})
+    assert told(cortex) == set()
+    assert told(moved(cortex, place, ["pial"])) == {"pair"}
+
+
+def test_a_shift_of_two_millimetres_is_told_on_a_person(person):
+    assert told(moved(person, lambda v: v + [2, 0, 0], ["pial"])) == {"pair"}
+
+
+def test_one_surface_given_twice_is_refused_whatever_its_rounding(average):
+    for apart in (1e-6, 1e-3):
+        pial = replace(average.white, verts=(1 + apart / 70) * average.white.verts)
+        with pytest.raises(ValueError, match="same surface"):
+            check_pair(replace(average, pial=pial))
+    check_pair(average)
+
+
+@pytest.mark.parametrize("size", [0, 1, 10])
+def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(here, capsys, size):
+    sphere, faces = shapes.icosphere(4)
+    for folder in ("surf", "label"):
+        (here / "bert" / folder).mkdir(parents=True)
+    for name, radius in (("white", 47.0), ("pial", 50.0)):
+        write_surface(here / f"bert/surf/lh.{name}", Surface(radius * sphere, faces))
+    rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in range(size))
+    (here / "bert/label/lh.cortex.label").write_text(f"#!ascii label\n{size}\n{rows}")
+    refused(capsys, ["analyze", "bert", "-q", "--no-report"], f"lh.cortex.label: holds {size} of 2562 vertices")
+    assert [path.name for path in here.iterdir()] == ["bert"]
+
+
+def test_an_inverted_label_is_told(average):
+    assert "cortex_label" in told(replace(average, cortex=~average.cortex))
+    assert cortex_mask(replace(average, cortex=~average.cortex)).any()
+
+
+def shell(**more):
+    """Spheres, the inner one off its middle: a cortex of 2 to 4 mm."""
+    verts, faces = shapes.icosphere(3)
+    return Cortex(Surface(47 * verts + [0, 0, 1.0], faces, "lh.white"), Surface(50 * verts, faces, "lh.pial"), **more)
+
+
+def test_a_thickness_of_other_surfaces_or_units_is_told(rng):
+    own = measure(shell()).maps["cortical_thickness"]
+    for given, said in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
+        found = measure(shell(maps={"thickness": given}))
+        assert ("thickness_unlike" in found.notes) == said
+    flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))             # one number correlates with nothing
+    assert "thickness_unlike" not in flat.notes
+
+
+def test_the_thickness_of_the_average_is_that_of_its_surfaces(average):
+    assert not OWN & measure(average).notes.keys()
+
+
+def test_a_cap_that_much_of_the_cortex_reaches_is_told():
+    thickness = np.array([2.0] * 90 + [5.0] * 10)
+    assert "10.0%" in plausibility.at_cap(thickness, 5.0)["thickness_cap"]
+    assert plausibility.at_cap(np.where(np.arange(100) < 99, thickness[0], 5.0), 5.0) == {}
+    assert plausibility.at_cap(thickness, None) == {}
