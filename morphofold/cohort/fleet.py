@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import secrets
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -227,9 +226,9 @@ LESS_WATCHING = {
 }  # fmt: skip
 
 
-#: Dask's pages show names, paths and call stacks to whoever asks. A scheduler and a worker listen for them whatever they
+#: Dask's pages show names, paths and call stacks to whoever asks. Schedulers and workers listen for them whatever they
 #: are told: here on this machine alone, and they know none
-NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 UNSEEN = "127.0.0.1:0"
 
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import SCALARS
-from morphofold.cohort.tasks import read_record
-from morphofold.records import NOT_OURS
+from morphofold.cohort.tasks import Outcome, read_record
+from morphofold.io import files_of
+from morphofold.records import NOT_OURS, changed_since
 from morphofold.results import COLUMNS
 from morphofold.results.summary import WORDS
 from morphofold.tables import cell, read_table, write_table
@@ -72,13 +73,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Found:
-    """What the results of one subject say: an entry of each hemisphere, rows of regions, digests of its surfaces, and
-    version and options by which it was measured."""
+    """What the results of one subject say: an entry of each hemisphere, rows of regions, digests of its surfaces,
+    version and options by which it was measured, and the files that say so."""
 
     entries: list[dict[str, Any]]
     regions: list[dict[str, Any]]
     surfaces: str
     way: str
+    read: tuple[Path, ...]
 
 
 def read_results(folder: Path) -> Found:
@@ -113,17 +115,16 @@ def read_results(folder: Path) -> Found:
             raise TypeError("a region has no name")
         options = [f"{key} {x}" for key, x in sorted(said["parameters"].items()) if key in OPTIONS and x is not None]
         way = ", ".join([f"morphofold {said['morphofold']}", *options])
-        return Found(entries, regions, " ".join(wanted), way)
+        return Found(entries, regions, " ".join(wanted), way, (path, table))
     except NOT_OURS as error:
         raise ValueError(f"{path}: not as morphofold writes it ({type(error).__name__}: {error}).") from error
 
 
-def results_are_whole(folder: Path) -> bool:
-    """Whether the numbers of a subject are there as they were written; else it is measured anew."""
-    try:
-        return bool(read_results(folder).entries)
-    except (OSError, ValueError):
-        return False
+def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None:
+    """Raise ``ValueError`` if files are not those that the record of a task speaks of."""
+    known = {name: digest for name, digest in record.get("files", {}).items() if name in files}
+    if changed := changed_since(known, files):
+        raise ValueError(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
 
 
 def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
@@ -167,8 +168,9 @@ class TidyWriter:
 
 
 def write_tables(
-    folder: Path, out: Path, results: Mapping[str, Path], tell: Callable[[float], None] = lambda share: None
-) -> Group:
+    folder: Path, out: Path, results: Mapping[str, Path], outcomes: Mapping[str, Outcome] | None = None,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Group:  # fmt: skip
     """Write measures.tsv, measures.parquet and failures.tsv of a group.
 
     Parameters
@@ -179,6 +181,8 @@ def write_tables(
         Of the cohort, with its records.
     results : mapping of subject to path
         Where the results of each are, or would be.
+    outcomes : mapping of subject to Outcome
+        What became of those that were measured just now; of others the records tell.
     tell : callable
         Told the share done.
     """
@@ -189,10 +193,12 @@ def write_tables(
     try:
         for i, (subject, place) in enumerate(sorted(results.items())):
             record = read_record(out / "records" / f"{subject}.json")
-            missing = dict(record.get("failures", {"": "not measured yet. Run the cohort again."}))
-            if record.get("results"):
+            outcome = None if outcomes is None else outcomes.get(subject)
+            missing, there = what_became(record, outcome, "not measured yet. Run the cohort again.")
+            if there:
                 try:
                     found = read_results(place)
+                    refuse_changed(record, {name: path for name, path in files_of(place).items() if path in found.read})
                 except (OSError, ValueError) as error:
                     missing[""] = f"{' '.join(str(error).split())} Run the cohort again."
                 else:
@@ -211,6 +217,13 @@ def write_tables(
         writer.close()
     write_table(folder / "failures.tsv", FAILURES, failures)
     return gathered.group(tuple(sorted(results)), failures, results)
+
+
+def what_became(record: Mapping[str, Any], outcome: Outcome | None, unknown: str) -> tuple[dict[str, str], bool]:
+    """Failures of a task and whether it has results: as it came out just now, else by its record."""
+    if outcome is not None:
+        return dict(outcome.failures), outcome.state != "failed"
+    return dict(record.get("failures", {"": unknown})), bool(record.get("results"))
 
 
 class _Gathered:
