@@ -20,20 +20,15 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file in a folder and below, by its path from there."""
-    return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
-
-
-def changed_since(folder: Path, known: Mapping[str, str]) -> list[str]:
-    """Of the files in a folder whose digests are ``known``, those that are missing or other ones now."""
-    return [name for name, digest in known.items() if not _is(folder / name, digest)]
+def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
+    """Of the files whose digests are ``known``, by names, those that are missing or other ones now."""
+    return [name for name, digest in known.items() if name not in files or not _is(files[name], digest)]
 
 
 def _is(path: Path, digest: str) -> bool:
     try:
         return sha256_of(path) == digest
-    except (OSError, ValueError):
+    except OSError:
         return False
 
 

@@ -19,6 +19,7 @@ from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, 
 from morphofold.io.files import decoding
 from morphofold.sim.folder_check import (
     ANEW,
+    as_lines,
     check_finished,
     check_inputs,
     check_stages,
@@ -27,6 +28,7 @@ from morphofold.sim.folder_check import (
     is_temporary,
     read_health,
     read_stage,
+    scene_digest,
     stage_folder,
     sweep,
 )
@@ -105,7 +107,8 @@ class FolderWriter:
 
     Notes
     -----
-    To be made before the body is built: the digest of the scene's mesh file is then never newer than the body.
+    To be made before the body is built, and begun after it: the digest of the scene's mesh file is then of the bytes
+    that the body was built of.
     """
 
     def __init__(self, out: Path, scene: Scene, describe: Describe, resume: bool = False):
@@ -121,7 +124,12 @@ class FolderWriter:
             If the folder holds something else, or a run that is not to be gone on from, or a finished one.
         ValueError
             If what is to be gone on from is damaged.
+        OSError
+            If the scene's mesh file changed while the body was built of it.
         """
+        if inputs_of(self.scene) != self._inputs:
+            name = self._inputs["geometry.file"]["file"]
+            raise OSError(f"{name}: changed while it was read. Wait until what writes it has ended.")
         if is_finished(self.out, self.scene, self.resume):
             raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)
@@ -149,7 +157,7 @@ class FolderWriter:
     def log(self, lines: list[dict[str, Any]]) -> None:
         """All lines of ``log.jsonl``."""
         with atomic_file(self.out / "log.jsonl") as temporary:
-            temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
+            temporary.write_text(as_lines(lines))
 
     def arrays(self, name: str, arrays: Mapping[str, NDArray]) -> None:
         """Arrays by name, as ``NAME`` (.npz)."""
@@ -180,6 +188,7 @@ class FolderWriter:
             "units": "mm",
             "health": numbers,
             "warnings": warnings,
+            "scene_sha256": scene_digest(self.out),
         }
         cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=portion, info=info)
         maps = self._describe(cortex)

@@ -7,7 +7,8 @@ import json
 import math
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel
 
-from morphofold.io import read_cortex, sample_path
+from morphofold.io import files_of, read_cortex, sample_path
 from morphofold.io.cortices import StageHealth, StageRecord
 from morphofold.io.files import decoding, existing_file
+from morphofold.io.folders import MARKER
 from morphofold.io.json_files import Amount, Count, Length, Record, read_json
+from morphofold.records import sha256_of
+from morphofold.sim.folder_lock import LOCK
 from morphofold.sim.scene import MeshFile, Radial, Scene
 
 ANEW = "to grow anew from the start"
@@ -100,6 +104,36 @@ def sweep(folder: Path) -> None:
                 path.unlink()
 
 
+def files_of_run(folder: Path) -> dict[str, Path]:
+    """What a run wrote in its folder, by paths from there."""
+    found = {name: folder / name for name in _KEPT}
+    for stage in sorted((folder / "stages").glob("g*")):
+        found |= {f"stages/{stage.name}/{name}": path for name, path in files_of(stage).items()}
+    return {name: path for name, path in found.items() if path.is_file()}
+
+
+def clear_run(folder: Path) -> None:
+    """Remove what a run wrote in its folder, and nothing else.
+
+    Raises
+    ------
+    FileExistsError
+        If something else is there, so that no other run can be written there; all stays then.
+    """
+    sweep(folder)
+    ours = {folder / name for name in (*_KEPT, LOCK)}
+    for stage in (folder / "stages").glob("g*"):
+        with suppress(OSError, ValueError):                             # of one that is damaged, or older than lists
+            ours |= {stage / name for name in read_json(stage / "files.json", Digests, ANEW)}
+        ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
+    there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
+    if others := [path for path in there if path not in ours]:
+        raise FileExistsError(f"{others[0]}: no run wrote this, so {folder} can't be cleared. Move it away.")
+    for path in there:
+        path.unlink()
+    shutil.rmtree(folder)                                               # of empty folders
+
+
 # what a scene only names -------------------------------------------------------------------------------------
 
 
@@ -126,7 +160,7 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
         except FileNotFoundError:
             path = Path(name)
     path = existing_file(path, "tetrahedral mesh")
-    return {"geometry.file": {"file": name, "sha256": _sha256(path), "bytes": path.stat().st_size}}
+    return {"geometry.file": {"file": name, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
@@ -152,18 +186,25 @@ def check_inputs(folder: Path, scene: Scene) -> None:
         )
 
 
+def scene_digest(folder: Path) -> str:
+    """SHA-256 of the scene of the run in a folder and of what it only names, as the run wrote both when it began."""
+    found = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
+    return hashlib.sha256(b"\0".join(found)).hexdigest()
+
+
 # stages ------------------------------------------------------------------------------------------------------
 
 
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of each file in a folder and below, by its path from there."""
-    return {p.relative_to(folder).as_posix(): _sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def read_stage(out: Path, g: float) -> dict[str, Any]:
     """``stage.json`` of the stage at growth ``g``, once its files are found as they were written.
 
-    A stage without ``files.json`` (their digests) need only have surfaces and maps that can be read.
+    A stage without ``files.json`` (their digests) need only have surfaces and maps that can be read; one without the
+    digest of its scene may be of any.
 
     Raises
     ------
@@ -175,6 +216,8 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
     cure = f"Delete {stage}{''.join(f' and {out / name}' for name in beside)}; --resume then grows it anew."
     record = stage / "stage.json"
     info = read_json(record, StageRecord, cure)
+    if info.get("scene_sha256", scene_digest(out)) != scene_digest(out):
+        raise ValueError(f"{record}: is of a run with another scene or mesh. {cure}")
     if info.get("g") != g or info.get("health", {}).get("growth") != g:
         raise ValueError(f"{record}: is of g = {info.get('g')!r} or without health, not of {g:g}. {cure}")
     listed = stage / "files.json"
@@ -183,7 +226,7 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
             for name, digest in read_json(listed, Digests, cure).items():
                 if not (stage / name).is_file():
                     raise ValueError(f"{name} is missing")
-                if _sha256(stage / name) != digest:
+                if sha256_of(stage / name) != digest:
                     raise ValueError(f"{name} is not as it was written")
     with decoding(stage, "a stage", cure):
         read_cortex(stage)
@@ -258,8 +301,18 @@ def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
     return found
 
 
-def read_log(out: Path, step: int, lines: int) -> list[dict[str, Any]]:
-    """The lines of ``log.jsonl`` up to ``step``, of which there must be ``lines``.
+def as_lines(log: Sequence[Mapping[str, Any]]) -> str:
+    """The text of ``log.jsonl``."""
+    return "".join(json.dumps(line, allow_nan=False) + "\n" for line in log)
+
+
+def as_bytes(text: str) -> NDArray[np.uint8]:
+    """SHA-256 of a text, as a checkpoint holds it: (32,) uint8."""
+    return np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+
+
+def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
+    """The lines of ``log.jsonl`` up to ``step``, of which there must be ``lines``, of this ``digest``.
 
     Raises
     ------
@@ -278,6 +331,8 @@ def read_log(out: Path, step: int, lines: int) -> list[dict[str, Any]]:
                 kept.append(line)
         if len(kept) != lines:
             raise ValueError(f"it has {len(kept)} lines up to step {step}, had {lines}")
+        if not np.array_equal(as_bytes(as_lines(kept)), digest):
+            raise ValueError("its lines are not those of this checkpoint")
     return kept
 
 
@@ -288,9 +343,6 @@ def _check_line(line: Mapping[str, Any], number: int) -> None:
         raise ValueError(f"line {number} lacks growth, elapsed or seconds")
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _object(text: str, what: str) -> dict[str, Any]:

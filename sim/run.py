@@ -8,11 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from morphofold import __version__
 from morphofold.clock import peak_memory, working_seconds
 from morphofold.io.files import decoding
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
-from morphofold.sim.folder_check import ANEW, check_reached, read_arrays, read_log
+from morphofold.sim.folder_check import (
+    ANEW,
+    as_bytes,
+    as_lines,
+    check_reached,
+    read_arrays,
+    read_log,
+    scene_digest,
+)
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Radial, Scene
@@ -185,8 +195,13 @@ class _Run:
 
     def _checkpoint(self) -> None:
         self.writer.log(self.log)
-        self.writer.arrays("checkpoint.npz", {**self.dynamics.save(), "lines": np.array(len(self.log))})
+        self.writer.arrays("checkpoint.npz", {**self.dynamics.save(), **self._marks()})
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
+
+    def _marks(self) -> dict[str, NDArray[Any]]:
+        """What tells a checkpoint from one of another run: its scene and mesh, its version, and its log so far."""
+        marks = {"scene": scene_digest(self.writer.out), "version": __version__, "log": as_lines(self.log)}
+        return {**{name: as_bytes(text) for name, text in marks.items()}, "lines": np.array(len(self.log))}
 
     def _take_up(self) -> None:
         """Go on from a checkpoint, if that is asked for and there is one."""
@@ -194,14 +209,18 @@ class _Run:
         path = out / "checkpoint.npz"
         if not self.writer.resume or not path.exists():
             return
-        arrays = read_arrays(path, {**self.dynamics.save(), "lines": np.array(0)})
+        mine = self._marks()
+        arrays = read_arrays(path, {**self.dynamics.save(), **mine})
+        for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
+            if not np.array_equal(arrays[name], mine[name]):
+                raise ValueError(f"{path}: is of a run with {what}. Delete it {ANEW}.")
         growth, final = arrays["growth"].item(), self.scene.growth.final
         with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
             if not 1 <= growth <= final:
                 raise ValueError(f"g = {growth:g} is not within 1 and {final:g}")
             self.dynamics.load(arrays)                                  # a state out of its bounds was never saved
         check_reached(out, self.scene, growth)
-        self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item())
+        self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item(), arrays["log"])
         if self.log:
             self.started -= self.log[-1]["elapsed"]
             self.dynamics.seconds.update(self.log[-1]["seconds"])

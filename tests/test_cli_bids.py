@@ -1,5 +1,6 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
+import json
 from contextlib import contextmanager
 
 import pytest
@@ -29,10 +30,22 @@ def test_what_cannot_be_done_is_refused(here, capsys):
     assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
 
 
-def test_names_that_bids_shortens_to_one_are_refused(here, capsys):
+def test_names_that_bids_has_no_place_for_fail_alone(here, capsys, monkeypatch):
+    @contextmanager
+    def open_fleet(**asked):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
     dataset(here)
-    write_subject(here / "data" / "derivatives" / "freesurfer" / "sub-02sesa", hemis=("lh",))
-    refused(capsys, ["bids", "data", "out", "participant"], "BIDS shortens both to sub-02sesa")
+    for name in ("sub-02sesa", "---"):                                  # as sub-02_ses-a is shortened; nothing left
+        write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
+    assert main(["bids", "data", "out", "participant", "--no-report", "-q", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["subjects"], said["with_results"], set(said["failures"])) == (5, 3, {"sub-02sesa", "---"})
+    assert sorted(p.name for p in (here / "out").glob("sub-*")) == ["sub-01", "sub-02sesa", "sub-02sesb"]
+    names = {"---", "sub-01", "sub-02_ses-a", "sub-02_ses-b", "sub-02sesa"}
+    assert set(measured_before(here / "out", bids=True)) == names
 
 
 def test_what_a_killed_run_left_of_a_record_is_no_subject(here):

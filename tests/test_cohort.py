@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -207,6 +208,144 @@ def test_results_that_are_lost_are_measured_anew(three, tmp_path, quick):
     shutil.rmtree(out / "subjects" / "ben")
     (out / "records" / "cleo.json").write_text("{")
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "done"}
+
+
+def another_number(folder, other):
+    path = folder / "summary.json"
+    said = json.loads(path.read_text())
+    said["surfaces"][0]["measures"]["gyrification_index"] = 9.9
+    path.write_text(json.dumps(said))
+
+
+def exchanged(folder, other):
+    for one, two in ((folder, folder.with_name("held")), (other, folder), (folder.with_name("held"), other)):
+        os.rename(one, two)
+
+
+def lost_surface(folder, other):
+    (folder / "surf" / "lh.pial").unlink()
+
+
+def lost_list(folder, other):
+    (folder / ".morphofold").write_text("")
+
+
+@pytest.mark.parametrize("change", [another_number, exchanged, lost_surface, lost_list])
+def test_results_that_are_not_as_they_were_written_are_measured_anew(three, tmp_path, quick, capsys, change):
+    out = tmp_path / "out"
+    measured(three, out)
+    rows, before = grouped(three, out), contents(out / "subjects")
+    change(out / "subjects" / "ben", out / "subjects" / "cleo")
+    touched = {"ben", "cleo"} if change is exchanged else {"ben"}
+    if change in (another_number, exchanged):                           # tables are of no such numbers until then
+        assert {row["subject"] for row in grouped(three, out)}.isdisjoint(touched)
+        assert {row["subject"] for row in failures(out)} == touched
+    found = measured(three, out, "2")
+    assert {name for name, one in found.items() if one.changed} == touched
+    assert states(found) == {name: "done" if name in touched else "reused" for name in ("anna", "ben", "cleo")}
+    assert grouped(three, out) == rows
+    after = contents(out / "subjects")
+    assert {name for name in before if before[name] != after.get(name)} <= {f"{one}/cost.json" for one in touched}
+    assert not any(one.changed for one in measured(three, out, "3").values())
+
+
+def test_a_file_of_its_user_stays_beside_results_and_is_no_change_of_them(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    notes = out / "subjects" / "ben" / "notes.txt"
+    notes.write_text("mine")
+    assert set(states(measured(three, out, "2")).values()) == {"reused"}
+    assert set(states(measured(three, out, "3", options={"gyral_width_mm": 9.0})).values()) == {"done"}
+    assert notes.read_text() == "mine"
+    shutil.rmtree(three[1] / "surf")
+    assert states(measured(three, out, "4"))["ben"] == "failed"
+    assert notes.read_text() == "mine"
+    assert not (notes.parent / "summary.json").exists()
+
+
+def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_path, quick, monkeypatch):
+    """They were exchanged after the key was taken of them: the record would be of the old, the numbers of the new."""
+    out, read, other = tmp_path / "out", participant.read_cortex, write_subject(tmp_path / "other", 1.3)
+
+    def late(folder, *args, **options):
+        if folder.endswith("ben"):
+            shutil.copy(other / "surf" / "lh.pial", f"{folder}/surf/lh.pial")
+        return read(folder, *args, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(participant, "read_cortex", late)
+        found = measured(three, out)
+    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
+    assert "lh.pial" in found["ben"].failures[""]
+    assert states(measured(three, out, "2"))["ben"] == "done"
+
+
+@pytest.fixture
+def commanded(here, quick, monkeypatch):
+    """The command in this process, its exit code and what it says."""
+    def run(*words):
+        return main(["cohort", "subjects", "-o", "out", "--no-report", "-q", "--json", *words])
+
+    @contextmanager
+    def open_fleet(**asked):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    for i, name in enumerate(("anna", "ben", "cleo")):
+        write_subject(here / "subjects" / name, 1 + i / 10)
+    return run
+
+
+def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here, capsys):
+    (here / "subjects" / "ben").rename(here / "subjects" / "\udcff")
+    (here / "subjects" / "\udcff" / "surf" / "rh.pial").unlink()
+    assert commanded() == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["subjects"], said["with_results"]) == (3, 3)
+    assert set(said["failures"]["\\udcff"]) == {"rh"}
+    rows = [line.split("\t") for line in (here / "out/group/measures.tsv").read_text(encoding="utf-8").splitlines()]
+    assert {row[0] for row in rows[1:]} == {"anna", "\\udcff", "cleo"}
+    for path in (here / "out").rglob("*"):
+        assert not path.is_file() or path.suffix == ".parquet" or "\udcff" not in path.name
+    (here / "out/subjects/\\udcff/summary.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "bad", ["long name", "folder for a record", "folder for a log", "link for a log", "link for a lock", "file for all"]
+)
+def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, capsys, bad):
+    name, out, victim = "ben", here / "out", here / "victim"
+    victim.write_text("mine")
+    if bad == "long name":
+        name = 251 * "x"
+        (here / "subjects" / "ben").rename(here / "subjects" / name)
+    elif bad == "folder for a record":
+        assert commanded() == 0
+        capsys.readouterr()
+        (out / "records" / "ben.json").unlink()
+        (out / "records" / "ben.json").mkdir()
+    else:
+        for folder in ("logs", "records", "subjects"):
+            (out / folder).mkdir(parents=True)
+        (out / ".morphofold-collection").write_text("cohort: made")
+    if bad == "folder for a log":
+        (out / "logs" / "ben.log").mkdir()
+    elif bad == "link for a log":
+        (out / "logs" / "ben.log").symlink_to("/dev/full")
+    elif bad == "link for a lock":
+        (out / "records" / "ben.lock").symlink_to(victim)
+    elif bad == "file for all":
+        (out / "subjects" / "ben").write_text("mine")
+    for _ in range(2):                                                  # the next run tells the same
+        assert commanded() == 1
+        said = json.loads(capsys.readouterr().out)
+        assert (said["with_results"], set(said["failures"])) == (2, {name})
+        assert {row["subject"] for row in failures(out)} == {name}
+        assert [row["reason"] for row in failures(out)] == [" ".join(said["failures"][name][""].split())]
+        with (out / "group" / "measures.tsv").open() as file:
+            assert {row["subject"] for row in csv.DictReader(file, delimiter="\t")} == {"anna", "cleo"}
+    assert victim.read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])

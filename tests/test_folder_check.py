@@ -12,7 +12,7 @@ import pytest
 from test_meshfile import ball, write
 
 from morphofold.cli import main
-from morphofold.sim.folder_check import is_temporary, read_arrays, sweep
+from morphofold.sim.folder_check import clear_run, files_of_run, is_temporary, read_arrays, sweep
 from morphofold.sim.folder_lock import LOCK, alone
 from morphofold.simulation import simulate
 
@@ -263,6 +263,65 @@ def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path,
     assert len(told) == 3
     assert all(f"run: another run is writing here (process {os.getpid()}). Wait for its end" in line for line in told)
     assert not (out / LOCK).exists()
+
+
+@pytest.fixture(scope="module")
+def of_another_seed(tmp_path_factory):
+    """A run like ``stopped``, of the same mesh and another seed, stopped where that was."""
+    out = tmp_path_factory.mktemp("folder") / "run"
+
+    def stop(share, text):
+        if share > 0.7 and (out / "checkpoint.npz").exists():
+            raise Stop
+
+    with pytest.raises(Stop):
+        simulate("demo", out, settings=[*TINY, "effects.perturbation.seed=5"], progress=stop)
+    return out
+
+
+@pytest.mark.parametrize(
+    "taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["log.jsonl"], ["stages/g1.10"]], ids=" ".join,
+)  # fmt: skip
+def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, capsys, taken):
+    """All of it has the right shape, and sums that are right."""
+    out = at(stopped)
+    for name in taken:
+        if (out / name).is_dir():
+            shutil.rmtree(out / name)
+            shutil.copytree(of_another_seed / name, out / name)
+        else:
+            shutil.copy(of_another_seed / name, out / name)
+    before = contents(out)
+    assert taken[0].partition("/")[0] in resumed(capsys, "--resume")
+    assert contents(out) == before
+
+
+@pytest.mark.parametrize("mark", ["scene", "version", "log"])
+def test_a_checkpoint_that_does_not_say_its_run_is_not_gone_on_from(stopped, at, capsys, mark):
+    """None of a version before these were written says it."""
+    out = at(stopped)
+    checkpoint(**{mark: None})(out / "checkpoint.npz")
+    assert "checkpoint.npz" in resumed(capsys, "--resume")
+
+
+def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped, at, capsys, monkeypatch):
+    out = at(stopped)
+    monkeypatch.setattr("morphofold.sim.run.__version__", "0.0.0")
+    assert f"{out.name}/checkpoint.npz" in resumed(capsys, "--resume")
+
+
+def test_only_what_a_run_wrote_is_cleared(finished, at):
+    out = at(finished)
+    (out / "stages" / "g1.10" / "NOTES.txt").write_text("mine")
+    before = contents(out)
+    with pytest.raises(FileExistsError, match=r"NOTES\.txt"):
+        clear_run(out)
+    assert contents(out) == before
+    (out / "stages" / "g1.10" / "NOTES.txt").unlink()
+    (out / "stages" / "g1.10" / ".morphofold").write_text("of a version without lists")
+    assert set(files_of_run(finished)) == {name for name in contents(finished) if not name.endswith(".morphofold")}
+    clear_run(out)
+    assert not out.exists()
 
 
 def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypatch):

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from morphofold.records import changed_since, digests, input_records, shown, strict_json
+from morphofold.records import changed_since, input_records, sha256_of, shown, strict_json
 from morphofold.tables import cell
 
 
@@ -29,14 +29,15 @@ def test_what_changed_in_a_folder_is_named(tmp_path):
     (tmp_path / "deep").mkdir()
     for name in ("a", "deep/b", "deep/c", "d"):
         (tmp_path / name).write_text(name)
-    known = digests(tmp_path)
-    assert changed_since(tmp_path, known) == []
-    (tmp_path / "new").write_text("of somebody")
+    files = {name: tmp_path / name for name in ("a", "deep/b", "deep/c", "d")}
+    known = {name: sha256_of(path) for name, path in files.items()}
+    assert changed_since(known, {**files, "new": tmp_path}) == []
     (tmp_path / "a").write_text("A")
     (tmp_path / "deep" / "b").unlink()
     (tmp_path / "d").unlink()
     (tmp_path / "d").mkdir()
-    assert set(changed_since(tmp_path, known)) == {"a", "deep/b", "d"}
+    assert set(changed_since(known, files)) == {"a", "deep/b", "d"}
+    assert set(changed_since(known, {"deep/c": tmp_path / "deep" / "c"})) == {"a", "deep/b", "d"}
 
 
 def test_an_input_has_its_digest_and_one_that_is_gone_none(tmp_path):

@@ -366,6 +366,35 @@ def test_a_simulation_that_is_damaged_is_grown_anew(here, ball):
     assert "It is grown anew" in one.place.log.read_text()
 
 
+@pytest.mark.parametrize("name", ["health.json", "scene.toml", "stages/g1.30/surf/lh.pial"])
+def test_a_simulation_whose_files_were_changed_is_grown_anew(here, ball, name):
+    one = one_run(here)
+    assert grow_and_measure(one).state == "done"
+    file = one.simulation / name
+    whole = file.read_bytes()
+    file.write_bytes(whole.replace(b"2", b"3") if name.endswith("json") else whole + b"\n")
+    found = grow_and_measure(one)
+    assert (found.state, found.changed) == ("done", True)
+    assert name == "health.json" or file.read_bytes() == whole          # which has times
+    assert ball["grown"] == ["one", "one"]
+    assert grow_and_measure(one).state == "reused"
+
+
+def test_a_run_never_removes_what_is_its_users(here, ball):
+    one = one_run(here)
+    assert grow_and_measure(one).state == "done"
+    (one.simulation / "NOTES.txt").write_text("mine")
+    (one.analysis / "NOTES.txt").write_text("mine")
+    assert grow_and_measure(one).state == "reused"
+    (one.simulation / "health.json").write_text("{}")
+    found = grow_and_measure(one)                                       # it can't be grown anew there
+    assert found.state == "failed"
+    assert "NOTES.txt" in found.failures[""]
+    (one.simulation / "NOTES.txt").unlink()
+    assert grow_and_measure(one).state == "done"
+    assert (one.analysis / "NOTES.txt").read_text() == "mine"
+
+
 @pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])
 def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(here, ball, name):
     one = one_run(here)

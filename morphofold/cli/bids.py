@@ -60,6 +60,7 @@ def _source(args: argparse.Namespace) -> Path:
 
 def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
     """Folders of the participants, by name; one of several sessions has several."""
+    from morphofold.cli.cohort import by_shown_name
     from morphofold.cohort.subjects import find_subjects
 
     names, _ = find_subjects(source)
@@ -67,7 +68,7 @@ def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
     missing = [label for label, its in found.items() if not its]
     if missing:
         raise FileNotFoundError(f"{source}: holds no {', '.join(missing)}; it holds {', '.join(names[:8])}.")
-    return {name: source / name for name in ([n for its in found.values() for n in its] if labels else names)}
+    return by_shown_name(source, list(dict.fromkeys(n for its in found.values() for n in its)) if labels else names)
 
 
 def _sub(label: str) -> str:

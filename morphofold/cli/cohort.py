@@ -74,7 +74,17 @@ def run(args: argparse.Namespace) -> int:
     refuse_overlap(out, [source])
     if templates and args.subjects is None:
         told(f"left out: {', '.join(templates)} (templates; --subjects can name them)", args.quiet)
-    return run_cohort({name: source / name for name in names}, out, args)
+    return run_cohort(by_shown_name(source, names), out, args)
+
+
+def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
+    """Folders of subjects by names that can be written, whatever their bytes."""
+    from morphofold.records import shown
+
+    found = {shown(name): source / name for name in names}
+    if len(found) < len(names):
+        raise ValueError(f"{source}: two names read alike once what is no text in them is escaped. Rename one.")
+    return found
 
 
 def run_cohort(
@@ -89,7 +99,7 @@ def run_cohort(
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
-    from morphofold.cohort.running import run_tasks
+    from morphofold.cohort.running import failed, run_tasks
     from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import Place
     from morphofold.sim.folder_lock import alone
@@ -105,7 +115,7 @@ def run_cohort(
         ]
         for some in (folders, everyone or folders)
     )
-    refuse_other_cohort(out, subjects)
+    places, reasons = places_of(out, subjects)
     kept_scales(out)                                                    # refused before hours of work
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
@@ -121,10 +131,12 @@ def run_cohort(
                     told(scales.words, args.quiet)
                 subjects = [replace(one, options=with_scales(options, scales)) for one in subjects]
             with progress("cohort", args.quiet) as tell:
-                outcomes = run_tasks(fleet, measure_participant, subjects, tell, lambda text: told(text, args.quiet))
+                possible = [one for one in subjects if one.name not in reasons]
+                outcomes = run_tasks(fleet, measure_participant, possible, tell, lambda text: told(text, args.quiet))
+            outcomes += [failed(one.place, reasons[one.name]) for one in subjects if one.name in reasons]
         if group:
             with progress("group ", args.quiet) as tell:
-                found = write_group(out, {one.name: one.results for one in subjects}, progress=tell)
+                found = write_group(out, places, outcomes, progress=tell)
             told_unlike(found, args.quiet)
     return ended(outcomes, "subject", out / "group" / "report.html" if group else out, as_json=args.json)
 
@@ -141,13 +153,11 @@ def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager
 
 def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     """Where the results of all subjects of earlier runs are, or would be."""
-    from morphofold.cohort.participant import results_of
-
     there = (out / "records").glob("*.json")
     names = sorted(path.stem for path in there if not path.name.startswith("."))     # what a killed run left of one
     if not names:
         raise FileNotFoundError(f"{out}: holds no subject that was measured. Measure participants first.")
-    return {name: results_of(out, name, bids=bids) for name in names}
+    return {name: _place_of(out, name, bids=bids)[0] for name in names}
 
 
 def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> int:
@@ -172,18 +182,44 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     return 1 if failed else 0
 
 
-def refuse_other_cohort(out: Path, subjects: Sequence[Participant]) -> None:
-    """Raise if a folder is somebody else's, or the results of two subjects would have one place in it."""
+def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Where the results of each subject go, and why some have no place: BIDS shortens names.
+
+    Raises
+    ------
+    FileExistsError
+        If a folder is somebody else's.
+    """
     from morphofold.cohort.group import GROUP
     from morphofold.io import refuse_foreign, refuse_no_collection
+    from morphofold.results.bids import refuse_other_dataset
 
     if not any(one.bids for one in subjects):
         refuse_no_collection(out, "cohort")
+    else:
+        refuse_other_dataset(out)
     refuse_foreign(out / GROUP)                                         # before hours of work, not after them
-    names: dict[Path, str] = {}
+    places: dict[str, Path] = {}
+    reasons: dict[str, str] = {}
+    taken: dict[Path, str] = {}
     for one in subjects:
-        if (other := names.setdefault(one.results, one.name)) != one.name:
-            raise ValueError(f"{other}, {one.name}: BIDS shortens both to {one.results.name}. Rename one of them.")
+        place, reason = _place_of(out, one.name, bids=one.bids)
+        other = taken.setdefault(place, one.name)
+        if other != one.name:
+            reason = f"{other}, {one.name}: BIDS shortens both to {place.name}. Rename one of them."
+        places[one.name] = place
+        reasons |= {one.name: reason} if reason else {}
+    return places, reasons
+
+
+def _place_of(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
+    """Where the results of a subject go; where it can have no place one that is not there, and why."""
+    from morphofold.cohort.participant import results_of
+
+    try:
+        return results_of(out, name, bids=bids), ""
+    except (ValueError, OSError) as error:
+        return out / "records" / name, str(error)
 
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
@@ -235,11 +271,12 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
 
     failed = [one for one in outcomes if one.state == "failed"]
     partly = [one for one in outcomes if one.state != "failed" and one.failures]
-    before = sum(one.state == "reused" for one in outcomes)
+    before, changed = sum(one.state == "reused" for one in outcomes), sum(one.changed for one in outcomes)
     if as_json:
         said: dict[str, Any] = {f"{what}s": len(outcomes), "with_results": len(outcomes) - len(failed)}
         who = {one.name: dict(one.failures) for one in failed + partly}
-        said |= {"from_before": before, "failed": len(failed), "in_part": len(partly), "failures": who, "page": page}
+        said |= {"from_before": before, "changed": changed, "failed": len(failed), "in_part": len(partly)}
+        said |= {"failures": who, "page": page}
         print(strict_json({**said, **more}).rstrip())
         return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
@@ -247,6 +284,7 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
             print(one_line(f"{' '.join(filter(None, (one.name, part)))}: {why}"))
     words = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
     words += [f"{before} of them from before"] if before else []
+    words += [f"{changed} anew, since their files had been changed"] if changed else []
     words += [f"{len(failed)} failed"] if failed else []
     words += [f"{len(partly)} in part"] if partly else []
     print(f"{', '.join(words)} -> {page}")

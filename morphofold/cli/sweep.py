@@ -83,7 +83,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
             with progress("theory", args.quiet) as tell:
                 theory = theory_by_place(fleet, grid, tell)
         with progress("phases", args.quiet) as tell:
-            phases = write_sweep(out, grid, theory, progress=tell)
+            phases = write_sweep(out, grid, theory, outcomes, progress=tell)
     return runs, outcomes, phases
 
 

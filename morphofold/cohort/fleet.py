@@ -229,7 +229,7 @@ LESS_WATCHING = {
 }  # fmt: skip
 
 
-#: Dask's pages show names, paths and call stacks to whoever asks. A scheduler and a worker listen for them whatever they
+#: Dask's pages show names, paths and call stacks to whoever asks. Schedulers and workers listen for them whatever they
 #: are told: here on this machine alone, and they know none
 NO_PAGES: dict[str, list[Any]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 UNSEEN = "127.0.0.1:0"

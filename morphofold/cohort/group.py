@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from morphofold.cohort.tables import Group, write_tables
+from morphofold.cohort.tasks import Outcome
 from morphofold.io import atomic_folder
 
 GROUP = "group"
 
 
 def write_group(
-    out: Path, results: Mapping[str, Path], *, report: bool = True,
+    out: Path, results: Mapping[str, Path], outcomes: Sequence[Outcome] = (), *, report: bool = True,
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> Group:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html.
@@ -23,13 +24,16 @@ def write_group(
         Of the cohort.
     results : mapping of subject to path
         Where the results of each are, or would be.
+    outcomes : sequence of Outcome
+        Of subjects that were measured just now; of others the records tell.
     report : bool
         With the page.
     progress : callable
         Told the share done and what is being done.
     """
+    told = {one.name: one for one in outcomes}
     with atomic_folder(out / GROUP) as folder:
-        group = write_tables(folder, out, results, lambda share: progress(0.7 * share, "tables"))
+        group = write_tables(folder, out, results, told, lambda share: progress(0.7 * share, "tables"))
         if report:
             from morphofold.report.group_page import group_report
 

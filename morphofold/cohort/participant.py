@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
-from morphofold.io import refuse_foreign
+from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
+from morphofold.records import sha256_of
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
@@ -68,19 +67,19 @@ def measure_participant(subject: Participant) -> Outcome:
     """
     hemis = subject.hemis or _hemispheres(subject)
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": subject.report, **subject.options}
+    seen: dict[str, str] = {}                                           # digests of its files, by their paths
 
     def key() -> str:
         files = {hemi: _files(subject, hemi) for hemi in hemis}
         half = {hemi: _half(subject, hemi) for hemi in hemis if not files[hemi]}
         named = {f"{hemi} {what}": path for hemi, found in files.items() for what, path in found.items()}
-        return digest({**asked, "half": half}, named)
+        seen.update((str(path), sha256_of(path)) for path in named.values())
+        return digest({**asked, "half": half, "files": {what: seen[str(path)] for what, path in named.items()}})
 
-    def whole() -> bool:
-        from morphofold.cohort.tables import results_are_whole
-
-        return results_are_whole(subject.results)
-
-    return perform(subject.place, key, whole, lambda say: _measure(subject, hemis, say), parts=len(hemis))
+    return perform(
+        subject.place, key, lambda: files_of(subject.results),
+        lambda say, changed: _measure(subject, hemis, say, seen), parts=len(hemis),
+    )  # fmt: skip
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
@@ -110,7 +109,7 @@ def _half(subject: Participant, hemi: str) -> list[str]:
     return sorted(name for name in there if name.startswith(surfaces) or name.endswith(".annot"))
 
 
-def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
+def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mapping[str, str]) -> dict[str, str]:
     """Write the results of the hemispheres that can be measured; what the others lack."""
     from morphofold.clock import Stages
     from morphofold.results import write_analysis, write_dataset
@@ -118,15 +117,13 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
     clock, measured, failures = Stages(), [], {}
     for hemi in hemis:
         try:
-            measured.append(_measures(subject, hemi, say, clock))
+            measured.append(_measures(subject, hemi, say, clock, seen))
         except REFUSALS as error:
             failures[hemi] = " ".join(str(error).split())
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:
-        with suppress(FileExistsError):                                 # somebody's stay
-            refuse_foreign(place)
-            shutil.rmtree(place, ignore_errors=True)                    # of what the files once were
+        remove_folder(place)                                            # of what the files once were
         return failures
     say("writing")
     asked = {"hemi": None, "name": None, **subject.options}
@@ -141,11 +138,14 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str
     return failures
 
 
-def _measures(subject: Participant, hemi: str, say: Say, clock: Stages) -> Measures:
+def _measures(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
     from morphofold.forecasts.analysis_cost import READING
 
     say(f"{hemi} reading")
     clock.begin(READING)
     cortex = read_cortex(subject.folder, hemi, name=subject.name, annotation=subject.options.get("annotation"))
+    for row in cortex.inputs:
+        if seen.get(row["path"]) != row["sha256"]:
+            raise OSError(f"{row['path']}: changed while it was measured. Run it again.")
     clock.end()
     return measure_as_asked(cortex, subject.options, clock, lambda what: say(f"{hemi} {what}"))

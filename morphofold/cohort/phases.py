@@ -15,8 +15,8 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.cohort.fleet import Fleet, Job, Lost
 from morphofold.cohort.grid import Grid, Point
 from morphofold.cohort.sweep import folder_of
-from morphofold.cohort.tables import read_results
-from morphofold.cohort.tasks import read_record
+from morphofold.cohort.tables import read_results, refuse_changed, what_became
+from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
 from morphofold.sim.folder_check import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
@@ -139,15 +139,17 @@ def _sphere(scene: Scene) -> str:
 # results -----------------------------------------------------------------------------------------------------
 
 
-def read_run(out: Path, point: Point) -> Found:
-    """What is on disk of a run; one that is not there has the reason."""
+def read_run(out: Path, point: Point, outcome: Outcome | None = None) -> Found:
+    """What is on disk of a run; one that is not there has the reason. ``outcome``: of one that was done just now."""
     record = read_record(out / "records" / f"{point.name}.json")
     folder = folder_of(out, point.name)
     warnings, numbers = _health(folder / "simulation")
-    if not record.get("results"):
-        failures = record.get("failures", {"": "not run yet. Run the sweep again."})
+    failures, there = what_became(record, outcome, "not run yet. Run the sweep again.")
+    if not there:
         return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, {}, warnings, numbers)
     try:
+        files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
+        refuse_changed(record, {name: folder / name for name in files})
         entry = read_results(folder / "analysis").entries[0]
     except (OSError, ValueError, IndexError) as error:
         return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
@@ -184,7 +186,7 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 
 def write_sweep(
-    out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], *,
+    out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], outcomes: Sequence[Outcome] = (), *,
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> Phases:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv, theory.tsv and report.html.
@@ -195,11 +197,14 @@ def write_sweep(
         Of the sweep.
     grid : Grid
     theory : mapping of place to Theory
+    outcomes : sequence of Outcome
+        Of runs that were done just now; of others the records tell.
     progress : callable
         Told the share done and what is being done.
     """
     with atomic_folder(out / GROUP) as folder:
-        phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
+        told = {one.name: one for one in outcomes}
+        phases = Phases(grid, tuple(read_run(out, point, told.get(point.name)) for point in grid.points), theory)
         write_tables(phases, folder)
         from morphofold.report.phase_page import phase_report
 

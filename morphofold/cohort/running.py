@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, Protocol
 
 from morphofold.cohort.fleet import Fleet, Job, Lost
@@ -16,6 +17,13 @@ class Task(Protocol):
     def place(self) -> Place: ...
 
 
+def failed(place: Place, reason: str) -> Outcome:
+    """What became of a task that has no outcome of its own, and its record, where one can be written."""
+    with suppress(OSError, ValueError):                                 # a name that no file can have
+        write_record(place.record, "", {"": reason}, results=False)
+    return Outcome(place.name, "failed", {"": reason})
+
+
 def run_tasks(
     fleet: Fleet,
     work: Callable[[Any], Outcome],
@@ -26,11 +34,11 @@ def run_tasks(
     """Do every task on the workers of a fleet; what became of each, in the order of ``tasks``.
 
     ``progress`` is told the share done and the last name, ``notice`` of workers that died. A task that is lost with its
-    workers has a record that says so, and is tried again by the next run.
+    workers has a record that says so, where one can be written, and is tried again by the next run.
     """
     jobs = [Job(task.place.name, task) for task in tasks]
     found: dict[str, Outcome] = {}
-    failed = 0
+    bad = 0
 
     def died(names: list[str]) -> None:
         who = ", ".join(names[:3]) + " ..." * (len(names) > 3)
@@ -39,10 +47,9 @@ def run_tasks(
     with fleet.telling_of_deaths(died):
         for job, outcome in fleet.run(work, jobs):
             if isinstance(outcome, Lost):
-                write_record(job.argument.place.record, "", {"": outcome.reason}, results=False)
-                outcome = Outcome(job.name, "failed", {"": outcome.reason})
+                outcome = failed(job.argument.place, outcome.reason)
             found[job.name] = outcome
-            failed += outcome.state == "failed"
-            words = f"{len(found)} of {len(jobs)}{f', {failed} failed' if failed else ''}, {job.name}"
+            bad += outcome.state == "failed"
+            words = f"{len(found)} of {len(jobs)}{f', {bad} failed' if bad else ''}, {job.name}"
             progress(len(found) / len(jobs), words)
     return [found[job.name] for job in jobs]

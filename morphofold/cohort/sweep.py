@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cohort.measuring import measure_as_asked
-from morphofold.cohort.tables import results_are_whole
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
-from morphofold.io import atomic_file
-from morphofold.sim.folder_check import inputs_of
+from morphofold.io import atomic_file, files_of, remove_folder
+from morphofold.sim.folder_check import clear_run, files_of_run, inputs_of
 from morphofold.sim.scene import MeshFile, Radial, Scene
 from morphofold.sim.scene_file import to_toml
 
@@ -70,33 +68,34 @@ def grow_and_measure(run: Run) -> Outcome:
     its checkpoint. One that leaves its bounds has failed, and stays as far as it came.
     """
     def key() -> str:
-        return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options}, {})
+        return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options})
 
-    def whole() -> bool:
-        return results_are_whole(run.analysis) and (run.simulation / "health.json").is_file()
+    def files() -> dict[str, Path]:
+        parts = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
+        return {f"{part}/{name}": path for part, found in parts.items() for name, path in found.items()}
 
-    return perform(run.place, key, whole, lambda say: _work(run, say))
+    return perform(run.place, key, files, lambda say, changed: _work(run, say, changed))
 
 
 def _grown_key(scene: Scene) -> str:
     """Digest of all that a simulation follows from."""
-    return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)}, {})
+    return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)})
 
 
-def _work(run: Run, say: Say) -> dict[str, str]:
+def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
     from morphofold.sim.smooth.radial import ConvergenceError
 
     run.folder.mkdir(parents=True, exist_ok=True)
     try:
-        _measure(run, _grown(run, say), say)
+        _measure(run, _grown(run, say, anew=any(name.startswith("simulation/") for name in changed)), say)
     except (ConvergenceError, UnstableError, *REFUSALS) as error:
-        shutil.rmtree(run.analysis, ignore_errors=True)                 # of what the scene once was
+        remove_folder(run.analysis)                                     # of what the scene once was
         return {"": " ".join(str(error).split())}
     return {}
 
 
-def _grown(run: Run, say: Say) -> Simulation:
+def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run, gone on with where it was begun of the same scene; else grown anew."""
     from morphofold.simulation import simulate
 
@@ -111,9 +110,9 @@ def _grown(run: Run, say: Say) -> Simulation:
         return simulate(run.scene, run.simulation, resume=True, threads=_threads(run), progress=tell)
 
     begun = run.simulation.exists()
-    if begun and _text(mark) != now:
-        say("the scene has changed: it is grown anew")
-        shutil.rmtree(run.simulation)
+    if begun and (anew or _text(mark) != now):
+        say("its files have changed: it is grown anew" if anew else "the scene has changed: it is grown anew")
+        clear_run(run.simulation)
         begun = False
     with atomic_file(mark) as file:
         file.write_text(now, encoding="utf-8")
@@ -123,7 +122,7 @@ def _grown(run: Run, say: Say) -> Simulation:
         if not begun:
             raise
         say(f"{error} It is grown anew.")                              # what was there is damaged
-        shutil.rmtree(run.simulation)
+        clear_run(run.simulation)
         return grow()
 
 
@@ -142,19 +141,15 @@ def _threads(run: Run) -> int:
 
 
 def _measure(run: Run, simulation: Simulation, say: Say) -> None:
-    """Write the analysis of the last stage, unless it is there."""
+    """Write the analysis of the last stage."""
     from morphofold.clock import Stages
     from morphofold.forecasts.analysis_cost import READING
-    from morphofold.results import is_analysis_of, write_analysis
+    from morphofold.results import write_analysis
 
     clock = Stages()
     clock.begin(READING)
     cortex = simulation.cortex()
     asked = {"hemi": None, "name": None, **run.options}
-    paged = (run.analysis / "report.html").is_file()
-    if paged == run.report and is_analysis_of(run.analysis, cortex, asked) and results_are_whole(run.analysis):
-        say("was measured before")
-        return
     stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []
     clock.end()
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
-from morphofold.cohort.tasks import read_record
+from morphofold.cohort.tasks import Outcome, read_record
+from morphofold.io import files_of
 from morphofold.io.json_files import read_json
+from morphofold.records import changed_since
 from morphofold.results import COLUMNS
 from morphofold.results.summary import CURE, RECORDED, WORDS, Summary
 from morphofold.tables import line, read_table, write_table
@@ -77,13 +79,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Found:
-    """What the results of one subject say: an entry of each hemisphere, how each was measured, rows of regions, and
-    digests of its surfaces."""
+    """What the results of one subject say: an entry of each hemisphere, how each was measured, rows of regions, digests
+    of its surfaces, and the files that say so."""
 
     entries: list[dict[str, Any]]
     hows: list[How]
     regions: list[dict[str, Any]]
     surfaces: str
+    read: tuple[Path, ...]
 
 
 def read_results(folder: Path) -> Found:
@@ -112,7 +115,7 @@ def read_results(folder: Path) -> Found:
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
         if not (named and row.keys() >= {*REGION_MEASURES}):
             raise ValueError(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
-    return Found(entries, hows, regions, " ".join(wanted))
+    return Found(entries, hows, regions, " ".join(wanted), (path, table))
 
 
 def _how(version: str, entry: Mapping[str, Any]) -> How:
@@ -121,12 +124,11 @@ def _how(version: str, entry: Mapping[str, Any]) -> How:
     return tuple(float(f"{x:.6g}") if isinstance(x, int | float) else x for x in how)
 
 
-def results_are_whole(folder: Path) -> bool:
-    """Whether the numbers of a subject are there as they were written; else it is measured anew."""
-    try:
-        return bool(read_results(folder).entries)
-    except (OSError, ValueError):
-        return False
+def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None:
+    """Raise ``ValueError`` if files are not those that the record of a task speaks of."""
+    known = {name: digest for name, digest in record.get("files", {}).items() if name in files}
+    if changed := changed_since(known, files):
+        raise ValueError(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
 
 
 def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
@@ -171,8 +173,9 @@ class TidyWriter:
 
 
 def write_tables(
-    folder: Path, out: Path, results: Mapping[str, Path], tell: Callable[[float], None] = lambda share: None
-) -> Group:
+    folder: Path, out: Path, results: Mapping[str, Path], outcomes: Mapping[str, Outcome] | None = None,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Group:  # fmt: skip
     """Write measures.tsv, measures.parquet, hemispheres.tsv and failures.tsv of a group.
 
     Parameters
@@ -183,6 +186,8 @@ def write_tables(
         Of the cohort, with its records.
     results : mapping of subject to path
         Where the results of each are, or would be.
+    outcomes : mapping of subject to Outcome
+        What became of those that were measured just now; of others the records tell.
     tell : callable
         Told the share done.
     """
@@ -193,10 +198,12 @@ def write_tables(
     try:
         for i, (subject, place) in enumerate(sorted(results.items())):
             record = read_record(out / "records" / f"{subject}.json")
-            missing = dict(record.get("failures", {"": "not measured yet. Run the cohort again."}))
-            if record.get("results"):
+            outcome = None if outcomes is None else outcomes.get(subject)
+            missing, there = what_became(record, outcome, "not measured yet. Run the cohort again.")
+            if there:
                 try:
                     found = read_results(place)
+                    refuse_changed(record, {name: path for name, path in files_of(place).items() if path in found.read})
                 except (OSError, ValueError) as error:
                     missing[""] = f"{' '.join(str(error).split())} Run the cohort again."
                 else:
@@ -216,6 +223,13 @@ def write_tables(
     write_table(folder / "failures.tsv", FAILURES, failures)
     write_table(folder / "hemispheres.tsv", HEMISPHERES, gathered.hemispheres)
     return gathered.group(tuple(sorted(results)), failures, results)
+
+
+def what_became(record: Mapping[str, Any], outcome: Outcome | None, unknown: str) -> tuple[dict[str, str], bool]:
+    """Failures of a task and whether it has results: as it came out just now, else by its record."""
+    if outcome is not None:
+        return dict(outcome.failures), outcome.state != "failed"
+    return dict(record.get("failures", {"": unknown})), bool(record.get("results"))
 
 
 class _Gathered:

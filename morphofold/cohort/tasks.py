@@ -1,9 +1,9 @@
 """What is the same of every task of many: its folder of results, its log, and the record by which it is not done twice.
 
 A task's key is the digest of all that its results follow from: the bytes of its inputs, its parameters, this version. A
-record of that key beside results that are whole means that nothing needs to be done. What an input was refused for is
-a result like any other; what a machine is to blame for (memory, a full disk, a worker that died) is none, and is tried
-again by the next run.
+record of that key means that nothing needs to be done, as long as every file that was written has the digest that the
+record has of it. What an input was refused for is a result like any other; what a machine is to blame for (memory, a
+full disk, a worker that died) is none, and is tried again by the next run.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from typing import Any
 
 from morphofold.clock import peak_memory
 from morphofold.io import atomic_file
-from morphofold.records import strict_json
+from morphofold.io.files import open_own
+from morphofold.records import changed_since, sha256_of, strict_json
 from morphofold.sim.folder_lock import alone
 
 LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same task
@@ -46,6 +47,8 @@ class Outcome:
         Wall time [s], and the most memory that its worker has held so far [GiB]; 0 if reused.
     attempt : int
         1, or more where workers died before.
+    changed : bool
+        Whether it was done anew since its results had been changed.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Outcome:
     seconds: float = 0.0
     memory_GiB: float = 0.0
     attempt: int = 1
+    changed: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ class Say:
 
     def __call__(self, text: str) -> None:
         self.begin()
-        with self._path.open("a", encoding="utf-8") as file:
+        with open_own(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
 
     def begin(self) -> None:
@@ -105,10 +109,10 @@ class Say:
 
 
 def perform(
-    place: Place, key: Callable[[], str], whole: Callable[[], bool], work: Callable[[Say], dict[str, str]],
-    parts: int = 1,
+    place: Place, key: Callable[[], str], files: Callable[[], Mapping[str, Path]],
+    work: Callable[[Say, list[str]], dict[str, str]], parts: int = 1,
 ) -> Outcome:  # fmt: skip
-    """Do a task unless it has been done, and keep its log and record.
+    """Do a task unless it has been done, and keep its log and record. Whatever is raised, the task alone has failed.
 
     One worker at a time is at a task, from the look at its record until that is written: a worker that the scheduler
     gave up for lost, or one of an earlier run, may be at it still, and is waited for.
@@ -118,32 +122,53 @@ def perform(
     place : Place
     key : callable
         Digest of what the results follow from.
-    whole : callable
-        Whether the results that a record speaks of are there.
+    files : callable
+        The files of the results that are there, by names.
     work : callable
-        Writes the results and returns the parts that have none, with the reason; is given ``say`` for its log.
+        Writes the results and returns the parts that have none, with the reason; is given ``say`` for its log, and the
+        names of those files that have changed since they were written.
     parts : int
         Of which all must have failed for the task to be.
     """
+    try:
+        return _perform(place, key, files, work, parts)
+    except Exception as error:                                          # no log or record can be written there
+        return Outcome(place.name, "failed", {"": _told(error)})
+
+
+def _perform(
+    place: Place, key: Callable[[], str], files: Callable[[], Mapping[str, Path]],
+    work: Callable[[Say, list[str]], dict[str, str]], parts: int,
+) -> Outcome:  # fmt: skip
     began = time.perf_counter()
     with _logged(place) as log, ExitStack() as held:
+        changed: list[str] = []
+        written: dict[str, str] = {}
         try:
             _hold_when_free(place, log, held)
             now = key()
             known = read_record(place.record)
-            if known.get("key") == now and (not known["results"] or whole()):
-                return Outcome(place.name, "reused" if known["results"] else "failed", known["failures"])
+            if known.get("key") == now:
+                changed = changed_since(known["files"], files())
+                if not changed:
+                    return Outcome(place.name, "reused" if known["results"] else "failed", known["failures"])
             log.begin()
+            if changed:
+                names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
+                log(f"changed since they were written, so done anew: {names}")
             place.record.unlink(missing_ok=True)                        # what is there is no longer what it spoke of
-            failures = work(log)
+            failures = work(log, changed)
             results = len(failures) < parts
+            if results:
+                written = {name: sha256_of(path) for name, path in files().items()}
         except Exception as error:                                      # of this machine, or a defect: no result
             log(traceback.format_exc())
             now, results, failures = "", False, {"": _told(error)}
-        write_record(place.record, now, failures, results=results)
+        write_record(place.record, now, failures, results=results, files=written)
         seconds = time.perf_counter() - began
         log(f"{'done' if results else 'failed'} in {seconds:.1f} s, {_held():.2f} GiB")
-        return Outcome(place.name, "done" if results else "failed", failures, seconds, _held(), log.attempt)
+        state = "done" if results else "failed"
+        return Outcome(place.name, state, failures, seconds, _held(), log.attempt, bool(changed))
 
 
 def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
@@ -192,31 +217,35 @@ def _logged(place: Place) -> Iterator[Say]:
         yield say
 
 
-def digest(content: Mapping[str, Any], files: Mapping[str, Path]) -> str:
-    """SHA-256 of this version, of plain values, and of the bytes of files by their names."""
+def digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of this version and of plain values."""
     import morphofold
 
-    sums = {}
-    for name, path in sorted(files.items()):
-        with path.open("rb") as file:
-            sums[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    text = json.dumps([morphofold.__version__, dict(content), sums], sort_keys=True)
+    text = json.dumps([morphofold.__version__, dict(content)], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """A task's record, ``key``, ``failures`` and whether it has ``results``; empty if there is none to be relied on."""
+    """A task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if there is
+    none to be relied on."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    kinds = {"key": str, "failures": dict, "results": bool}
+    kinds = {"key": str, "failures": dict, "results": bool, "files": dict}
     good = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
-    return found if good and all(isinstance(why, str) for why in found["failures"].values()) else {}
+    return found if good and all(isinstance(x, str) for x in _values(found["failures"], found["files"])) else {}
 
 
-def write_record(path: Path, key: str, failures: Mapping[str, str], *, results: bool) -> None:
+def _values(*mappings: Mapping[str, Any]) -> Iterator[Any]:
+    return (value for mapping in mappings for value in mapping.values())
+
+
+def write_record(
+    path: Path, key: str, failures: Mapping[str, str], *, results: bool, files: Mapping[str, str] | None = None
+) -> None:
     """Write a task's record; one with an empty key is that of no inputs, so that the next run tries again."""
+    content = {"key": key, "failures": failures, "results": results, "files": files or {}}
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(path) as file:
-        file.write_text(strict_json({"key": key, "failures": failures, "results": results}), encoding="utf-8")
+        file.write_text(strict_json(content), encoding="utf-8")

@@ -5,6 +5,7 @@ from morphofold.io.files import atomic_file
 from morphofold.io.folders import (
     atomic_folder,
     begin_collection,
+    files_of,
     refuse_foreign,
     refuse_no_collection,
     remove_folder,
@@ -23,6 +24,7 @@ __all__ = [
     "atomic_file",
     "atomic_folder",
     "begin_collection",
+    "files_of",
     "flip_curvature_sign",
     "read_annotation",
     "read_cortex",

@@ -68,6 +68,11 @@ def remove_folder(out: Path) -> None:
             os.rmdir(root)
 
 
+def files_of(out: Path) -> dict[str, Path]:
+    """The files that ``atomic_folder`` wrote in a folder, by their paths from there; none where it left no list."""
+    return {name: path for name in sorted(_listed(out) or ()) if (path := out / name).is_file()}
+
+
 def _below(folder: Path) -> Iterator[str]:
     """All that is in a folder and below, by its path from there: files, links, and folders that are empty."""
     for root, folders, files in os.walk(folder, onerror=_raise):

@@ -157,7 +157,7 @@ def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     FileExistsError
         If it holds something else.
     """
-    _refuse_other(dataset)
+    refuse_other_dataset(dataset)
     dataset.mkdir(parents=True, exist_ok=True)
     _describe(dataset, ignoring)
 
@@ -194,7 +194,7 @@ def subject_place(dataset: Path, name: str) -> Path:
     label = "".join(c for c in name.removeprefix("sub-") if c.isascii() and c.isalnum())
     if not label:
         raise ValueError(f"{name!r}: BIDS names subjects by letters and digits, and it has none. Pass another name.")
-    _refuse_other(dataset)
+    refuse_other_dataset(dataset)
     place = dataset / f"sub-{label}"
     known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
     if known != shown(name):
@@ -202,7 +202,8 @@ def subject_place(dataset: Path, name: str) -> Path:
     return place
 
 
-def _refuse_other(dataset: Path) -> None:
+def refuse_other_dataset(dataset: Path) -> None:
+    """Raise ``FileExistsError`` if a folder holds anything but a dataset of ours."""
     if dataset.exists() and not _ours(dataset):                         # which is quick however many there are
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
         if names:
