@@ -24,8 +24,8 @@ LINE = (
 SCALARS = (
     "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
     "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
-    "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_crests",
-    "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
+    "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low",
+    "n_hinges_high", "n_crests", "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
 )  # fmt: skip
 
 

@@ -83,6 +83,7 @@ def _checked(found: nx.MultiGraph, n: int) -> nx.MultiGraph:
             int(node), position=_array(data["position"], (3,)), vertex=int(_vertices([data["vertex"]], n)[0]),
             degree=int(data["degree"]), cut=bool(data["cut"]), normal=_array(data["normal"], (3,)),
             persistence=_number(data["persistence"]),
+            confidence=_number(data.get("confidence")),         # older graphs have none
         )  # fmt: skip
     for a, b, data in found.edges(data=True):
         line = np.array(data["polyline"], dtype=np.float64)
