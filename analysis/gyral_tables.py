@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.hinge_table import as_rows, hinges
+from morphofold.analysis.hinge_table import SURE, as_rows, counts, hinges
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -41,7 +41,9 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     -------
     GyralTables
         Of a crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, the region that
-        most of its vertices have; None where there is none. Ends of crests that are no hinge have numbers too.
+        most of its vertices have; None where there is none. Ends of crests that are no hinge have numbers too. All
+        hinges have a row; ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count those of a confidence of 0.25 or more,
+        ``n_hinges_low`` those of 0.5 or more, ``n_hinges_high`` all.
     """
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
@@ -60,9 +62,10 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
         row["persistence_mm"] = None if np.isnan(row["persistence_mm"]) else row["persistence_mm"]
     for row in arm_rows:
         row.update(hemi=cortex.hemi)
-    degrees = [hinge.degree for hinge in found]
+    degrees = [row["degree"] for row in hinge_rows if counts(row)]
     scalars: dict[str, float | int] = {
-        "n_hinges": len(found), "n_hinges_3": degrees.count(3), "n_hinges_4": degrees.count(4),
+        "n_hinges": len(degrees), "n_hinges_3": degrees.count(3), "n_hinges_4": degrees.count(4),
+        "n_hinges_low": sum(hinge.confidence >= SURE for hinge in found), "n_hinges_high": len(found),
         "n_crests": graph.number_of_edges(),
         "crest_length_mm": float(sum(crest["length"] for *_, crest in graph.edges(data=True))),
     }  # fmt: skip
@@ -70,14 +73,14 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
 
 
 def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int, float]]:
-    """For each region the number of its hinges and the length of the crests in it [mm]."""
+    """For each region the number of its hinges, doubtful ones left out, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
     labels = cortex.regions.labels
     count = {name: 0 for name in cortex.regions.names}
     length = dict.fromkeys(cortex.regions.names, 0.0)
     for _, node in graph.nodes(data=True):
-        if node["degree"] > 2 and labels[node["vertex"]] >= 0:
+        if node["degree"] > 2 and counts(node) and labels[node["vertex"]] >= 0:
             count[cortex.regions.names[labels[node["vertex"]]]] += 1
     for *_, crest in graph.edges(data=True):
         steps = np.linalg.norm(np.diff(crest["polyline"], axis=0), axis=1)

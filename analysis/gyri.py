@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis._mesh import incident_faces
 from morphofold.analysis.altitude import persistence
+from morphofold.analysis.confidence import label_hinges
 from morphofold.analysis.gyral_net import Fields, Ground, GyralScales
 from morphofold.analysis.net import Net, resampled
 from morphofold.analysis.refine import refine, upright
@@ -41,7 +42,8 @@ def gyral_graph(
     networkx.MultiGraph
         Nodes, numbered from 0, have ``position`` (3,) [mm] on the surface, ``vertex`` the nearest one, ``normal`` (3,)
         of its surroundings, ``degree`` (a loop counts twice), ``persistence`` [mm] up to which the node is a hinge if
-        nothing else is changed (NaN for one that owes it to a blind gyrus), ``cut`` where the mask or the border ends
+        nothing else is changed (NaN for one that owes it to a blind gyrus), ``confidence`` 0 to 1 of a hinge
+        (:func:`morphofold.analysis.confidence.label_hinges`; NaN for an end), ``cut`` where the mask or the border ends
         a crest. Edges have ``polyline`` (P, 3) [mm] from the smaller node to the larger, ``vertices`` (P,) nearest to
         it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least altitude along it [mm], ``strength``
         [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve within the
@@ -108,6 +110,7 @@ def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) ->
         )  # fmt: skip
     for k, (*_, crest) in enumerate(graph.edges(data=True)):
         crest["number"] = k
+    label_hinges(graph, D, least)
 
 
 def _turning(points: NDArray[np.float64], ground: Ground, step: float) -> float:

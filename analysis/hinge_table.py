@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,8 @@ Array = NDArray[np.float64]
 
 EVEN = 30.0             # degrees from 120 within which all three angles of a Y are
 STRAIGHT = 150.0        # degrees that the largest angle of a T has at least
+APART = 30.0            # degrees that its smallest has
+DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it would by a stricter reading
 
 
 @dataclass(frozen=True)
@@ -73,8 +77,8 @@ class Hinge:
     degree : int
         Arms; a loop counts twice.
     shape : str
-        ``Y``: three arms, all angles within 30 of 120 degrees. ``T``: three, the largest 150 or more. ``V``: three,
-        neither. ``X``: four. ``star``: five or more.
+        ``Y``: three arms, all angles within 30 of 120 degrees. ``T``: three, the largest 150 or more, the smallest 30
+        or more. ``V``: three, neither. ``X``: four. ``star``: five or more.
     largest, smallest : float
         Angles between neighbouring arms [degrees].
     mean_arm_length : float
@@ -83,6 +87,8 @@ class Hinge:
         [mm], see :func:`morphofold.analysis.gyral_graph`; NaN for a hinge that a blind gyrus makes.
     blind : bool
         Whether there would be no hinge without its blind arms.
+    confidence : float
+        0 to 1, see :func:`morphofold.analysis.confidence.label_hinges`; NaN in a graph of an older version.
     arms : tuple of Arm
         Counter-clockwise seen from outside, the one before the largest angle last.
     """
@@ -97,6 +103,7 @@ class Hinge:
     mean_arm_length: float
     persistence: float
     blind: bool
+    confidence: float
     arms: tuple[Arm, ...]
 
 
@@ -151,7 +158,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
         node, data["vertex"], tuple(here.tolist()), len(arms), _shape(turns), max(turns), min(turns),
-        float(np.mean([arm.length for arm in arms])), data["persistence"], seeing < 3, tuple(arms),
+        float(np.mean([arm.length for arm in arms])), data["persistence"], seeing < 3,
+        data.get("confidence", math.nan), tuple(arms),
     )  # fmt: skip
 
 
@@ -170,7 +178,13 @@ def _shape(turns: list[float]) -> str:
         return "X" if len(turns) == 4 else "star"
     if max(abs(turn - 120) for turn in turns) <= EVEN:
         return "Y"
-    return "T" if max(turns) >= STRAIGHT else "V"
+    return "T" if max(turns) >= STRAIGHT and min(turns) >= APART else "V"
+
+
+def counts(row: Mapping[str, Any]) -> bool:
+    """Whether a hinge, a row of its table or a node of the graph, is not doubtful; older versions did not say."""
+    confidence = row.get("confidence")
+    return confidence is None or not confidence < DOUBTFUL              # NaN in a graph of an older version
 
 
 def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -182,7 +196,7 @@ def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, An
             "hinge": hinge.node, "x": x, "y": y, "z": z, "degree": hinge.degree, "shape": hinge.shape,
             "min_angle_deg": hinge.smallest, "max_angle_deg": hinge.largest, "vertex": hinge.vertex,
             "mean_arm_length_mm": hinge.mean_arm_length, "persistence_mm": hinge.persistence,
-            "blind": int(hinge.blind),
+            "blind": int(hinge.blind), "confidence": None if math.isnan(hinge.confidence) else hinge.confidence,
         })  # fmt: skip
         for arm in hinge.arms:
             arm_rows.append({

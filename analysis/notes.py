@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.analysis.checks import cortex_label
+from morphofold.analysis.hinge_table import DOUBTFUL, SURE
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ NO_REGIONS = (
 AVERAGES = ("fsaverage", "cvs_avg")    # how the averages that come with FreeSurfer are called
 COARSEST = 4.0          # gyral width in mean edges, below which the mesh is remarked on
 
-GRAPH = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests", "crest_length_mm")
+HINGES = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
+GRAPH = (*HINGES, "n_crests", "crest_length_mm")
 
 
 def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
@@ -47,7 +49,15 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
             f" The mean edge, {edge:.2f} mm, is more than a {COARSEST:g}th of the width: a finer mesh may have other "
             "hinges."
         )
-    return dict.fromkeys(GRAPH, text) | {
+    sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    low, usual = (sum(value >= least for value in sure) for least in (SURE, DOUBTFUL))
+    counted = (
+        f" {usual} hinges, {low} to {len(sure)} by how sure they are: n_hinges, n_hinges_3 and n_hinges_4 leave out "
+        f"those of a confidence below {DOUBTFUL:g} (an arm that dips into a sulcus, two arms almost in one direction, "
+        f"a pit or a spur just large enough), n_hinges_low those below {SURE:g}, n_hinges_high none; all are in the "
+        "table and in the net."
+    )
+    return dict.fromkeys(GRAPH, text) | dict.fromkeys(HINGES, text + counted) | {
         "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along the white surface."
     }
 

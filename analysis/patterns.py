@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.analysis.hinge_table import counts
 from morphofold.ridges import irregular_net
 from morphofold.surface import check_kind
 
@@ -28,7 +29,7 @@ ANGLES = np.concatenate([ARMS[:3], (ARMS[3:] - 1) % 3])
 
 @dataclass(frozen=True, eq=False)
 class HingeShapes:
-    """The K hinges of one surface that have three arms.
+    """The K hinges of one surface that have three arms and are not doubtful.
 
     Attributes
     ----------
@@ -44,7 +45,8 @@ class HingeShapes:
     width : float
         Gyral width of the surface [mm].
     per_area : float
-        All its hinges, with three arms or more, per square of the gyral width, on the white surface of the cortex.
+        All its hinges that are not doubtful, with three arms or more, per square of the gyral width, on the white
+        surface of the cortex.
     """
 
     hinge: Ints = field(repr=False)
@@ -70,7 +72,7 @@ class HingeShapes:
 
 
 def hinge_shapes(measures: Measures) -> HingeShapes | None:
-    """Shapes of the three-armed hinges of a cortex, from its tables.
+    """Shapes of the three-armed hinges of a cortex, from its tables; doubtful ones (confidence below 0.25) left out.
 
     An arm without mean curvature (its crest is off the cortex) counts as having the mean of the others of its hinge; a
     hinge none of whose arms has one is left out.
@@ -101,7 +103,8 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
             np.radians(row["angle_deg"]), np.log(row["length_mm"] / width), row["curvature_per_mm"] * width,
             np.nan if sharp is None else sharp * width,
         ])  # fmt: skip
-    mine = [row for row in measures.hinges if row["degree"] == 3]
+    sure = [row for row in measures.hinges if counts(row)]
+    mine = [row for row in sure if row["degree"] == 3]
     features = np.array([arms[row["hinge"]] for row in mine], dtype=np.float64).reshape(-1, 3, len(FEATURES))
     known = np.isfinite(features[:, :, 3])
     mean = np.where(known, features[:, :, 3], 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
@@ -111,7 +114,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     return HingeShapes(
         np.array([row["hinge"] for row in mine], dtype=np.int64)[some], features[some],
         np.array([row["shape"] for row in mine], dtype=np.str_)[some], float(width),
-        len(measures.hinges) * float(width) ** 2 / on_cortex,
+        len(sure) * float(width) ** 2 / on_cortex,
     )  # fmt: skip
 
 

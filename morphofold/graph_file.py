@@ -51,6 +51,7 @@ class Node(Record):
     degree: Count
     cut: bool
     persistence: Number | None
+    confidence: Number | None = None                                    # older graphs have none
 
 
 class Edge(Record):
@@ -138,6 +139,7 @@ def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
         graph.add_node(
             node["id"], position=_array(node["position"]), vertex=node["vertex"], degree=node["degree"],
             cut=node["cut"], normal=_array(node["normal"]), persistence=_number(node["persistence"]),
+            confidence=_number(node.get("confidence")),                 # older graphs have none
         )  # fmt: skip
     for edge in content["edges"]:
         graph.add_edge(

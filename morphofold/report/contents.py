@@ -27,7 +27,8 @@ REGION_COLUMNS = (
     "gray_volume_mm3", "mean_H_per_mm",
 )  # fmt: skip
 HINGE_COLUMNS = (
-    "hinge", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x", "y", "z",
+    "hinge", "confidence", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x",
+    "y", "z",
 )  # fmt: skip
 CREST_COLUMNS = (
     "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "mean_H_per_mm",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from morphofold.analysis.hinge_table import counts
 from morphofold.analysis.measures import Measures
 from morphofold.report.plots import number
 
@@ -25,7 +26,8 @@ class Net:
     crests : sequence of (P,) int64
         Places in the list of drawn vertices, along each crest.
     hinges : list of dict
-        ``at``, the place of the nearest drawn vertex, ``degree``, ``lines`` of label and text.
+        ``at``, the place of the nearest drawn vertex, ``degree``, whether it is ``doubtful``, ``lines`` of label and
+        text.
     """
 
     crests: Sequence[Ids]
@@ -47,7 +49,7 @@ def net_of(measures: Measures, ids: Ids) -> Net | None:
         arms.setdefault(row["hinge"], []).append(row)
     hinges = [
         {"at": int(tree.query((row["x"], row["y"], row["z"]))[1]), "degree": row["degree"],
-         "lines": _lines(row, arms.get(row["hinge"], []))}
+         "doubtful": not counts(row), "lines": _lines(row, arms.get(row["hinge"], []))}
         for row in measures.hinges
     ]  # fmt: skip
     return Net(crests, hinges)
@@ -58,4 +60,8 @@ def _lines(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[st
     angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
     lengths = ", ".join(number(arm["length_mm"]) for arm in arms)
     kind = f"{row['hinge']}, {row['shape']}" + (", by a blind gyrus" if row.get("blind") else "")
-    return [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
+    lines = [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
+    if row.get("confidence") is not None:
+        doubt = "" if counts(row) else ", doubtful: not counted"
+        lines.append(("Confidence", f"{number(row['confidence'])}{doubt}"))
+    return lines

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, crest_lines, vertex_normals
 from morphofold.analysis._mesh import mean_edge_length
+from morphofold.analysis.hinge_table import counts
 from morphofold.analysis.net import resampled
 from morphofold.report import colours
 from morphofold.report.colours import rgb_of
@@ -23,7 +24,10 @@ DISC = 0.27             # radius of a hinge, in gyral widths
 ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
 CREST_EDGES = 4.0       # of the scale of crest lines, at least: a surface is never without noise
 KINDS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-LEGEND = (("crest", CREST), ("hinge, 3 arms", ARMS[3]), ("4 arms", ARMS[4]), ("5 or more", ARMS[5]))
+DOUBT = "#8c8c8c"         # hinges that do not count, however many arms they have
+LEGEND = (
+    ("crest", CREST), ("hinge, 3 arms", ARMS[3]), ("4 arms", ARMS[4]), ("5 or more", ARMS[5]), ("doubtful", DOUBT),
+)  # fmt: skip
 
 
 def net_row(measures: Measures, name: str) -> Row:
@@ -39,7 +43,8 @@ def net_row(measures: Measures, name: str) -> Row:
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
             near = np.array(tree.query_ball_point(node["position"], DISC * width))
-            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(ARMS[min(node["degree"], 5)])
+            colour = ARMS[min(node["degree"], 5)] if counts(node) else DOUBT
+            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
     return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
 
 

@@ -30,7 +30,7 @@ COLUMNS = {
     ),
     "hinges": (
         "hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region", "vertex",
-        "mean_arm_length_mm", "persistence_mm", "blind",
+        "mean_arm_length_mm", "persistence_mm", "blind", "confidence",
     ),
     "arms": (
         "hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge", "altitude_mm",

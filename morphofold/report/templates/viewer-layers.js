@@ -1,6 +1,7 @@
 // Crests as ribbons and hinges as discs over a surface, of one size on the screen however far one zooms.
 "use strict";
 const ARMS = { 3: [0.84, 0.37, 0], 4: [0, 0.45, 0.7], 5: [0, 0.62, 0.45] }, CREST = [0.16, 0.16, 0.16];
+const DOUBT = [0.55, 0.55, 0.55];              // hinges that do not count
 const LIFT = 0.5, TOWARDS = 1.2;               // mm outwards, and towards the viewer: over what they run on, under what hides them
 const CAMERA = `uniform mat3 R; uniform vec3 centre; uniform vec2 pan, scale, size; uniform float depth, towards, px;
 vec4 screen(vec3 at, vec2 moved) { return vec4((at.xy + pan) * scale + 2.0 * moved / size, -(at.z + towards) / depth, 1.0); }`;
@@ -67,7 +68,7 @@ function makeLayers(gl) {
         points = points.map((p, k) => k && k < points.length - 1 ? p.map((x, c) => (points[k - 1][c] + 2 * x + points[k + 1][c]) / 4) : p);
       for (let k = 1; k < points.length; k++) pieces.push(...points[k - 1], ...points[k]);
     }
-    const dots = net.hinges.flatMap((h) => [...at(shape, normals, h.at), ...ARMS[Math.min(h.degree, 5)]]);
+    const dots = net.hinges.flatMap((h) => [...at(shape, normals, h.at), ...(h.doubtful ? DOUBT : ARMS[Math.min(h.degree, 5)])]);
     return { crests: instances(pieces), hinges: instances(dots) };
   }
   function instances(numbers) {
