@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -59,6 +60,8 @@ def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted."""
+    if isinstance(sys.stdout, io.TextIOWrapper):                        # as standard error does: names may be no text
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         args = parser().parse_args(argv)
     except OSError as error:                                            # no room for --help

@@ -211,7 +211,7 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     if (found / COLLECTION).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
     names = sorted(p.name for p in found.iterdir())
-    if names and not (found / MARKER).is_file():
+    if names and not _ours(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{' ...' if len(names) > 4 else ''}. Name a new folder, or empty this one."
@@ -244,3 +244,6 @@ def begin_collection(out: Path, kind: str) -> None:
     with atomic_file(out / COLLECTION) as file:
         file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
 
+
+def _ours(out: Path) -> bool:
+    return (out / MARKER).is_file()
