@@ -84,7 +84,8 @@ def _below(folder: Path) -> Iterator[str]:
 
 
 def _raise(error: OSError) -> None:
-    raise error
+    if not isinstance(error, FileNotFoundError):                        # of another writer, gone by now
+        raise error
 
 
 def _listed(folder: Path) -> set[str] | None:
@@ -112,7 +113,7 @@ def _bring(old: Path, new: Path, out: Path) -> None:
             (target if empty else target.parent).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise _in_the_way(out / name) from None
-        if not empty:
+        if not empty and os.path.lexists(source):
             _link(source, target)
 
 
