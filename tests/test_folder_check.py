@@ -393,6 +393,27 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
     assert "body.vtu: no such tetrahedral mesh." in told
 
 
+def test_a_mesh_file_that_changes_while_the_body_is_built_of_it_is_refused(tmp_path, monkeypatch):
+    from morphofold.sim import geometry
+
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "body.vtu", *ball(2))
+    (tmp_path / "mesh.toml").write_text('name = "body"\n[geometry]\nshape = "mesh"\nfile = "body.vtu"\n')
+    build = geometry.build_body
+
+    def and_then_changes(*arguments, **options):
+        body = build(*arguments, **options)
+        mesh = meshio.read("body.vtu")
+        mesh.points[-1] *= 1 + 1e-9
+        mesh.write("body.vtu")
+        return body
+
+    monkeypatch.setattr(geometry, "build_body", and_then_changes)
+    with pytest.raises(OSError, match=r"body\.vtu"):
+        simulate("mesh.toml", "run", settings=MESH)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     settings = [s for s in TINY if not s.startswith("accuracy.")] + ["accuracy.edge=20"]

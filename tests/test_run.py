@@ -11,6 +11,7 @@ import pytest
 
 import morphofold as mf
 from morphofold.clock import peak_memory
+from morphofold.sim.folder_check import as_bytes, as_lines
 from morphofold.sim.geometry import build_body
 from morphofold.sim.run import simulate
 from morphofold.sim.scene_file import load_scene
@@ -135,7 +136,10 @@ def test_a_run_taken_up_keeps_its_log_to_the_last_line_and_goes_on_counting_its_
     for line in before:                                                     # as if it had taken hours
         line["elapsed"] += hour
         line["seconds"]["elements"] += hour
-    (out / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in before))
+    (out / "log.jsonl").write_text(as_lines(before))
+    with np.load(out / "checkpoint.npz") as checkpoint:                     # which knows its log
+        arrays = {**checkpoint, "log": as_bytes(as_lines(before))}
+    np.savez(out / "checkpoint.npz", **arrays)
     health = simulate("demo", out, settings=tiny, resume=True).health
     after = lines()
     assert after[: len(before)] == before

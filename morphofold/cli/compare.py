@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
+    from morphofold.records import shown
     from morphofold.results import read_analysis, read_stages
 
     named: dict[str, str] = {}
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
         name, equals, folder = item.partition("=")
         if not equals or not name or not folder:
             raise ValueError(f"{item!r} must read NAME=DIR, for example model=fig5-analysis.")
+        name = shown(name)
         if name in named:
             raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
@@ -68,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
+    from morphofold.records import shown
+
+    found = {shown(name): value for name, value in pairs}
     if len(found) < len(pairs):
         raise ValueError(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; say it once.")
     return found
@@ -78,7 +82,9 @@ def _group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
         raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
-    return group, names.split(",")
+    from morphofold.records import shown
+
+    return group, shown(names).split(",")
 
 
 def _colour(item: str) -> tuple[str, str]:

@@ -84,7 +84,8 @@ def _below(folder: Path) -> Iterator[str]:
 
 
 def _raise(error: OSError) -> None:
-    raise error
+    if not isinstance(error, FileNotFoundError):                        # of another writer, gone by now
+        raise error
 
 
 def _listed(folder: Path) -> set[str] | None:
@@ -112,7 +113,7 @@ def _bring(old: Path, new: Path, out: Path) -> None:
             (target if empty else target.parent).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise _in_the_way(out / name) from None
-        if not empty:
+        if not empty and os.path.lexists(source):
             _link(source, target)
 
 
@@ -211,7 +212,7 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     if (found / COLLECTION).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
     names = sorted(p.name for p in found.iterdir())
-    if names and not (found / MARKER).is_file():
+    if names and not _ours(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{f' and {len(names) - 4} more' if len(names) > 4 else ''}. Name a new folder, or "
@@ -245,3 +246,6 @@ def begin_collection(out: Path, kind: str) -> None:
     with atomic_file(out / COLLECTION) as file:
         file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
 
+
+def _ours(out: Path) -> bool:
+    return (out / MARKER).is_file()

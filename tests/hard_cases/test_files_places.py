@@ -12,8 +12,10 @@ from hard_cases.cases import hard_case
 from made_measures import made_measures
 
 from morphofold.cli import main, paths
+from morphofold.cohort import tasks
 from morphofold.io import files, folders
 from morphofold.results import write_analysis
+from morphofold.sim import folder_lock
 
 NOBODY = 65534          # the number of a user who owns nothing
 
@@ -157,3 +159,40 @@ def test_devices(holds, tmp_path):
     if os.path.exists("/dev/full"):
         with pytest.raises(ValueError, match="is a device or a pipe"):
             files.check_place(Path("/dev/full"))
+
+
+@hard_case(
+    "files", "a link in the place of a lock or a log, to a file of somebody", guard="no link is written to",
+    without=lambda patch: [
+        patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
+        for module in (folder_lock, tasks)
+    ],
+    fails=(AssertionError, pytest.fail.Exception),
+)  # fmt: skip
+def test_links_for_locks_and_logs(holds, here):
+    victim, place = here / "victim", tasks.Place(str(here / "out"), "anna", "1")
+    victim.write_text("run 1\n")                                        # as a log of this very run begins
+    place.log.parent.mkdir(parents=True)
+    for path in (here / "run" / "lock", place.log):
+        path.parent.mkdir(exist_ok=True)
+        path.symlink_to(victim)
+    with pytest.raises(ValueError, match="is a link") as caught, folder_lock.alone(here / "run"):
+        pass
+    holds.says("refusal", str(caught.value).replace(str(here), ""), "/run/lock: is a link", "Remove it")
+    with pytest.raises(ValueError, match="is a link"):
+        tasks.Say(place)("measured")
+    holds.equal("what the links lead to", victim.read_text(), "run 1\n")
+
+
+@hard_case(
+    "files", "notes of their user in a folder of results that is written anew", guard="what is not ours is brought",
+    without=lambda patch: patch.setattr(folders, "_bring", lambda old, new, out: None),
+    fails=(AssertionError, FileNotFoundError),
+)  # fmt: skip
+def test_notes_of_their_user(holds, here, analysis):
+    for name in ("NOTES.txt", "maps/mine.txt"):
+        (analysis / name).write_text("mine")
+    write_analysis([made_measures("rh", level=1)], analysis, report=False)
+    there = [(analysis / name).read_text() for name in ("NOTES.txt", "maps/mine.txt")]
+    holds.equal("what was there", there, ["mine", "mine"])
+    holds.equal("of the old results", [p.name for p in (analysis / "surf").glob("lh.*")], [])
