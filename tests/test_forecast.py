@@ -254,6 +254,8 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert "contact" in cost.effects
     assert REST in cost.phases
     assert "expected error about" in cost_line(cost)
+    assert cost.doubts
+    assert ".." not in cost_line(cost)                                  # doubts are sentences, joined as such
     stage = next((tmp_path / "run" / "stages").glob("*/stage.json"))
     assert cost_beside(stage) == cost
     (tmp_path / "run" / "health.json").unlink()

@@ -1,5 +1,6 @@
 """Standard streams that are closed, full or left by their reader, and signals: work is done, and the code its own."""
 
+import io
 import os
 import shlex
 import signal
@@ -9,6 +10,7 @@ import time
 
 import pytest
 
+from morphofold.cli.progress import progress
 from morphofold.cli.streams import one_line
 
 CALL = f"{shlex.quote(sys.executable)} -m morphofold"
@@ -132,3 +134,17 @@ def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path):
     run.send_signal(signal.SIGHUP)
     assert run.wait(60) == 130
     assert list(tmp_path.iterdir()) == []
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("stream", [Terminal, io.StringIO])
+def test_progress_of_a_name_with_brackets_and_line_ends_is_told(stream, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", stream())
+    with progress("[/x] a\nb [bold]") as tell:
+        tell(0.5, "[/y] c\nd")
+    told = sys.stderr.getvalue()
+    assert r"[/x] a\nb [bold]" in told
