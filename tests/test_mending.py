@@ -177,7 +177,11 @@ def test_sheets_welded_along_edges_are_parted(length):
 @pytest.mark.parametrize("pairs", [lambda c: [neighbours_apart(c, 100)], lambda c: [(100, 1500)]],
                          ids=["neighbours of one vertex", "at a vertex alone"])  # fmt: skip
 def test_a_sphere_that_touches_itself_is_a_sphere_again(pairs):
-    mend = measurable(welded(clean()[0], pairs(clean()[0])))
+    """Connected as it was: corners have the same vertex where they had the same one."""
+    cortex = clean()[0]
+    mend = measurable(welded(cortex, pairs(cortex)))
+    alike = np.unique(np.column_stack([cortex.faces.ravel(), mend.cortex.faces.ravel()]), axis=0)
+    assert [len(np.unique(column)) for column in alike.T] == [len(alike)] * 2
     assert sum(mend.numbers.values()) == 1
     assert (_mesh.euler_characteristic(mend.cortex.faces), _mesh.is_closed(mend.cortex.faces)) == (2, True)
 
