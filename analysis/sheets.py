@@ -75,10 +75,11 @@ def joined_sides(faces: Faces) -> Sides:
 
 
 def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
-    """The corners of sides at the lower and at the higher vertex of their edge."""
-    far = after(side)
-    up = corner[side] < corner[far]
-    return np.where(up, side, far), np.where(up, far, side)
+    """Corners of sides at both ends of their edge, first the end with more triangles: that of two welded vertices."""
+    far, size = after(side), np.bincount(corner)
+    a, b = corner[side], corner[far]
+    here = (size[a] > size[b]) | ((size[a] == size[b]) & (a < b))
+    return np.where(here, side, far), np.where(here, far, side)
 
 
 def _pairs(edge: Ints, fan: Ints) -> Ints:

@@ -1,5 +1,7 @@
 """analyze on FreeSurfer subjects: found by name, read as they are, never written to."""
 
+import html
+import json
 import shutil
 
 import numpy as np
@@ -7,9 +9,11 @@ import pytest
 from commands import refused
 
 from morphofold.cli import main
-from morphofold.io import read_label, sample_path
+from morphofold.io import read_label, read_surface, sample_path, write_surface
 from morphofold.io.cortices import hemispheres
 from morphofold.results import read_analysis
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
 
 
 def subjects(folder, *names):
@@ -19,14 +23,90 @@ def subjects(folder, *names):
     return folder
 
 
-@pytest.mark.parametrize(("lost", "left"), [("pial", "white"), ("white", "pial")])
-def test_half_a_hemisphere_is_refused_and_not_left_out(here, capsys, monkeypatch, lost, left):
-    monkeypatch.setenv("SUBJECTS_DIR", str(subjects(here, "bert")))
-    (here / "bert" / "surf" / f"lh.{lost}").unlink()
-    said = f"bert: surf/lh.{left} is there and surf/lh.{lost} is not. Restore it, or pass --hemi rh"
-    refused(capsys, ["analyze", "-s", "bert", "-o", "out"], said)
-    refused(capsys, ["analyze", "bert", "-o", "out"], said)
-    assert not (here / "out").exists()
+def two_sides(folder):
+    """A subject of two spheres, right and left."""
+    verts, faces = icosphere(2)
+    (folder / "surf").mkdir(parents=True)
+    for hemi, x in (("lh", -60.0), ("rh", 60.0)):
+        for name, radius in (("white", 47.0), ("pial", 50.0)):
+            write_surface(folder / "surf" / f"{hemi}.{name}", Surface(radius * verts + [x, 0, 0], faces))
+    return folder
+
+
+def cannot_be_measured(folder, hemi):
+    """The surfaces of one side with a hole, sewn together so that they have one side only."""
+    for path in (folder / "surf").glob(f"{hemi}.*"):
+        surface = read_surface(path)
+        faces = surface.faces.copy()
+        a, b = faces[[10, 200]]
+        faces = np.delete(faces, [10, 200], axis=0)
+        for kept, gone in zip(a, b):
+            faces[faces == gone] = kept
+        write_surface(path, Surface(surface.verts, faces))
+
+
+def cut(folder, hemi):
+    path = folder / "surf" / f"{hemi}.pial"
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+def lacking(folder, hemi):
+    (folder / "surf" / f"{hemi}.white").unlink()
+
+
+@pytest.mark.parametrize(("fault", "hemi", "other", "bids"), [
+    (cannot_be_measured, "rh", "lh", False), (cut, "lh", "rh", False), (lacking, "rh", "lh", True),
+    (cannot_be_measured, "lh", "rh", True),
+])  # fmt: skip
+def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, capsys, fault, hemi, other, bids):
+    fault(two_sides(here / "bert"), hemi)
+    more = ["--layout", "bids"] if bids else []
+    assert main(["analyze", "bert", "-q", "-o", "out", "--json", *more]) == 1
+    told = capsys.readouterr()
+    summary = json.loads(told.out)
+    assert [entry["hemi"] for entry in summary["surfaces"]] == [other]
+    assert list(summary["failed"]) == [hemi]
+    reason = summary["failed"][hemi]
+    assert f"bert {hemi}" in reason or f"surf/{hemi}." in reason
+    assert told.err.splitlines() == [f"{hemi} failed: {reason}"]
+    page = next((here / "out").rglob("report.html")).read_text(encoding="utf-8")
+    assert html.escape(reason, quote=False).replace("'", "&#39;").replace('"', "&#34;") in page
+    assert [m.cortex.hemi for m in read_analysis(here / "out" / "sub-bert" if bids else here / "out")] == [other]
+
+
+def test_the_forecast_fails_for_the_side_that_the_analysis_fails_for(here, capsys):
+    cannot_be_measured(two_sides(here / "bert"), "rh")
+    assert main(["analyze", "bert", "-q", "--dry-run", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert ([one["hemi"] for one in told["hemispheres"]], list(told["failed"])) == (["lh"], ["rh"])
+    assert list(here.iterdir()) == [here / "bert"]
+
+
+@pytest.mark.parametrize("more", [[], ["--dry-run"]])
+def test_nothing_is_written_where_no_side_that_is_asked_for_can_be_measured(here, capsys, more):
+    cannot_be_measured(two_sides(here / "bert"), "rh")
+    refused(capsys, ["analyze", "bert", "--hemi", "rh", "-q", *more], "bert rh: ")
+    lacking(here / "bert", "lh")
+    refused(capsys, ["analyze", "bert", "-q", *more], "rh failed: bert rh: ", "lh failed: bert/surf/lh.white")
+    assert list(here.iterdir()) == [here / "bert"]
+
+
+@pytest.mark.parametrize("command", ["analyze", "cohort"])
+def test_without_repair_a_flipped_triangle_is_refused(here, command):
+    folder = two_sides(here / "all" / "bert")
+    for path in (folder / "surf").glob("lh.*"):
+        surface = read_surface(path)
+        write_surface(path, Surface(surface.verts, np.r_[surface.faces[:1, ::-1], surface.faces[1:]]))
+    argv = [command, "all/bert" if command == "analyze" else "all", "-q", "--no-report", "-o", "out"]
+    assert main(argv) == 0
+    place = here / "out" if command == "analyze" else here / "out" / "subjects" / "bert"
+    said = json.loads((place / "summary.json").read_text(encoding="utf-8"))
+    assert [entry["parameters"].get("repaired_flipped_triangles") for entry in said["surfaces"]] == [1, None]
+    assert "repair" not in said["parameters"]
+    assert main([*argv, "--no-repair"]) == 1
+    said = json.loads((place / "summary.json").read_text(encoding="utf-8"))
+    assert list(said["failed"]) == ["lh"]
+    assert said["parameters"]["repair"] is False
 
 
 def test_a_subject_with_one_hemisphere_is_measured_by_it(here):

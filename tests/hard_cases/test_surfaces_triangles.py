@@ -8,7 +8,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal, split_faces, with_island
 from scipy import sparse
 
-from morphofold.analysis import _curvature, _mesh, checks, faults, measure, net
+from morphofold.analysis import _curvature, _mesh, checks, faults, measure, mending, net
 
 PLACE = ("at (", "vert")
 
@@ -46,7 +46,23 @@ def of_no_area(patch):
 
 
 def unchecked(patch):
-    patch.setattr(faults, "check_edges", lambda cortex: None)
+    patch.setattr(faults, "check_edges", lambda cortex, why_not: None)
+
+
+def unmended(patch):
+    patch.setattr(mending, "mended", mending.as_given)
+
+
+def hold_mended(holds, tmp_path, capsys, faulty, **counts):
+    """The measures of the clean cortex, and what was mended, counted in the parameters and told with its place."""
+    found = measure(faulty)
+    hold_all(holds, found, bent=1e-9, lines=1e-9, width=1e-9)
+    numbers = {key: value for key, value in found.parameters.items() if key.startswith("repaired_")}
+    holds.equal("repaired", numbers, {f"repaired_{key}": value for key, value in counts.items()})
+    holds.equal("values of each map", {len(values) for values in found.maps.values()}, {faulty.n_vertices})
+    status, told = analyzed(tmp_path, capsys, faulty)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, *(f": {count}, the first at (" for count in counts.values()))
 
 
 EPS = 1e-6
@@ -104,10 +120,18 @@ def soup(cortex):
            guard="the check of its edges", without=unchecked)  # fmt: skip
 def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     cortex = tear(clean()[0])
-    holds.says("measure", refusal(cortex), "vertices on a border lie where another one does", *PLACE, "Make one")
-    status, told = analyzed(tmp_path, capsys, cortex)
+    told = refusal(cortex, repair=False)
+    holds.says("measure", told, "vertices on a border lie where another one does", *PLACE, "Make one")
+    status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, "the surface is torn there")
+
+
+@pytest.mark.parametrize(("tear", "count"), [(seam, 96), (soup, 12798)])
+@hard_case("surfaces", "duplicate vertices: a closed surface torn along a seam, or in all its triangles",
+           guard="it is mended", without=unmended, fails=(AssertionError, ValueError))  # fmt: skip
+def test_a_torn_surface_is_mended(holds, tmp_path, capsys, tear, count):
+    hold_mended(holds, tmp_path, capsys, tear(clean()[0]), seam_vertices=count)
 
 
 def fins(cortex):
@@ -126,11 +150,36 @@ def doubled(cortex):
            without=unchecked)  # fmt: skip
 def test_an_edge_with_more_than_two_triangles_is_refused(holds, tmp_path, capsys, fault, edges, most):
     cortex = fault(clean()[0])
-    told = refusal(cortex)
+    told = refusal(cortex, repair=False)
     holds.says("measure", told, f"{edges} edges have more than two triangles", *PLACE, f"with {most}", "remove those")
-    status, told = analyzed(tmp_path, capsys, cortex, kind=".gii")
+    status, told = analyzed(tmp_path, capsys, cortex, "--no-repair", kind=".gii")
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, "more than two triangles")
+
+
+@pytest.mark.parametrize(("fault", "counts"), [(fins, {"pinched_edges": 1, "debris_triangles": 1}),
+                                               (doubled, {"double_triangles": 1})])  # fmt: skip
+@hard_case("surfaces", "non-manifold edges: a fin, a triangle twice", guard="it is mended",
+           without=unmended, fails=(AssertionError, ValueError))  # fmt: skip
+def test_an_edge_with_more_than_two_triangles_is_mended(holds, tmp_path, capsys, fault, counts):
+    hold_mended(holds, tmp_path, capsys, fault(clean()[0]), **counts)
+
+
+@hard_case("surfaces", "decimated until an edge has four triangles, two sheets welded along it", guard="it is mended",
+           without=unmended, fails=(AssertionError, ValueError))  # fmt: skip
+def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, capsys):
+    cortex = clean()[0]
+    faces, n = cortex.faces.copy(), cortex.n_vertices
+    near = _mesh.adjacency(n, faces)
+    ring = near.indices[near.indptr[100] : near.indptr[101]]
+    faces[faces == next(b for b in ring[1:] if not near[ring[0], b])] = ring[0]
+    faulty = changed(cortex, faces=faces)
+    found = measure(faulty)
+    holds.equal("Euler characteristic", found.scalars["euler_characteristic"], 2)
+    holds.equal("repaired edges", found.parameters["repaired_pinched_edges"], 1)
+    status, told = analyzed(tmp_path, capsys, faulty)
+    holds.equal("exit status", status, 0)
+    holds.says("analyze", told, "warning: The surfaces were repaired", ": 1, the first at (")
 
 
 def two_links_only(patch):
@@ -154,15 +203,25 @@ def test_the_net_of_a_branching_surface_does_not_run_in_circles(holds):
     holds.equal("ends of its chains", sorted(found), [[0], [0, 4]])
 
 
+def flipped(cortex, count):
+    faces = cortex.faces.copy()
+    faces[10 * np.arange(count)] = faces[10 * np.arange(count)][:, ::-1]
+    return changed(cortex, faces=faces)
+
+
+@pytest.mark.parametrize("count", [1, 100])
+@hard_case("surfaces", "flipped triangles", guard="they are turned", without=unmended,
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_flipped_triangles_are_turned(holds, tmp_path, capsys, count):
+    hold_mended(holds, tmp_path, capsys, flipped(clean()[0], count), flipped_triangles=count)
+
+
 @pytest.mark.parametrize("count", [1, 100])
 @hard_case("surfaces", "flipped triangles", guard="the check of its edges", without=unchecked)
 def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
-    cortex = clean()[0]
-    faces = cortex.faces.copy()
-    faces[10 * np.arange(count)] = faces[10 * np.arange(count)][:, ::-1]
-    turned = changed(cortex, faces=faces)
-    holds.says("measure", refusal(turned), "run the same way", *PLACE, "is flipped", "fix_winding")
-    status, told = analyzed(tmp_path, capsys, turned, kind=".ply")
+    turned = flipped(clean()[0], count)
+    holds.says("measure", refusal(turned, repair=False), "run the same way", *PLACE, "is flipped", "fix_winding")
+    status, told = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, "one of the two is flipped")
 
@@ -174,8 +233,9 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     n = clean()[0].n_vertices
     faces = np.where((cortex.faces >= n).all(axis=1)[:, None], cortex.faces[:, ::-1], cortex.faces)
     turned = changed(cortex, faces=faces)
-    holds.says("measure", refusal(turned), f"the piece of vertex {n}", "is inside out", "Reverse the triangles")
-    status, told = analyzed(tmp_path, capsys, turned)
+    told = refusal(turned, repair=False)
+    holds.says("measure", told, f"the piece of vertex {n}", "is inside out", "Reverse the triangles")
+    status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, f"the piece of vertex {n} of lh.white is inside out")
 
@@ -184,7 +244,14 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
            without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
 def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
-    holds.says("measure", refusal(turned), "lh.white is inside out", "Reverse the triangles")
-    status, told = analyzed(tmp_path, capsys, turned)
+    holds.says("measure", refusal(turned, repair=False), "lh.white is inside out", "Reverse the triangles")
+    status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
     holds.says("analyze", told, "is inside out")
+
+
+@hard_case("surfaces", "all triangles flipped", guard="they are turned", without=unmended,
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_a_surface_inside_out_is_turned(holds, tmp_path, capsys):
+    turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
+    hold_mended(holds, tmp_path, capsys, turned, flipped_triangles=5120)
