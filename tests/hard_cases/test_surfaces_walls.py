@@ -59,6 +59,37 @@ def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     holds.equal("note of the clean one", clean()[1].notes.get("crossing"), None)
 
 
+@hard_case("surfaces", "a pial surface shifted by 4 mm against white", guard="the note on the pair", without=silent)
+def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, capsys):
+    cortex = clean()[0]
+    apart = replace(cortex, pial=Surface(cortex.pial.verts + [4.0, 0.0, 0.0], cortex.faces, "lh.pial"))
+    status, told = analyzed(tmp_path, capsys, apart)
+    holds.equal("exit status", status, 0)
+    note = measure(apart).notes.get("pair", "")
+    share = float(found[1]) if (found := re.search(r"([\d.]+)% of the cortex", note)) else np.nan
+    holds("cortex on the wrong side", share, at_least=5, unit="%")
+    holds.equal("analyze tells of it", note in told, True)
+    holds.equal("note of the clean one", clean()[1].notes.get("pair"), None)
+
+
+@hard_case("surfaces", "white and pial 1e-6 of their radius apart", guard="the check of the pair",
+           without=lambda patch: patch.setattr(checks, "SAME", 0.0))  # fmt: skip
+def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
+    pial = clean()[0].pial
+    twice = replace(clean()[0], white=Surface((1 - 1e-6) * pial.verts, pial.faces, "lh.white"))
+    holds.says("measure", refusal(twice), "are the same surface but for rounding", "Pass the two surfaces")
+    status, _ = analyzed(tmp_path, capsys, twice)
+    holds.equal("exit status", status, 2)
+
+
+@hard_case("surfaces", "a cortex label of ten vertices", guard="a label that small is none",
+           without=lambda patch: patch.setattr(checks, "LABELLED", 0.0),
+           fails=(AssertionError, ValueError))  # fmt: skip
+def test_a_cortex_label_of_ten_vertices_is_refused(holds):
+    label = np.arange(2562) < 10
+    holds.says("measure", refusal(replace(clean()[0], cortex=label)), "holds 10 of 2562 vertices")
+
+
 def everywhere(patch):
     for where in (checks, chord):
         patch.setattr(where, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
