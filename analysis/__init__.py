@@ -15,12 +15,13 @@ if __name__ != "morphofold.analysis":
     )
 
 if TYPE_CHECKING:
-    from morphofold.analysis._curvature import Curvature, FoldingIndices, curvature, folding_indices
+    from morphofold.analysis._curvature import Curvature, curvature
     from morphofold.analysis._mesh import euler_characteristic, vertex_areas, vertex_normals
     from morphofold.analysis.altitude import wavelength
     from morphofold.analysis.closing import local_gyrification_index
     from morphofold.analysis.crest import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.depth import sulcal_depth
+    from morphofold.analysis.folding import FoldingIndices, folding_indices
     from morphofold.analysis.fractal import fractal_dimension
     from morphofold.analysis.gyral_net import GyralScales
     from morphofold.analysis.gyri import gyral_graph
@@ -40,7 +41,7 @@ _PUBLIC = {
     "CrestLine": "crest",
     "CrestLines": "crest",
     "Curvature": "_curvature",
-    "FoldingIndices": "_curvature",
+    "FoldingIndices": "folding",
     "GyralScales": "gyral_net",
     "GyralThickness": "chord",
     "Hinge": "hinge_table",
@@ -52,7 +53,7 @@ _PUBLIC = {
     "crest_lines": "crest",
     "curvature": "_curvature",
     "euler_characteristic": "_mesh",
-    "folding_indices": "_curvature",
+    "folding_indices": "folding",
     "fractal_dimension": "fractal",
     "gyral_graph": "gyri",
     "gyral_thickness": "chord",

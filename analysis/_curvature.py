@@ -1,4 +1,4 @@
-"""Principal curvatures and their directions, from a triangle mesh to one pair per vertex; folding indices."""
+"""Principal curvatures and their directions, from a triangle mesh to one pair per vertex."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
         Triangles, counter-clockwise seen from outside. Borders, several pieces and unused vertices are allowed.
     scale : float, optional
         Radius of the neighbourhood [mm]. The bias grows with its square, the effect of noise falls with its
-        cube up to six mean edges and with its square beyond: for a surface with 1 % noise take 4 to 5 mean edges, for
-        a clean one 2.2 to 3. None: 3 mean edges.
+        cube up to six mean edges and with its square beyond: for a surface with 1 % noise take 4 to 5 mean edges, 4.5
+        and more if its vertices lie at random, for a clean one 2.2 to 3. None: 3 mean edges.
 
     Returns
     -------
@@ -105,9 +105,9 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     the contours of height. This changes third order only, and makes heights on a sphere and on a circular cylinder
     exactly quadratic: without it, folds narrower than ``scale`` come out too sharp. The gradient is that of
     ``k1 u^2 + k2 v^2`` from a first fit, in whose normal and principal directions the second one stands; the first
-    moves points radially, exact on spheres, while a cylinder comes out as a dome. A torus with a tube of radius 2 at
-    scale 3 has an ICI of 0.97 (exact 1), 1.58 after the first fit. Second order in ``scale``, also on irregular
-    meshes; at a fixed scale a fold narrower than it is blunted.
+    moves points radially, exact on spheres, while a cylinder comes out as a dome. Of a torus with a tube of radius 2
+    at scale 3 the integral of the positive K over 4 pi is 0.97 (exact 1), 1.58 after the first fit. Second order in
+    ``scale``, also on irregular meshes; at a fixed scale a fold narrower than it is blunted.
 
     Where fewer than 14 points are found, or they do not determine a cubic, the radius grows, up to 5.4 times, and
     then a quadric is tried. Local polynomial fits are due to [1]_; this one uses heights only, no normals of
@@ -163,49 +163,6 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
             f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
             "Are scale and mesh in one unit of length?"
         )
-
-
-@dataclass(frozen=True)
-class FoldingIndices:
-    """Dimensionless integrals of curvature over a surface, each divided by 4 pi.
-
-    ``folding_index`` is ``int |k1| (|k1| - |k2|) dA / 4 pi`` with ``|k1| >= |k2|`` (0 on a sphere);
-    ``intrinsic_curvature_index`` the integral of the positive part of K (1 on a sphere, or any convex surface);
-    ``negative_curvature_index`` that of its negative part (<= 0); ``total`` their sum, half the Euler characteristic
-    of a closed surface (Gauss-Bonnet): how far it is from that says how well the mesh resolves its curvature.
-    """
-
-    folding_index: float
-    intrinsic_curvature_index: float
-    negative_curvature_index: float
-    total: float
-
-
-def folding_indices(curv: Curvature, areas: PerVertex) -> FoldingIndices:
-    """Folding and intrinsic curvature index, as FreeSurfer's ``mris_curvature_stats`` defines them.
-
-    Parameters
-    ----------
-    curv : Curvature
-        Of the surface.
-    areas : (N,) float64
-        Area of each vertex [mm^2], as :func:`morphofold.analysis.vertex_areas` gives them.
-
-    Returns
-    -------
-    FoldingIndices
-        Vertices without curvature (NaN) count nothing; NaN if none has any.
-    """
-    if np.shape(areas) != np.shape(curv.k1):
-        raise ValueError(f"areas has shape {np.shape(areas)}, the curvature is of {len(curv.k1)} vertices.")
-    known = np.isfinite(curv.k1)
-    if not known.any():
-        return FoldingIndices(*4 * (math.nan,))
-    k1, k2, dA = curv.k1[known], curv.k2[known], areas[known] / (4 * np.pi)
-    large, small = np.maximum(abs(k1), abs(k2)), np.minimum(abs(k1), abs(k2))
-    K = k1 * k2
-    positive, negative = float(np.sum(np.maximum(K, 0) * dA)), float(np.sum(np.minimum(K, 0) * dA))
-    return FoldingIndices(float(np.sum(large * (large - small) * dA)), positive, negative, positive + negative)
 
 
 @njit(cache=True, parallel=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +243,7 @@ def _fan(
     rays = np.cos(angles)[None, :, None] * ahead[:, None, :] + np.sin(angles)[None, :, None] * across[:, None, :]
     shape, flat = rays.shape[:2], rays.reshape(-1, 3)
 
-    def spread(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(a: NDArray[Any]) -> NDArray[Any]:
         return np.repeat(a, len(angles), axis=0)
 
     step = OFF * scan.edge

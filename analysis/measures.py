@@ -30,7 +30,8 @@ SCALARS = (
 )  # fmt: skip
 #: what numbers follow from beside the surfaces, and that may differ between two cortices
 PARAMETERS = (
-    "curvature_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation",
+    "curvature_scale_mm", "folding_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy",
+    "annotation",
 )  # fmt: skip
 _NET = ("graph_width_mm", "cortex_mask", "accuracy")
 #: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them
@@ -39,7 +40,7 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
         "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
         "volume_white_mm3", "volume_pial_mm3",
     ), ()),
-    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("curvature_scale_mm",)),
+    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm",)),
     **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
     **dict.fromkeys(
         ("mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm"),
@@ -87,6 +88,7 @@ class Measures:
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
+SMOOTHED = 1.5          # mean edges over which the folding indices are smoothed at least
 BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
 
 
@@ -108,8 +110,9 @@ def measure(
     cortex : Cortex
         White and pial surface [mm]; its mask, regions and maps are used where it has them.
     curvature_scale : float, optional
-        Radius of the neighbourhoods of curvature [mm]. None: 3, but at least 2.5 mean edges of either surface. Pass
-        one number to compare surfaces of different resolution.
+        Radius of the neighbourhoods of curvature, and of smoothing for the folding indices [mm]. None: 3, but at least
+        2.5 mean edges of either surface, and 1.5 for the indices. Pass one number to compare surfaces of different
+        resolution.
     gyral : mapping, optional
         Options for :func:`morphofold.analysis.gyral_thickness`.
     gyral_width : float, optional
@@ -171,7 +174,8 @@ def measure(
         plausibility,
         regions,
     )
-    from morphofold.analysis._curvature import curvature, folding_indices
+    from morphofold.analysis._curvature import curvature
+    from morphofold.analysis.folding import folding_indices
     from morphofold.analysis.gyral_tables import gyral_tables
     from morphofold.analysis.line import through_regions
 
@@ -223,12 +227,12 @@ def measure(
     scale, remark = scale_of_curvature(cortex, curvature_scale)
     bent = curvature(pial.verts, faces, scale)
     maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
-    folding = folding_indices(curvature(white.verts, faces, scale), area_white)
+    smooth = scale if curvature_scale is not None else scale_of_folding(cortex, scale)
+    folding = folding_indices(white.verts, faces, smooth)
     scalars.update(
-        folding_index=_number(folding.folding_index),
-        intrinsic_curvature_index=_number(folding.intrinsic_curvature_index),
+        folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
     )
-    said |= notes.of_folding(scale, folding, closed, euler)
+    said |= notes.of_folding(smooth, folding, closed, euler)
     if remark:
         said["curvature_scale"] = remark
 
@@ -258,14 +262,15 @@ def measure(
     scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
     said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
     tell("done", 1.0)
-    parameters = _parameters(cortex, mask, scale, thickness_cap, across, graph) | copies.parameters(accuracy, copy)
+    scales = (scale, smooth)
+    parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | copies.parameters(accuracy, copy)
     return mend.back(Measures(
         cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
     ))  # fmt: skip
 
 
 def _parameters(
-    cortex: Cortex, mask: NDArray[np.bool_], scale: float, cap: float | None, across: GyralThickness,
+    cortex: Cortex, mask: NDArray[np.bool_], scales_of: tuple[float, float], cap: float | None, across: GyralThickness,
     graph: nx.MultiGraph,
 ) -> dict[str, Any]:  # fmt: skip
     """Scales and options that the numbers depend on."""
@@ -273,7 +278,8 @@ def _parameters(
 
     scales = graph.graph["scales"]
     return {
-        "curvature_scale_mm": scale,
+        "curvature_scale_mm": scales_of[0],
+        "folding_scale_mm": scales_of[1],
         "curvature_map_surface": "pial",
         "folding_index_surface": "white",
         "cortical_thickness_mode": "surface",
@@ -312,6 +318,13 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
         return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
     return scale, ""
+
+
+def scale_of_folding(cortex: Cortex, scale: float) -> float:
+    """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
+    from morphofold.analysis._mesh import mean_edge_length
+
+    return min(scale, max(CURVATURE_SCALE, SMOOTHED * mean_edge_length(cortex.white.verts, cortex.faces)))
 
 
 def _local_gyrification(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +14,8 @@ from morphofold.surface import Cortex
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.analysis._curvature import FoldingIndices
     from morphofold.analysis.chord import GyralThickness
+    from morphofold.analysis.folding import FoldingIndices
 
 Notes = dict[str, str]
 
@@ -125,17 +124,11 @@ def of_thickness(cap: float | None, with_file: bool) -> Notes:
 
 def of_folding(scale: float, folding: FoldingIndices, closed: bool, euler: int) -> Notes:
     """``euler`` is the Euler characteristic; Gauss-Bonnet binds closed surfaces only."""
-    if math.isnan(folding.total):
-        why = f"No vertex of white has a curvature within {scale:.2f} mm: it takes six vertices around it and more."
-        return dict.fromkeys(("folding_index", "intrinsic_curvature_index"), why)
-    asked = (
-        f" where Gauss-Bonnet asks for {euler / 2:g}; the excess measures how far the fit is beyond its range at this "
-        "scale."
-    )
+    asked = f", where Gauss-Bonnet asks for {euler / 2:g}" if closed else ""
     text = (
-        f"Of the whole white surface, curvature within {scale:.2f} mm; FreeSurfer's definition, but its curvature is "
-        "of one or two rings, so values differ. They depend on the scale: compare them at equal scale only. The "
-        f"integral of K over 4 pi is {folding.total:.2f}{asked if closed else '.'}"
+        f"Of the whole white surface, curvature smoothed over {scale:.2f} mm; FreeSurfer's integrals, but its "
+        "curvature is of one or two rings, so values differ. They depend on the scale: compare them at equal scale "
+        f"only. The integral of K over 4 pi is {folding.total:.2f}{asked}."
     )
     return dict.fromkeys(("folding_index", "intrinsic_curvature_index"), text)
 

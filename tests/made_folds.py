@@ -1,8 +1,10 @@
-"""Closed surfaces whose folds touch or pass through each other by a known amount."""
+"""Surfaces whose folds touch or pass through each other by a known amount."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.shapes import corrugated_sheet, icosphere, irregular_sphere
 from morphofold.surface import Surface
 
 
@@ -30,3 +32,13 @@ def joined(*bodies, faces):
     """One surface of several bodies with the same faces."""
     count = len(bodies[0])
     return Surface(np.concatenate(bodies), np.concatenate([faces + k * count for k in range(len(bodies))]))
+
+
+def bulged(by, edge=1.0, height=12.0):
+    """A corrugated sheet whose gyri are wider than its sulci, and their width at mid-height: half of 15 plus 2 by.
+
+    From 3.75 on the walls of a sulcus pass through each other there; its floor stays open.
+    """
+    sheet, width = corrugated_sheet(edge, height=height)
+    out = by * np.sin(2 * np.pi * sheet.verts[:, 0] / 15) ** 3
+    return replace(sheet, verts=sheet.verts + out[:, None] * [1, 0, 0]), width + 2 * by

@@ -6,6 +6,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from made_folds import bulged
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import chord as chords
@@ -58,16 +59,6 @@ def test_gyri_and_sulci_of_a_corrugated_sheet_are_half_a_wavelength_wide(edge, h
     assert (found.median, found.median_gap) == pytest.approx((width, width), rel=0.01)
     assert np.median(found.points[:, 2]) == pytest.approx(0, abs=0.01 * height)
     assert found.coverage > 0.85                                        # at two sides the sheet ends in a gyrus
-
-
-def bulged(by, edge=1.0, height=12.0):
-    """A corrugated sheet whose gyri are wider than its sulci, and their width at mid-height: half of 15 plus 2 by.
-
-    From 3.75 on the walls of a sulcus pass through each other there; its floor stays open.
-    """
-    sheet, width = corrugated_sheet(edge, height=height)
-    out = by * np.sin(2 * np.pi * sheet.verts[:, 0] / 15) ** 3
-    return replace(sheet, verts=sheet.verts + out[:, None] * [1, 0, 0]), width + 2 * by
 
 
 def narrowest(found):

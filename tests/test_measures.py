@@ -10,7 +10,6 @@ import pytest
 
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
-from morphofold.analysis._curvature import Curvature
 from morphofold.analysis._mesh import split
 from morphofold.analysis.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.measures import SCALARS
@@ -220,12 +219,11 @@ def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
     away = np.linalg.norm(bump.verts, axis=1, keepdims=True)
     pial = Surface(70 * bump.verts / away, bump.faces, "lh.pial")                   # a sphere
     m = measure(Cortex(Surface(bump.verts, bump.faces, "lh.white"), pial), curvature_scale=4)
-    blank = np.zeros((len(away), 3))
-    bent = Curvature(bump.k1, bump.k2, blank, blank, blank, bump.k1, bump.k1, 0.0)
-    exact = folding_indices(bent, vertex_areas(bump.verts, bump.faces))
+    exact = folding_indices(bump.verts, bump.faces, 4.0)
     assert exact.folding_index > 0.5
-    assert m.scalars["folding_index"] == pytest.approx(exact.folding_index, rel=0.03)          # blunted by 4 mm
-    assert m.scalars["intrinsic_curvature_index"] == pytest.approx(exact.intrinsic_curvature_index, rel=0.02)
+    assert m.scalars["folding_index"] == exact.folding_index
+    assert m.scalars["intrinsic_curvature_index"] == exact.intrinsic_curvature_index
+    assert m.parameters["folding_scale_mm"] == 4
     assert np.allclose(m.maps["H"], 1 / 70, rtol=1e-6)
 
 
@@ -313,7 +311,7 @@ def test_open_surfaces_and_several_pieces_have_depth_but_no_gyrification_index()
         assert why in m.notes["gyrification_index"]
         assert m.scalars["mean_sulcal_depth_mm"] >= 0
     assert "Gauss-Bonnet" not in open_.notes["folding_index"]
-    assert "Gauss-Bonnet asks for 2;" in two.notes["folding_index"]
+    assert "Gauss-Bonnet asks for 2." in two.notes["folding_index"]
 
 
 def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
@@ -374,7 +372,8 @@ def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation
     assert "curvature_scale" not in measure(shell(), curvature_scale=9).notes
 
 
-def test_the_folding_note_says_the_excess_and_blames_nobody(average):
+def test_the_folding_note_says_what_gauss_bonnet_asks_for(average):
     m, _ = average
-    assert "Gauss-Bonnet asks for 1; the excess measures how far the fit is" in m.notes["folding_index"]
+    assert "is 1.00, where Gauss-Bonnet asks for 1." in m.notes["folding_index"]
+    assert m.parameters["folding_scale_mm"] < m.parameters["curvature_scale_mm"]
     assert "equal scale only" in m.notes["folding_index"]

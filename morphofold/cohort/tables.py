@@ -26,7 +26,7 @@ HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
-REGION_THICKNESS = tuple(key for key in PARAMETERS if key not in ("curvature_scale_mm", "graph_width_mm"))
+REGION_THICKNESS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
 HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)      # how each was measured, and what FreeSurfer says of it
 FAILURES = ("subject", "hemi", "reason", "log")
 BATCH = 200             # subjects whose rows are held at once

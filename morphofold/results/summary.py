@@ -67,6 +67,7 @@ class Parameters(Record):
     """Scales and options of a surface; further ones are shown as they are."""
 
     curvature_scale_mm: Amount = 0.0
+    folding_scale_mm: Amount | None = None
     cortical_thickness_cap_mm: Amount | None = None
     cortex_mask: str = ""
     graph_width_mm: Amount = 0.0

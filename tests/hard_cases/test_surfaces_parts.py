@@ -7,7 +7,7 @@ import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_island
 
-from morphofold.analysis import _curvature, _mesh, checks, closing, measure, vertex_areas
+from morphofold.analysis import _curvature, _mesh, checks, closing, folding, measure, vertex_areas
 from morphofold.analysis.altitude import Altimeter
 from morphofold.analysis.net import Net
 from morphofold.cli import analyze
@@ -248,19 +248,18 @@ def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     holds.says("analyze", told, "12 vertices", "gyral thickness n/a")
 
 
-def sums(patch):
-    """An index is a sum over what has a curvature, though nothing has."""
-    patch.setattr(_curvature, "folding_indices", lambda curv, areas: _curvature.FoldingIndices(*4 * (0.0,)))
+def fitted(patch):
+    """K is that of the fit, where there is none nothing."""
+    patch.setattr(folding, "angle_defects", lambda verts, faces: np.nan_to_num(
+        _curvature.curvature(verts, faces).K * vertex_areas(verts, faces)))  # fmt: skip
 
 
-@hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="no index without a curvature", without=sums)
+@hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="K of the indices is no fit", without=fitted)
 def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     verts, faces = np.array(SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
     m = measure(Cortex(Surface(25.0 * verts, faces, "lh.white"), Surface(30.0 * verts, faces, "lh.pial")))
     holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
-    for name in ("folding_index", "intrinsic_curvature_index"):
-        holds.equal(name, m.scalars[name], None)
-        holds.says(f"its note, {name}", m.notes[name], "No vertex of white has a curvature")
+    holds("intrinsic curvature index, of 1", abs(m.scalars["intrinsic_curvature_index"] - 1), at_most=1e-3)
     holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)
     status, told = analyzed(tmp_path, capsys, m.cortex)
     holds.equal("exit status", status, 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import NET, analyzed, clean, hold_all, known_cortex, refusal, with_white_outside
-from made_folds import pressed_sphere
+from made_folds import bulged, pressed_sphere
 from scipy.spatial import cKDTree
 
 from morphofold import shapes
@@ -21,7 +21,9 @@ from morphofold.analysis import (
     crest_lines,
     faults,
     gyral_graph,
+    gyral_thickness,
     measure,
+    rays,
     thickness,
     vertex_areas,
     vertex_normals,
@@ -246,6 +248,21 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, "warning: lh.white crosses itself: ", "; lh.pial crosses itself: ", "are in doubt")
+
+
+@pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
+@hard_case("surfaces", "gyral thickness where the walls of a sulcus pass through each other",
+           guard="a point in two gyri leaves the other one first",
+           without=lambda patch: patch.setattr(rays.Scanner, "bodies", lambda *_: 0))  # fmt: skip
+def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
+    """Corrugated sheet; the gyri at its ends, whose other half lacks a wall, are left out."""
+    sheet, width = bulged(by)
+    found = gyral_thickness(sheet, scale=10.0)
+    inner = (np.abs(found.points[:, 0] - 60) < 45) & np.isfinite(found.width)
+    holds("median, of what it is", abs(found.median / width - 1), at_most=0.02)
+    holds("least width, of what it is", found.width[inner].min() / width, at_least=0.9)
+    holds("contour measured, without the ends", inner.sum() / (np.abs(found.points[:, 0] - 60) < 45).sum(),
+          at_least=0.8)  # fmt: skip
 
 
 def fitted_in_space(patch):
