@@ -10,7 +10,7 @@ from morphofold.crossings.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex
 
 #: notes that a command tells, too
-WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale")
+WARNINGS = ("simulation", "mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale", "gyral_width")
 THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
@@ -104,26 +104,30 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     return notes
 
 
-def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
+def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, str], float]:
     """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most.
+
+    Also the share of white's triangles that others cross.
 
     Of crossings and triangles, those with a vertex in the cortex, ``mask`` (N,): thickness and curvature are maps of
     it, and FreeSurfer closes the medial wall without care for them.
     """
-    told = []
+    told, of_white = [], 0.0
     for surface in (cortex.white, cortex.pial):
         inside = np.any(mask[surface.faces], axis=1)
         found = self_intersections(surface, vertices=False)
         found = found.at(np.flatnonzero(mask[found.edge].any(axis=1) | inside[found.face]))
         if len(found):
             deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
+            if surface is cortex.white:
+                of_white = float(among / np.count_nonzero(inside))
             told.append(
                 f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
                 f"deepest at {_at(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
     if not told:
-        return {}
-    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}
+        return {}, 0.0
+    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}, of_white
 
 
 def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:

@@ -54,6 +54,7 @@ class Measures:
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
 BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
+CROSSED = 0.01          # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
 FREESURFER_CAP = 5.0    # [mm], FreeSurfer's bound on thickness, for its own subjects only
 
 
@@ -96,7 +97,7 @@ def measure(
         Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
         name does not, and why it is None where it is; and, under ``mesh`` (unused vertices, pieces, borders),
         ``crossing`` (white outside pial), ``self_crossing``, ``thickness_file`` (gaps in it), ``curvature_scale``,
-        ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
+        ``gyral_width``, ``cortex_mask`` and ``simulation``, what to know of the input before believing the numbers.
 
     Raises
     ------
@@ -131,7 +132,8 @@ def measure(
     tell("areas", 0.0)
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     checks.check_surfaces(cortex)
-    said |= faults.self_crossings(cortex, mask)
+    crossing, crossed = faults.self_crossings(cortex, mask)
+    said |= crossing
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white
@@ -176,9 +178,9 @@ def measure(
     said |= notes.of_gyral_thickness(across)
 
     tell("gyral graph", 0.7)
-    graph = copy.gyral_graph(gyral_width)
+    graph = copy.gyral_graph(gyral_width, midway=crossed > CROSSED)
     scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
-    said |= notes.of_gyral_graph(graph)
+    said |= notes.of_gyral_graph(graph, across)
 
     tell("local gyrification", 0.9)
     local, unfit = _local_gyrification(cortex, closed, pieces, chosen.voxels)

@@ -36,7 +36,7 @@ CREST_COLUMNS = (
 WARNING = "simulation"                         # the note that speaks of a simulation's health
 OF_INPUT = ("average", "cortex_mask")          # notes that say what the surfaces are not: a person's, or marked out
 #: notes about a surface rather than about one number
-REMARKS = ("mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale", "accuracy")
+REMARKS = ("mesh", "crossing", "self_crossing", "thickness_file", "curvature_scale", "gyral_width", "accuracy")
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
 
