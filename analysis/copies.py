@@ -99,11 +99,15 @@ class Copy:
             found, triangle=self.triangle[found.triangle], per_vertex=back(found.per_vertex), relief=there
         )
 
-    def gyral_graph(self, width: float | None) -> nx.MultiGraph:
-        """As :func:`morphofold.analysis.gyral_graph`, its places and vertices on the original's white surface."""
-        graph = gyral_graph(self.cortex, width=width)
+    def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
+        """As :func:`morphofold.analysis.gyral_graph`, its places and vertices on the original's white surface.
+
+        ``midway``: of the surface half way between white and pial, and there. Where white crosses itself, its crowns
+        are gone, and spikes in their place set the width.
+        """
+        graph = gyral_graph(_midway(self.cortex) if midway else self.cortex, width=width)
         if self.changed:
-            white = self.of.white
+            white = (_midway(self.of) if midway else self.of).white
             feet = Feet(white.verts, white.faces, cKDTree(white.verts))
             for _, node in graph.nodes(data=True):
                 place, vertex = feet.of(node["position"][None])
@@ -167,6 +171,13 @@ def _split(same: Copy) -> Copy:
     (white, finer), (pial, _) = (_mesh.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
     copy = _on(cortex, white, pial, finer, twin)
     return replace(same, cortex=copy, twin=twin, triangle=np.tile(same.triangle, 4))
+
+
+def _midway(cortex: Cortex) -> Cortex:
+    """The cortex with the surface half way to pial in place of white."""
+    white, pial = cortex.white, cortex.pial
+    name = f"half way from {white.name} to {pial.name}"
+    return replace(cortex, white=Surface((white.verts + pial.verts) / 2, cortex.faces, name))
 
 
 def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, twin: Ints) -> Cortex:

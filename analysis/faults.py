@@ -12,10 +12,10 @@ from morphofold.surface import Cortex, PerVertex, check_mesh
 #: notes that a command tells, too
 WARNINGS = (
     "simulation", "repair", "cortex_mask", "parcellation", "cortex_label", "size", "side", "mesh", "crossing", "pair",
-    "self_crossing", "thickness_file", "thickness_unlike", "thickness_cap", "curvature_scale",
+    "self_crossing", "thickness_file", "thickness_unlike", "thickness_cap", "curvature_scale", "gyral_width",
 )  # fmt: skip
 THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
-CROSSED = 0.01          # of the cortex: people have 0.0002 at most outside pial, 0.015 when it is shifted by 2 mm
+OUTSIDE = 0.01          # of the cortex: people have 0.0002 at most outside pial, 0.015 when it is shifted by 2 mm
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -110,7 +110,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex, the first "
             f"of them vertex {crossed[0]}, at {_place(cortex, crossed[0])}: thickness there is a distance without sign."
         )
-    if len(crossed) > CROSSED * np.count_nonzero(mask):
+    if len(crossed) > OUTSIDE * np.count_nonzero(mask):
         notes["pair"] = (
             f"White lies outside pial at {len(crossed) / np.count_nonzero(mask):.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one frame."
@@ -118,26 +118,30 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
     return notes
 
 
-def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
+def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, str], float]:
     """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most.
+
+    Also the share of white's triangles that others cross.
 
     Of crossings and triangles, those with a vertex in the cortex, ``mask`` (N,): thickness and curvature are maps of
     it, and FreeSurfer closes the medial wall without care for them.
     """
-    told = []
+    told, of_white = [], 0.0
     for surface in (cortex.white, cortex.pial):
         inside = np.any(mask[surface.faces], axis=1)
         found = self_intersections(surface, vertices=False)
         found = found.at(np.flatnonzero(mask[found.edge].any(axis=1) | inside[found.face]))
         if len(found):
             deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
+            if surface is cortex.white:
+                of_white = float(among / np.count_nonzero(inside))
             told.append(
                 f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
                 f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
     if not told:
-        return {}
-    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}
+        return {}, 0.0
+    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}, of_white
 
 
 def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:

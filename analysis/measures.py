@@ -90,6 +90,7 @@ CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
 SMOOTHED = 1.5          # mean edges over which the folding indices are smoothed at least
 BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
+CROSSED = 0.01          # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
 
 
 def measure(
@@ -141,8 +142,8 @@ def measure(
         name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
         vertices, pieces, borders), ``crossing`` (white outside pial), ``pair`` (so much that the two are hardly of one
         cortex), ``self_crossing``, ``thickness_file`` (gaps in it), ``thickness_unlike`` (it is not that of the
-        surfaces), ``thickness_cap``, ``curvature_scale``, ``size``, ``side``, ``cortex_mask``, ``cortex_label``,
-        ``parcellation`` and ``simulation``, what to know of the input before believing the numbers.
+        surfaces), ``thickness_cap``, ``curvature_scale``, ``gyral_width``, ``size``, ``side``, ``cortex_mask``,
+        ``cortex_label``, ``parcellation`` and ``simulation``, what to know of the input before believing the numbers.
 
     Raises
     ------
@@ -193,7 +194,8 @@ def measure(
     said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask) | plausibility.remarks(cortex)
 
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    said |= faults.self_crossings(cortex, mask)
+    crossing, crossed = faults.self_crossings(cortex, mask)
+    said |= crossing
     euler = _mesh.euler_characteristic(faces)
     area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white
@@ -243,9 +245,9 @@ def measure(
     said |= notes.of_gyral_thickness(across)
 
     tell("gyral graph", 0.7)
-    graph = copy.gyral_graph(gyral_width)
+    graph = copy.gyral_graph(gyral_width, midway=crossed > CROSSED)
     scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
-    said |= notes.of_gyral_graph(graph)
+    said |= notes.of_gyral_graph(graph, across)
 
     tell("local gyrification", 0.9)
     local, unfit = _local_gyrification(cortex, closed, pieces, chosen.voxels)

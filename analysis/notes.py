@@ -24,14 +24,16 @@ NO_REGIONS = (
     "no line through them."
 )
 AVERAGES = ("fsaverage", "cvs_avg")    # how the averages that come with FreeSurfer are called
+USUAL, TWICE = 0.7, 2.0  # gyral width over gyral thickness of people, and the factor beyond which it is remarked on
 COARSEST = 4.0          # gyral width in mean edges, below which the mesh is remarked on
 
 HINGES = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
 GRAPH = (*HINGES, "n_crests", "crest_length_mm")
 
 
-def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
-    """How crests and hinges were found, and whether the mesh is fine enough for them."""
+def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
+    """How crests and hinges were found, whether the mesh is fine enough for them, and the note ``gyral_width``: the net
+    is of gyri of another size than those that ``across`` has measured."""
     scales, surface = graph.graph["scales"], graph.graph["surface"]
     if scales is None:
         why = f"{surface} has no gyri: no crest parts two basins of its altitude."
@@ -56,7 +58,14 @@ def of_gyral_graph(graph: nx.MultiGraph) -> Notes:
         f"a pit or a spur just large enough), n_hinges_low those below {SURE:g}, n_hinges_high none; all are in the "
         "table and in the net."
     )
-    return dict.fromkeys(GRAPH, text) | dict.fromkeys(HINGES, text + counted) | {
+    ratio = scales.width / across.median
+    apart = {
+        "gyral_width": f"The width of the gyral net, {scales.width:.2f} mm, is {ratio:.2f} of the gyral thickness, "
+        f"{across.median:.2f} mm, where {USUAL:g} is usual: hinges and crests are in doubt. Look at the white surface, "
+        "or give the width (--gyral-width)."
+    }
+    odd = ratio < USUAL / TWICE or ratio > USUAL * TWICE                # False for NaN: no gyral thickness
+    return (apart if odd else {}) | dict.fromkeys(GRAPH, text) | dict.fromkeys(HINGES, text + counted) | {
         "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along the white surface."
     }
 

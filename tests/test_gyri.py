@@ -1,5 +1,7 @@
 """The gyral graph on spheres with ridges along known nets: every hinge and crest, no other, where they are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import pyvista
@@ -7,6 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from morphofold.analysis import faults, notes
 from morphofold.analysis.gyral_net import GyralScales
 from morphofold.analysis.gyri import gyral_graph
 from morphofold.analysis.hinge_table import hinges
@@ -164,6 +167,15 @@ def test_scales_are_checked():
         gyral_graph(surface, width=-1.0)
     with pytest.raises(ValueError, match="not both"):
         gyral_graph(surface, width=6.0, scales=GyralScales.of_width(6.0))
+
+
+def test_a_net_of_another_size_than_the_gyri_is_remarked_on():
+    """The width of a person's net is 0.7 of the gyral thickness; beyond half and twice of that it is told."""
+    graph = gyral_graph(ridged_net(regular_net("cube"), 4, 12.0), width=7.0)
+    told = [notes.of_gyral_graph(graph, SimpleNamespace(median=t)).keys() for t in (4.9, 5.1, 19.9, 20.1)]
+    assert ["gyral_width" in keys for keys in told] == [True, False, False, True]
+    assert "gyral_width" in faults.WARNINGS
+    assert "gyral_width" not in notes.of_gyral_graph(graph, SimpleNamespace(median=np.nan))
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """The gyral net painted on its surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.report.colours import BARE
-from morphofold.report.net_picture import ARMS, CREST, LEGEND, net_figure, net_row
+from morphofold.report.net_picture import ARMS, CREST, DOUBT, LEGEND, net_figure, net_row
 from morphofold.ridges import regular_net, ridged_net
 from morphofold.shapes import sphere
 from morphofold.surface import Cortex, Surface
@@ -37,6 +39,15 @@ def test_hinges_have_the_colour_of_their_arms_and_crests_are_dark(measures):
     bare = row.rgb[tree.query(50 * faces)[1]].astype(int)
     assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()                          # a shade of the bare surface
     assert not (bare == bytes_of(CREST)).all(axis=1).any()
+
+
+def test_a_doubtful_hinge_is_grey_whatever_its_arms(measures):
+    graph = measures.graph.copy()
+    hinge = next(node for node, data in graph.nodes(data=True) if data["degree"] > 2)
+    graph.nodes[hinge]["confidence"] = 0.2
+    rgb = net_row(replace(measures, graph=graph), "octahedron").rgb
+    vertices = [data["vertex"] for _, data in graph.nodes(data=True)]
+    assert [(rgb[v] == bytes_of(DOUBT)).all() for v in vertices] == [node == hinge for node in graph]
 
 
 def test_a_surface_without_folds_is_bare():

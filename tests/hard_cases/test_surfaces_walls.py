@@ -23,6 +23,7 @@ from morphofold.analysis import (
     gyral_graph,
     gyral_thickness,
     measure,
+    measures,
     rays,
     thickness,
     vertex_areas,
@@ -32,6 +33,7 @@ from morphofold.analysis._mesh import face_normals, mean_edge_length
 from morphofold.analysis.altitude import Altimeter
 from morphofold.crossings.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
+from morphofold.ridges import irregular_net, ridged_net
 from morphofold.sim.health import enclosed_volume
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -184,7 +186,7 @@ def spiked(cortex, vertex=0, by=1.0):
 
 
 @hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
-           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex, mask: {}))  # fmt: skip
+           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex, mask: ({}, 0.0)))  # fmt: skip
 def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked(clean()[0])
@@ -219,6 +221,24 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
     holds.says("note on the face", told, f"lh.pial crosses itself: 1 of {within} triangles of the cortex")
     label[cortex.faces[f]] = False
     holds.equal("note", measure(replace(cortex, cortex=label)).notes.get("self_crossing"), None)
+
+
+@hard_case("surfaces", "white through itself: an offset along the normals of a noisy surface",
+           guard="the net is taken half way to pial",
+           without=lambda patch: patch.setattr(measures, "CROSSED", 1.0))  # fmt: skip
+def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(holds):
+    """Ridges 6 mm wide, white 2.5 mm within: crowns are gone from it, and on it alone 33 hinges of 48 are found."""
+    net = irregular_net(26, seed=5, shortest=0.1)
+    pial = ridged_net(net, 5, 6.0, noise=0.05, rng=3)
+    white = pial.verts - 2.5 * vertex_normals(pial.verts, pial.faces, "max")
+    ridged = Cortex(Surface(white, pial.faces, "lh.white"), Surface(pial.verts, pial.faces, "lh.pial"))
+    found = measure(ridged)
+    crossed = self_intersections(ridged.white, vertices=False).crossed_faces(ridged.faces)
+    holds("share of white's triangles that others cross", len(crossed) / len(ridged.faces), at_least=0.02)
+    holds.equal("hinges", found.scalars["n_hinges"], len(net.nodes))
+    holds.says("note", found.notes["n_hinges"], "half way from lh.white to lh.pial")
+    holds.equal("remark on the width", found.notes.get("gyral_width"), None)
+    holds.equal("of the clean one", "half way" in clean()[1].notes["n_hinges"], False)
 
 
 def shell(pial, depth):
