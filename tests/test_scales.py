@@ -126,6 +126,9 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     assert main([*argv, "--gyral-width", "9", "--curvature-scale", "30"]) == 0
     said = json.loads((tmp_path / "out" / "subjects" / "a" / "summary.json").read_text())
     assert [one["parameters"]["curvature_scale_mm"] for one in said["surfaces"]] == [30.0, 30.0]
+    capsys.readouterr()
+    assert main([*argv, "--gyral-width", "9", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["remarks"] == []         # all alike
     (tmp_path / "out" / FILE).write_text("{}")
     capsys.readouterr()
     refused(capsys, argv, FILE)

@@ -107,7 +107,7 @@ def run_cohort(
     options = measuring_options(args)
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, report, run_id = args.layout == "bids", not args.no_report, secrets.token_hex(4)
-    out = out.absolute()
+    out, more = out.absolute(), dict[str, Any]()
     subjects, looked_at = (
         [
             Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
@@ -138,7 +138,9 @@ def run_cohort(
             with progress("group ", args.quiet) as tell:
                 found = write_group(out, places, outcomes, progress=tell)
             told_unlike(found, args.quiet)
-    return ended(outcomes, "subject", out / "group" / "report.html" if group else out, as_json=args.json)
+            more["remarks"] = found.pooling.said
+    page = out / "group" / "report.html" if group else out
+    return ended(outcomes, "subject", page, as_json=args.json, **more)
 
 
 def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
@@ -176,7 +178,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
         said = {"subjects": len(results), "with_results": group.measured, "failures": who}
-        print(strict_json({**said, "page": out / "group" / "report.html"}).rstrip())
+        print(strict_json({**said, "remarks": group.pooling.said, "page": out / "group" / "report.html"}).rstrip())
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0

@@ -118,4 +118,4 @@ def _listed(counts: Mapping[Any, int]) -> str:
 
 
 def _word(value: Any) -> str:
-    return "none" if value is None else f"{value:.3g}" if isinstance(value, int | float) else str(value)
+    return "none" if value is None else f"{value:.3g}" if isinstance(value, int | float) else f"'{value}'"
