@@ -30,8 +30,7 @@ SCALARS = (
 )  # fmt: skip
 #: what numbers follow from beside the surfaces, and that may differ between two cortices
 PARAMETERS = (
-    "curvature_scale_mm", "folding_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy",
-    "annotation",
+    "folding_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation",
 )  # fmt: skip
 _NET = ("graph_width_mm", "cortex_mask", "accuracy")
 #: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them

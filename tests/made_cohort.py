@@ -42,7 +42,9 @@ def quick_measure(cortex, *, progress=None, **options):
     maps = {"H": np.full(cortex.n_vertices, 1 / radius)}
     scalars.update(n_hinges=20, folding_index=30.0)
     how = {
-        "curvature_scale_mm": options.get("curvature_scale") or 3.0, "accuracy": options.get("accuracy", "standard"),
+        "curvature_scale_mm": options.get("curvature_scale") or 3.0,
+        "folding_scale_mm": options.get("curvature_scale") or 3.0,
+        "accuracy": options.get("accuracy", "standard"),
         "graph_width_mm": options.get("gyral_width") or 9.0,
     }  # fmt: skip
     return Measures(cortex, scalars, maps, rows, parameters=how, notes={})

@@ -7,7 +7,7 @@ from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS, SCALARS
 from morphofold.cohort.pooling import HOW, Pooling, commonest, pooling
 
 USUAL = {
-    "morphofold": "1.0", "curvature_scale_mm": 3.0, "graph_width_mm": 8.0, "cortical_thickness_cap_mm": 5.0,
+    "morphofold": "1.0", "folding_scale_mm": 3.0, "graph_width_mm": 8.0, "cortical_thickness_cap_mm": 5.0,
     "cortex_mask": "label", "accuracy": "standard", "annotation": "aparc",
 }  # fmt: skip
 
@@ -29,7 +29,7 @@ def test_hemispheres_measured_alike_are_pooled_whole():
 @pytest.mark.parametrize(
     ("parameter", "other", "alone"),
     [
-        ("curvature_scale_mm", 3.9, {"folding_index", "intrinsic_curvature_index"}),
+        ("folding_scale_mm", 3.9, {"folding_index", "intrinsic_curvature_index"}),
         ("graph_width_mm", 10.4, {"n_hinges", "n_crests", "crest_length_mm"}),
         ("cortical_thickness_cap_mm", None, {"mean_cortical_thickness_mm", "gyral_to_cortical_slope"}),
         ("cortex_mask", "white off pial", {"mean_sulcal_depth_mm", "n_hinges", "wavelength_mm", "gray_volume_mm3"}),
@@ -73,7 +73,7 @@ def test_only_hemispheres_with_a_value_are_counted():
 
 def test_a_scalar_that_nobody_registered_follows_from_everything():
     of = np.array([[0, 0], [0, 1]])
-    found = pooling([way(), way(curvature_scale_mm=4.0)], of, {"new_measure": np.ones((2, 2))})
+    found = pooling([way(), way(folding_scale_mm=4.0)], of, {"new_measure": np.ones((2, 2))})
     assert found.left_out == {"new_measure": (1, 4)}
 
 
@@ -85,7 +85,7 @@ def test_what_measures_follow_from_is_known():
 def test_the_options_that_would_measure_all_alike_are_said():
     """The coarsest curvature scale, which all can have, and the median width."""
     found = pooled(
-        [[0, 1], [2, 2]], way(graph_width_mm=7.0), way(curvature_scale_mm=3.912, graph_width_mm=8.0),
+        [[0, 1], [2, 2]], way(graph_width_mm=7.0), way(folding_scale_mm=3.912, graph_width_mm=8.0),
         way(graph_width_mm=9.0),
     )  # fmt: skip
     assert "--curvature-scale 3.91 --gyral-width 8.5" in found.said[1]

@@ -16,13 +16,13 @@ HOW = ("morphofold", *PARAMETERS)       # the version, and what every measure ma
 MAJORITY = 0.5                          # share of the hemispheres that must be alike and more, for them to be pooled
 NAMED = 4                               # values that a sentence names
 WORDS = {
-    "morphofold": "version of morphofold", "curvature_scale_mm": "curvature scale [mm]",
+    "morphofold": "version of morphofold", "folding_scale_mm": "scale of the folding indices [mm]",
     "graph_width_mm": "gyral width of the net [mm]", "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
     "cortex_mask": "cortex marked by", "accuracy": "accuracy", "annotation": "parcellation",
 }  # fmt: skip
 #: options that give a group one value: the coarsest scale, which all meshes bear, and the width in the middle
 CURES: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "curvature_scale_mm": ("--curvature-scale", np.max), "graph_width_mm": ("--gyral-width", np.median),
+    "folding_scale_mm": ("--curvature-scale", np.max), "graph_width_mm": ("--gyral-width", np.median),
 }  # fmt: skip
 
 How = tuple[Any, ...]                   # of one hemisphere, in the order of HOW
