@@ -273,7 +273,8 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
 @hard_case("surfaces", "gyral thickness where the walls of a sulcus pass through each other",
            guard="a point in two gyri leaves the other one first",
-           without=lambda patch: patch.setattr(rays.Scanner, "bodies", lambda *_: 0))  # fmt: skip
+           without=lambda patch: patch.setattr(
+               rays.Scanner, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)))  # fmt: skip
 def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
     """Corrugated sheet; the gyri at its ends, whose other half lacks a wall, are left out."""
     sheet, width = bulged(by)
