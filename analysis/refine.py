@@ -36,7 +36,8 @@ def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int =
 
     Each point moves across its curve to the top of a parabola fitted to the altitude around it; curves
     are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
-    between 0.3 and 1 width from it, and within 0.5 the arms become straight: on the last stretch altitude has no
+    between 0.3 and 1 width from it (0.5 and 1.5 if it was several: nearer, the arms are those of its parts), and within
+    0.5 the arms become straight: on the last stretch altitude has no
     crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
     wander along them.
     """
@@ -96,7 +97,7 @@ def _meet(net, meter, tree, width):
         matrix, right = TIE * len(names) * np.eye(3) + np.outer(normal, normal), TIE * len(names) * here.at
         right = right + normal * (normal @ here.at)
         for line in _arms(net, node, names):
-            window = _window(line, width)
+            window = _window(line, width, MEETING if here.merged == 1 else (INNER, OUTER))
             if window is None:
                 continue
             middle = window.mean(axis=0)
@@ -137,11 +138,11 @@ def _arms(net, node, names):
             yield arc.points[::-1]
 
 
-def _window(line, width):
+def _window(line, width, between):
     """The points of an arm from which its line is taken; None if there are fewer than two."""
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    outer = min(MEETING[1] * width, SHARE * way[-1])
-    inner = min(MEETING[0] * width, 0.5 * outer)
+    outer = min(between[1] * width, SHARE * way[-1])
+    inner = min(between[0] * width, 0.5 * outer)
     inside = (way >= inner) & (way <= outer)
     return line[inside] if inside.sum() > 1 else None
 

@@ -67,7 +67,7 @@ def made_measures(hemi="lh", **options):
     hinges = [
         {"hemi": hemi, "hinge": 0, "x": 1.5, "y": -2.0, "z": 30.0, "degree": 3, "shape": "Y", "min_angle_deg": 110.0,
          "max_angle_deg": 130.0, "region": "front", "vertex": 5, "mean_arm_length_mm": 8.0, "persistence_mm": None,
-         "blind": 1},
+         "blind": 1, "confidence": 0.75},
     ]  # fmt: skip
     arms = [
         {"hemi": hemi, "hinge": 0, "arm": k, "angle_deg": 120.0 * k, "length_mm": 8.0, "curvature_per_mm": 0.01,
