@@ -61,11 +61,19 @@ class Altimeter:
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
         """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], a mean edge at least."""
-        time = 0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS
-        matrix = self._matrix(time)
-        for _ in range(HEAT_STEPS):
-            values = solve(matrix, self._mass * values, values, RTOL)
-        return values
+        return self.spread(self._mass * values, scale, values, RTOL)
+
+    def spread(self, measure: PerVertex, scale: float, start: PerVertex, rtol: float) -> PerVertex:
+        """Density (N,) of a measure, the integral (N,) of something at each vertex, after its heat flow.
+
+        A measure may be had where vertices have no area, and its sum stays. ``start`` is where the solver begins, to
+        end at a residual of ``rtol``.
+        """
+        matrix = self._matrix(0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS)
+        density = solve(matrix, measure, start, rtol)
+        for _ in range(HEAT_STEPS - 1):
+            density = solve(matrix, self._mass * density, density, rtol)
+        return density
 
     def altitude(self, reach: float, scale: float) -> PerVertex:
         """Altitude (N,) [mm], its mean 0 on each piece of the surface, smoothed over ``scale`` [mm].

@@ -308,7 +308,7 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
     area = min(float(_mesh.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
     size = float(np.sqrt(area / (4 * np.pi)))
-    usual = CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0     # else only the mesh can say what is fine
+    usual = _usual_scale(size)
     most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
     scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
     for surface in surfaces:
@@ -323,9 +323,17 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
-    from morphofold.analysis._mesh import mean_edge_length
+    from morphofold.analysis import _mesh
 
-    return min(scale, max(CURVATURE_SCALE, SMOOTHED * mean_edge_length(cortex.white.verts, cortex.faces)))
+    verts, faces = cortex.white.verts, cortex.faces
+    size = float(np.sqrt(_mesh.face_areas(verts, faces).sum() / (4 * np.pi)))
+    return min(scale, max(_usual_scale(size), SMOOTHED * _mesh.mean_edge_length(verts, faces)))
+
+
+def _usual_scale(size: float) -> float:
+    """The scale of curvature of a body whose sphere of equal area has the radius ``size``; 0 where only the mesh can
+    say what is fine."""
+    return CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0
 
 
 def _local_gyrification(
