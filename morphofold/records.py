@@ -14,6 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from morphofold.surface import Cortex
 
+
 def sha256_of(path: Path) -> str:
     """SHA-256 of the bytes of a file."""
     with path.open("rb") as file:

@@ -51,12 +51,12 @@ def cell(value: Any) -> str:
         return str(int(value))
     if isinstance(value, float | np.floating):
         return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return _text(shown(str(value)))
+    return _text(str(value))
 
 
 @lru_cache(maxsize=4096)                # names come again and again
 def _text(text: str) -> str:
-    text = text.translate(_CONTROLS)
+    text = shown(text).translate(_CONTROLS)
     return f"'{text}" if _GUARDED.match(text) else text
 
 

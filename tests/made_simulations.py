@@ -40,14 +40,14 @@ def made_simulation(
     writer = FolderWriter(out, scene, describe)
     writer.begin()
     verts, faces = icosphere(LEVEL, scene.geometry.radius)
-    for g in scene.stages:
+    stages = [{"growth": g, "crossings": 0, "deepest_crossing": 0.0} for g in scene.stages]
+    for g, numbers in zip(scene.stages, stages):
         pial = verts * (1 + height(g, verts) / scene.geometry.radius)[:, None]
         writer.stage(
             g, Surface(pial * 0.96, faces, name="lh.white"), Surface(pial, faces, name="lh.pial"), portion=0.5,
-            reference_radius=scene.geometry.radius, numbers={"growth": g, "crossings": 0, "deepest_crossing": 0.0},
-            warnings=[],
+            reference_radius=scene.geometry.radius, numbers=numbers, warnings=[],
         )  # fmt: skip
-    writer.health([], list(warnings), elements=len(faces), steps=7, seconds=1.5)
+    writer.health(stages, list(warnings), elements=len(faces), steps=7, seconds=1.5)
     return Simulation(out, scene)
 
 

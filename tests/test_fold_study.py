@@ -193,7 +193,7 @@ def here(tmp_path, monkeypatch):
         ("--scenes", ",", "scenes: the list is empty"),
         ("--scenes", "fig5,fig5", "fig5,fig5 names something twice"),
         ("--levels", "draft,superb", "'superb' is no level of accuracy; there are draft, standard, fine"),
-        ("--levels", "", "levels: the list is empty"),
+        ("--levels", ",", "levels: the list is empty"),
         ("--seeds", "0,one", "--seeds: '0,one' is no list of whole numbers"),
         ("--seeds", "-1", "seeds: -1 is negative"),
         ("--growth", "1.5,x", "--growth: '1.5,x' is no list of numbers"),

@@ -64,7 +64,7 @@ def test_a_subject_that_fails_is_told(tmp_path, here_fleet, monkeypatch):
         measure_load(tmp_path, 2, 1)
 
 
-@pytest.mark.parametrize("words", [["--subjects", "0"], ["--workers", "0"], ["--subjects", ""], ["--workers", "1001"]])
+@pytest.mark.parametrize("words", [["--subjects", "0"], ["--workers", "0"], ["--workers", "1001"]])
 def test_numbers_that_are_none_are_refused(here, capsys, words):
     refused(capsys, ["bench", "cohort", "-o", "load", *words], "at least 1 of each")
     assert not (here / "load").exists()

@@ -75,7 +75,7 @@ def test_a_shell_has_the_measures_of_its_spheres():
     assert s["area_pial_mm2"] == pytest.approx(4 * np.pi * 50**2, rel=2e-3)
     assert s["area_white_mm2"] == pytest.approx(4 * np.pi * 47**2, rel=2e-3)
     assert s["gyrification_index"] == pytest.approx(1, abs=1e-9)
-    assert s["folding_index"] == pytest.approx(0, abs=0.02)         # a root of what vanishes, 12 vertices unlike the rest
+    assert s["folding_index"] == pytest.approx(0, abs=0.02)         # a root of what vanishes
     assert s["intrinsic_curvature_index"] == pytest.approx(1, abs=3e-3)
     assert s["mean_cortical_thickness_mm"] == pytest.approx(3, rel=2e-3)
     assert s["mean_sulcal_depth_mm"] == pytest.approx(0, abs=1e-9)

@@ -245,7 +245,7 @@ def spoil(here, name, text):
         ("speed.json", json.dumps([SPEED[0], {**SPEED[1], "steps": 0}]), "row 1 of 2 has no good 'steps', but 0"),
         ("effects.json", json.dumps(SPEED), "effects.json: row 0 of 2 has no good 'effect', but None"),
         ("effects.json", json.dumps([{"effect": "none", "ms": "2", "share": 1}]), "row 0 of 1 has no numbers 'ms'"),
-        ("run/health.json", "{}", "health.json: isn't as `morphofold simulate` writes it"),
+        ("run/health.json", "{}", "health.json: morphofold: "),
         ("run/log.jsonl", "", "log.jsonl: isn't as `morphofold simulate` writes it"),
         ("run/log.jsonl", '{"step": 1}\n', "log.jsonl: isn't as `morphofold simulate` writes it"),
     ],

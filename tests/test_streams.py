@@ -76,16 +76,16 @@ def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
 
 
 def started(argv, here, **options):
-    """A run that goes on for minutes, once it has written its first file."""
+    """A run that goes on for minutes, once it has written its first lines."""
     run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=here, stderr=subprocess.DEVNULL, **options)
     until = time.monotonic() + 100
-    while not any(here.glob("*/checkpoint.npz")) and time.monotonic() < until:
+    while not any(here.glob("*/log.jsonl")) and time.monotonic() < until:
         assert run.poll() is None
         time.sleep(0.05)
     return run
 
 
-SIMULATE = ["simulate", "demo", "-o", "run", "--set", "accuracy.level=draft", "--set", "geometry.portion=octant"]
+SIMULATE = ["simulate", "fig5", "-o", "run"]
 
 
 @needs_shell

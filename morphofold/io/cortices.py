@@ -223,7 +223,8 @@ def cortex_files(
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     add("label", "label", f"{hemi}.cortex.label")
-    add("stats", "stats", "aseg.stats")
+    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:     # no measure follows from it
+        found["stats"] = stats
     return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
 

@@ -82,7 +82,7 @@ def test_needles_and_caps_change_no_measure(holds, weights):
 @hard_case("surfaces", "300 vertices twice at the same place, edges of no length", guard="no cotangent without area",
            without=of_no_area, fails=(AssertionError, RuntimeError, ValueError))  # fmt: skip
 def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(holds):
-    """Folding indices are smoothed over 1.5 mean edges of so coarse a mesh, and edges of no length shorten their mean."""
+    """Folding indices are smoothed over 1.5 mean edges of a mesh so coarse; edges of no length shorten their mean."""
     hold_all(holds, measure(split_faces(clean()[0], (1.0, 0.0, 0.0))), bent=0.1)
 
 
