@@ -37,6 +37,7 @@ COLUMNS = {
         "lowest_altitude_mm", "blind", "crest",
     ),
 }  # fmt: skip
+OLDEST = {"regions": 9, "crests": 9, "hinges": 10, "arms": 7}           # first columns, which all versions wrote
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
 SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
@@ -168,11 +169,12 @@ def _entry(m: Measures) -> dict[str, Any]:
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
     """The tables of an analysis by their names, each with as many rows as its summary says; older ones say nothing."""
-    rows = summary.get("rows", {})
-    return {
-        name: read_table(file, WORDS, rows.get(name), numbers=set(COLUMNS[name]) - WORDS)
-        for name, file in files.items()
-    }
+    counts, tables = summary.get("rows", {}), {}
+    for name, file in files.items():
+        rows = tables[name] = read_table(file, WORDS, counts.get(name), numbers=set(COLUMNS[name]) - WORDS)
+        if rows and (missing := [column for column in COLUMNS[name][: OLDEST[name]] if column not in rows[0]]):
+            raise ValueError(f"{file}: lacks {', '.join(missing)}. {CURE}")
+    return tables
 
 
 def measures_of(
