@@ -39,6 +39,7 @@ COLUMNS = {
 }  # fmt: skip
 RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not measured here
 SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
+OLDEST = {"regions": 9, "crests": 9, "hinges": 10, "arms": 7}           # first columns, which all versions wrote
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
 SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
@@ -179,11 +180,12 @@ def _entry(m: Measures) -> dict[str, Any]:
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
     """The tables of an analysis by their names, each with as many rows as its summary says; older ones say nothing."""
-    rows = summary.get("rows", {})
-    return {
-        name: read_table(file, WORDS, rows.get(name), numbers=set(COLUMNS[name]) - WORDS)
-        for name, file in files.items()
-    }
+    counts, tables = summary.get("rows", {}), {}
+    for name, file in files.items():
+        rows = tables[name] = read_table(file, WORDS, counts.get(name), numbers=set(COLUMNS[name]) - WORDS)
+        if rows and (missing := [column for column in COLUMNS[name][: OLDEST[name]] if column not in rows[0]]):
+            raise ValueError(f"{file}: lacks {', '.join(missing)}. {CURE}")
+    return tables
 
 
 def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
