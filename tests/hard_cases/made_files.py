@@ -216,7 +216,8 @@ def _scene_and_run(folder, add):
     run = made_simulation(folder / "run", "radial", RADIAL)
     for name in ("health.json", "scene.toml", "stages/g1.20/stage.json", "stages/g1.20/files.json"):
         add(f"run/{name}", lambda path: (is_finished(run.path, run.scene, True), run.health, _but_a_scene(path)))
-    add("stage.json", lambda path: read_cortex(path.parent), run.path / "stages" / "g1.20" / "stage.json")
+    bare = lambda path: replace(read_cortex(path.parent), inputs=())      # whose digests tell any two files apart
+    add("stage.json", bare, run.path / "stages" / "g1.20" / "stage.json")
 
 
 def _but_a_scene(path):
