@@ -102,6 +102,12 @@ class Ground:
         for name, value in asdict(scales).items():
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive length in mm, got {value!r}.")
+        least, most = 0.1 * self.meter.edge, 10 * self.meter.area**0.5
+        if not least <= scales.width <= most:
+            raise ValueError(
+                f"{self.sheet.name}: gyri {scales.width:.4g} wide do not fit a surface with edges of "
+                f"{self.meter.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
+            )
         return scales
 
     def fields(self, scales: GyralScales) -> Fields:

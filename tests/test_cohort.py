@@ -226,11 +226,17 @@ def lost_surface(folder, other):
     (folder / "surf" / "lh.pial").unlink()
 
 
-def lost_list(folder, other):
-    (folder / ".morphofold").write_text("")
+def test_a_subject_whose_list_of_files_is_damaged_fails_alone(three, tmp_path, quick):
+    out = tmp_path / "out"
+    measured(three, out)
+    folder = out / "subjects" / "ben"
+    (folder / ".morphofold").write_text("")                             # what is in the folder is then somebody's
+    kept = (folder / "summary.json").read_bytes()
+    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "failed", "cleo": "reused"}
+    assert (folder / "summary.json").read_bytes() == kept
 
 
-@pytest.mark.parametrize("change", [another_number, exchanged, lost_surface, lost_list])
+@pytest.mark.parametrize("change", [another_number, exchanged, lost_surface])
 def test_results_that_are_not_as_they_were_written_are_measured_anew(three, tmp_path, quick, capsys, change):
     out = tmp_path / "out"
     measured(three, out)

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 from xml.parsers.expat import ExpatError
 
@@ -290,3 +291,28 @@ def test_a_name_of_255_bytes_is_written(tmp_path):
     with atomic_file(path) as temporary:
         temporary.write_text("ours")
     assert (path.read_text(), len(os.fsencode(path.name))) == ("ours", 254)
+
+
+# --- markers that nobody of ours wrote
+
+
+@pytest.mark.parametrize("marker", ["", "{", "[]", '{"files": "../victim"}', '{"files": [1]}', "[" * 100_000])
+def test_a_damaged_marker_makes_no_file_ours(tmp_path, marker):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / ".morphofold").write_text(marker)
+    (out / "summary.json").write_text("somebody's")
+    with pytest.raises(FileExistsError, match=re.escape(str(out / "summary.json"))), atomic_folder(out) as folder:
+        (folder / "summary.json").write_text("ours")
+    assert (out / "summary.json").read_text() == "somebody's"
+
+
+def test_what_lies_behind_a_link_is_not_removed(tmp_path):
+    out, store = tmp_path / "out", tmp_path / "store"
+    with atomic_folder(out) as folder:
+        (folder / "maps").mkdir()
+        (folder / "maps" / "lh.H").write_text("ours")
+    (out / "maps").rename(store)
+    (out / "maps").symlink_to(store)
+    remove_folder(out)
+    assert (store / "lh.H").read_text() == "ours"

@@ -6,6 +6,7 @@ import os
 import pytest
 
 from morphofold.cli import main, parser
+from morphofold.io import sample_path
 
 #: a call of every command that is refused for what it names, so that none begins to work
 CALLS = {
@@ -129,3 +130,12 @@ def made(here):
     (here / "made" / "surf").mkdir(parents=True)
     write_surface(here / "made" / "surf" / "lh.white", cortex.white)
     write_surface(here / "made" / "surf" / "lh.pial", cortex.pial)
+
+
+@pytest.mark.parametrize("words", [["--gyral-width", "1e300"], ["--gyral-width", "1e-300"], ["--gyral-width", "1e-6"],
+                                   ["--curvature-scale", "1e-300"], ["--thickness-cap", "1e-320"]])  # fmt: skip
+def test_lengths_that_no_cortex_has_are_refused(here, capsys, words):
+    subject = str(sample_path("fsaverage5"))
+    assert main(["analyze", subject, "--hemi", "lh", "-o", "out", "--no-report", "-q", *words]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (here / "out").exists()

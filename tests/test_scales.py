@@ -1,6 +1,8 @@
 """One curvature scale and one net width for a cohort: chosen once, kept, and left where a mesh does not bear it."""
 
 import json
+import os
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from made_cohort import HereFleet, participants, quick_measure, write_subject
 from morphofold.analysis.measures import measure, scale_of_curvature
 from morphofold.cli import main
 from morphofold.cohort import scales
-from morphofold.cohort.scales import FILE, MOST, Scales, curvature_scale, look, scales_of, with_scales
+from morphofold.cohort.scales import FILE, MOST, Scales, curvature_scale, kept_scales, look, scales_of, with_scales
 from morphofold.io import read_cortex
 
 
@@ -140,3 +142,21 @@ def test_lengths_are_told_as_they_are_taken():
         assert length * (1 - 1e-8) <= up <= 1.01 * length
         assert near == pytest.approx(length, rel=0.005)
         assert f"{up:g}" == f"{float(f'{up:.3g}'):g}"
+
+
+def test_scales_that_are_no_file_or_no_lengths_are_refused(tmp_path):
+    place = tmp_path / "scales.json"
+    for text in ('{"curvature_scale_mm": true, "gyral_width_mm": 9.0, "hemispheres": 1}',
+                 '{"curvature_scale_mm": 1e300, "gyral_width_mm": 9.0, "hemispheres": 1}',
+                 '{"curvature_scale_mm": 3.0, "gyral_width_mm": 9.0, "hemispheres": "x"}'):  # fmt: skip
+        place.write_text(text)
+        with pytest.raises(ValueError, match=re.escape(str(place))):
+            kept_scales(tmp_path)
+    place.unlink()
+    place.symlink_to("nowhere")
+    with pytest.raises((OSError, ValueError), match=re.escape(str(place))):
+        kept_scales(tmp_path)
+    place.unlink()
+    os.mkfifo(place)
+    with pytest.raises(ValueError, match=re.escape(str(place))):
+        kept_scales(tmp_path)

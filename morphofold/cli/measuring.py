@@ -33,6 +33,7 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+SHORTEST, LONGEST = 1e-9, 1e9           # of what may be meant for a length, in any unit
 SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
 
 
@@ -59,7 +60,7 @@ def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
     cap, go without saying, so that those of older runs stay. Raises ``ValueError`` for what is no length."""
     for option in ("--curvature-scale", "--gyral-width", "--thickness-cap"):
         length = getattr(args, option[2:].replace("-", "_"))
-        if length is not None and not 0 < length < float("inf"):
+        if length is not None and not SHORTEST <= length <= LONGEST:
             raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
     asked: dict[str, Any] = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
     asked |= {} if args.thickness_cap is None else {"thickness_cap_mm": args.thickness_cap}

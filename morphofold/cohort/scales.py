@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
+from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.records import strict_json
 
 if TYPE_CHECKING:
@@ -36,6 +37,14 @@ class Scales:
     def words(self) -> str:
         width = "" if self.gyral_width_mm is None else f", gyral width of the net {self.gyral_width_mm:g} mm"
         return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({FILE})"
+
+
+class _Kept(Record):
+    """``scales.json``."""
+
+    curvature_scale_mm: Length
+    gyral_width_mm: Length | None
+    hemispheres: Count
 
 
 def scales_of(
@@ -121,16 +130,10 @@ def with_scales(options: Mapping[str, Any], scales: Scales | None) -> dict[str, 
 def kept_scales(out: Path) -> Scales | None:
     """The scales of an earlier run, None if there was none; raises ``ValueError`` if they are damaged."""
     path = out / FILE
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
-    try:
-        scales = Scales(**json.loads(path.read_text(encoding="utf-8")))
-        lengths = [x for x in (scales.curvature_scale_mm, scales.gyral_width_mm) if x is not None]
-        if not lengths or not all(isinstance(x, float | int) and 0 < x < float("inf") for x in lengths):
-            raise ValueError("a scale is no length")
-    except (OSError, ValueError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path}: not as morphofold writes it ({error}). Remove it, and run again.") from error
-    return scales
+    found = read_json(path, _Kept, "Remove it, and run again.")
+    return Scales(**{field.name: found[field.name] for field in fields(Scales)})
 
 
 def _digits(length: float, how: Callable[[Any], Any]) -> float:

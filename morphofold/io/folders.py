@@ -15,6 +15,8 @@ from pathlib import Path
 from morphofold.io.files import StrPath, atomic_file, naming
 
 MARKER = ".morphofold"  # in every folder that atomic_folder made, with a list of what it wrote and may replace
+WITHOUT_LIST = b"morphofold wrote this folder"      # how markers of earlier versions begin
+MOST_LISTED = 2**26     # bytes of a marker
 COLLECTION = ".morphofold-collection"   # in folders that results of many are added to, which nothing replaces
 
 
@@ -89,12 +91,28 @@ def _raise(error: OSError) -> None:
 
 
 def _listed(folder: Path) -> set[str] | None:
-    """What ``atomic_folder`` wrote in a folder; None where it left no list."""
-    try:
-        names = json.loads((folder / MARKER).read_text(encoding="ascii"))["files"]
-        return {name for name in names if not os.path.isabs(name) and ".." not in Path(name).parts}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    """What ``atomic_folder`` wrote in a folder: nothing if the list is damaged, None if a version without lists did."""
+    marker = folder / MARKER
+    if marker.is_symlink() or not marker.is_file():
         return None
+    with marker.open("rb") as file:
+        raw = file.read(MOST_LISTED + 1)
+    if raw.startswith(WITHOUT_LIST):
+        return None
+    try:
+        names = json.loads(raw)["files"] if len(raw) <= MOST_LISTED else []
+    except (ValueError, KeyError, TypeError, RecursionError):
+        names = []
+    whole = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    return {name for name in names if _is_inside(folder, name)} if whole else set()
+
+
+def _is_inside(folder: Path, name: str) -> bool:
+    """Whether a name is of a place in the folder, behind no link."""
+    if "\0" in name or os.path.isabs(name) or ".." in Path(name).parts:
+        return False
+    inside = Path(name).parent
+    return os.path.realpath(folder / inside) == os.path.join(os.path.realpath(folder), *inside.parts)
 
 
 def _bring(old: Path, new: Path, out: Path) -> None:
