@@ -20,7 +20,7 @@ ROUGH = 0.005           # of the mean edge, above which rounding is remarked on:
 
 
 def check_edges(cortex: Cortex, why_not: str = "") -> None:
-    """Refuse triangles that are no surface: more than two at an edge, some flipped, or torn from their neighbours.
+    """Refuse triangles that are no surface: more than two at an edge, flipped on both or one, or torn from neighbours.
 
     ``why_not`` is why they could not be repaired, if that was tried.
 
@@ -31,6 +31,12 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     """
     tried = f" Repair leaves it so: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
+    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+        raise ValueError(
+            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles run one way round on white and the other "
+            f"on pial; the first is triangle {unlike[0]}, at {_place(cortex, int(cortex.faces[unlike[0], 0]))}. Turn "
+            f"those of one surface.{tried}"
+        )
     pair, count = _mesh.edges_and_counts(cortex.faces)
     if len(crowded := pair[count > 2]):
         i, j = crowded[0].tolist()

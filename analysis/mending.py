@@ -1,7 +1,8 @@
 """Faults of triangles that have one cure, mended on white and pial together before they are measured.
 
-Flipped triangles and pieces that are inside out, edges that more than two triangles share, seams that are torn,
-triangles that are there twice or name a vertex twice. What has no such cure stays as it is, for ``faults`` to refuse.
+Flipped triangles, on both surfaces or one, and pieces that are inside out, edges that more than two triangles share,
+seams that are torn, triangles that are there twice or name a vertex twice. What has no such cure stays as it is, for
+``faults`` to refuse.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ Done = dict[str, tuple[int, int]]
 
 DEBRIS = 0.005          # of the pial area, below which a piece that parting sheets cut off is left out
 WORDS = {               # what is mended, by the name of its number
+    "repaired_unlike_triangles": "triangles of pial turned to run as those of white",
     "repaired_flat_triangles": "triangles left out that name a vertex twice",
     "repaired_seam_vertices": "vertices of torn seams joined with another at the same place",
     "repaired_double_triangles": "triangles left out that are there twice",
@@ -123,6 +125,8 @@ def mended(cortex: Cortex) -> Mended:
     do, and closed pieces that are inside out, white within pial, as a whole. Needles and caps stay: measures bear them.
     """
     done: Done = {}
+    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+        done["repaired_unlike_triangles"] = len(unlike), int(cortex.faces[unlike[0], 0])
     faces, at = _whole(cortex, done)
     if len(faces) == 0:
         return as_given(cortex, "no triangle is left")
@@ -141,11 +145,10 @@ def mended(cortex: Cortex) -> Mended:
         return as_given(cortex, "a piece of the surface has one side only, as a Moebius strip")
     if flipped.any():
         faces = np.where(flipped[:, None], faces[:, ::-1], faces)
-    if 2 * len(joined) == faces.size:
-        inside_out = _inside_out(cortex, faces, owner)
+    inside_out = _inside_out(cortex, faces, owner, joined)
+    if inside_out.any():
         flipped ^= inside_out
-        if inside_out.any():
-            faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
+        faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
     if flipped.any():
         done["repaired_flipped_triangles"] = int(flipped.sum()), int(owner[faces[flipped][0, 0]])
     return _mended(cortex, faces, at, owner, done) if done else as_given(cortex)
@@ -239,11 +242,14 @@ def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
     return hung[piece] & (area[piece] < np.minimum(DEBRIS * area.sum(), largest[body]))
 
 
-def _inside_out(cortex: Cortex, faces: Faces, owner: Ints) -> Bools:
+def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces that enclose less than nothing, white no more of it than pial."""
     piece = _mesh.components(len(owner), faces)[1]
     inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
     wrong: Bools = (outer <= inner) & (inner < 0)                       # the walls of cavities have more of it
+    alone = np.ones(faces.size, dtype=bool)
+    alone[joined] = False
+    wrong[piece[faces.ravel()[alone]]] = False                          # a piece with a border encloses nothing
     return wrong[piece[faces[:, 0]]]
 
 

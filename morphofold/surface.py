@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +146,12 @@ class Surface:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
 
 
+def _written_as(faces: Faces, other: Faces) -> Faces:
+    """The triangles of ``other``, on the same vertices as ``faces``, from the same corner on; turned ones reversed."""
+    same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
+    return np.where(same[:, None], faces, faces[:, ::-1])
+
+
 def _as_array(values: Any) -> Any:
     """Numbers in sequences as an array; what is none as it is, for ``check_arrays`` to tell."""
     if not isinstance(values, list | tuple):
@@ -182,7 +188,8 @@ class Cortex:
     Parameters
     ----------
     white, pial : Surface
-        Inner and outer cortical surface [mm]; equal faces.
+        Inner and outer cortical surface [mm]; equal faces. Those of pial may begin at another corner, and are then
+        written as white's; or run the other way round, which ``measure`` mends, or refuses.
     hemi : {"lh", "rh"}
         FreeSurfer spelling.
     name : str
@@ -245,11 +252,15 @@ class Cortex:
                 f"{self.name}: white ({self.white.name}) has {n_white} vertices and pial ({self.pial.name}) has "
                 f"{n_pial}; vertex i of one must belong to vertex i of the other. Were they taken from two subjects?"
             )
-        if not np.array_equal(self.white.faces, self.pial.faces):
+        if np.shape(self.white.faces) != np.shape(self.pial.faces) or not np.array_equal(
+            np.sort(self.white.faces, axis=1), np.sort(self.pial.faces, axis=1)
+        ):
             raise ValueError(
                 f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
                 "but different faces, so vertices cannot be matched. Take both from one reconstruction."
             )
+        if not np.array_equal(self.white.faces, self.pial.faces):
+            object.__setattr__(self, "pial", replace(self.pial, faces=_written_as(self.white.faces, self.pial.faces)))
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels

@@ -248,3 +248,37 @@ def test_what_vtk_leaves_of_a_real_surface_is_a_sphere():
     assert crowded(thin) > 0
     mend = measurable(thin)
     assert (_mesh.euler_characteristic(mend.cortex.faces), _mesh.is_closed(mend.cortex.faces)) == (2, True)
+
+
+@pytest.mark.parametrize("turned", [[7], slice(None)], ids=["one", "all"])
+def test_triangles_that_run_the_other_way_on_pial_alone_change_no_number(turned):
+    cortex = clean()[0]
+    faces = cortex.faces.copy()
+    faces[turned] = faces[turned][:, ::-1]
+    unlike = replace(cortex, pial=replace(cortex.pial, faces=np.roll(faces, 1, axis=1)))
+    mend = mended(unlike)
+    assert mend.numbers == {"repaired_unlike_triangles": len(cortex.faces[turned])}
+    np.testing.assert_array_equal(mend.cortex.white.faces, cortex.faces)
+    np.testing.assert_array_equal(mend.cortex.pial.faces, cortex.faces)
+    with pytest.raises(ValueError, match="one way round on white and the other on pial"):
+        measurable(unlike, repair=False)
+
+
+def test_triangles_that_begin_at_another_corner_on_pial_are_the_same():
+    cortex = clean()[0]
+    rolled = replace(cortex, pial=replace(cortex.pial, faces=np.roll(cortex.faces, 1, axis=1)))
+    assert mended(rolled).numbers == {}
+    np.testing.assert_array_equal(rolled.pial.faces, cortex.faces)
+
+
+def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
+    verts, ball = icosphere(3)
+    open_piece = ball[verts[ball].mean(axis=1)[:, 2] < 0.5]
+    faces = np.concatenate([open_piece, ball[:, ::-1] + len(verts)])
+    both = np.concatenate([verts, verts + [4.0, 0, 0]])
+    center = np.repeat([[0.0, 0, 0], [4.0, 0, 0]], len(verts), axis=0)
+    mend = mended(Cortex(Surface(40 * both, faces), Surface(42 * both - 2 * center, faces)))
+    assert mend.numbers == {"repaired_flipped_triangles": len(ball)}
+    np.testing.assert_array_equal(mend.cortex.faces[: len(open_piece)], faces[: len(open_piece)])
+    assert checks.signed_volumes(mend.cortex.white.verts, mend.cortex.faces[len(open_piece):],
+                                 np.zeros(mend.cortex.n_vertices, dtype=np.int64))[0] > 0  # fmt: skip
