@@ -104,7 +104,7 @@ def test_cut_runs(known, holds):
     assert_sound(holds, every_tenth(known, RUN), 300)
 
 
-def as_it_is(path, words, count):
+def as_it_is(path, words, count, *, numbers):
     with path.open(newline="") as file:
         return list(csv.DictReader(file, delimiter="\t"))
 

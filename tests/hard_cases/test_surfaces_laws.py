@@ -157,9 +157,10 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
 
 
 def by_edges(patch):
-    """Curvature within three edges, whatever scale is asked for."""
-    fitted = _curvature.curvature
-    patch.setattr(_curvature, "curvature", lambda verts, faces, scale=None: fitted(verts, faces))
+    """Folding indices of curvature smoothed over three edges, whatever scale is asked for."""
+    smoothed = folding.folding_indices
+    three = lambda verts, faces, scale: smoothed(verts, faces, 3 * _mesh.mean_edge_length(verts, faces))
+    patch.setattr(folding, "folding_indices", three)
 
 
 @examples(3, 12)
