@@ -6,18 +6,17 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from skfem import MeshHex
 
-from morphofold.sim.elements import kernels
 from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.meshes.bilayer import Bilayer
+from morphofold.sim.surface_filter import SurfaceFilter
 
 Array = NDArray[np.float64]
 
-FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times edge length, for quads and triangles
+FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
 SAFETY = 1.5               # nodal mass over the least that keeps a step of one stable
 
 
@@ -64,6 +63,9 @@ class Body:
         Share of the growth that the core takes, isotropically; 0 unless an effect sets it.
     viscosity : float
         Damping ratio of the fastest waves that the mass leaves room for; 0 unless an effect sets it.
+    cell : float
+        Size of a cell of the pial surface at the last measurement: the root of their mean area, two triangles to a
+        cell [mm].
     mass : (N,) float64
         Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what bounds on the stiffness ask for.
     crossing : float
@@ -106,11 +108,12 @@ class Body:
         self.viscosity = 0.0
         self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)                                # round-off only; see kernels.advance
-        self.filter = SurfaceFilter(self, FILTER[bilayer.faces.shape[1]] * mu_cortex)
+        area = surface_area(self.X, bilayer.faces)
+        self.filter = SurfaceFilter(bilayer, self.X, FILTER[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area))
         self.update_state(self.X)
         above = bilayer.share > 0
         density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
-        thickness = self.elements.volume[: self.elements.n_cortex].sum() / self.filter.area
+        thickness = self.elements.volume[: self.elements.n_cortex].sum() / area
         self.crossing = float(thickness * np.sqrt(density / mu_cortex))
 
     @property
@@ -125,7 +128,9 @@ class Body:
 
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighed by ``pattern``; the core takes its share."""
-        self.elements.grow(self._stretch(g), 1 + (g - 1) * self.core_share)
+        stretch = self._stretch(g)
+        self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
+        self.filter.grow(float(np.mean(stretch)))
         self.growth = g
 
     def _stretch(self, g: float) -> Array:
@@ -147,71 +152,16 @@ class Body:
         share = (1 + self.viscosity**2) ** 0.5 - self.viscosity         # of the step, left by a lagging dashpot
         factor = 0.25 * max(SAFETY, 1.25 / share**2)                    # a step of one is stable if K <= 4 M
         self.mass *= factor
-        self.filter.update(x)
         self.mass[: self.n_surface] += factor * self.filter.stiffness
+        self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
+
+    def _cell_of(self, area: float) -> float:
+        faces = self.bilayer.faces
+        return float(np.sqrt(area / (len(faces) if faces.shape[1] == 4 else len(faces) / 2)))
 
 
-class SurfaceFilter:
-    """A weak fourth-order stiffness of the pial surface against zigzags of the size of one cell.
-
-    Energy ``c h/2 sum_i w_i |(L L u)_i|^2`` with u = x - X, L u the mean of the neighbours minus the node and h the
-    present cell size. It is of order h^4 for a smooth surface and stops the saw-teeth that elements under
-    extreme compression fall into. Beyond a symmetry plane stand the mirror images of the neighbours; w halves there.
-    """
-
-    def __init__(self, body: Body, strength: float):
-        faces, n = body.bilayer.faces, body.n_surface
-        ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-        pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
-        cut = body.on_plane[:n]
-        beyond = cut[pairs[:, 0]] & ~cut[pairs[:, 1]]                   # (P, 3): the neighbour's image across a plane
-        weight = 2.0 ** beyond.sum(axis=1)
-        count = np.bincount(pairs[:, 0], weight, n)
-        inside = sparse.diags(0.5 ** cut.sum(axis=1))
-
-        def bending(values: Array) -> sparse.csr_matrix:
-            shares = sparse.csr_matrix((values / count[pairs[:, 0]], (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-            L = shares - sparse.identity(n)
-            return sparse.csr_matrix((L @ L).T @ inside @ (L @ L))
-
-        even = bending(weight)
-        self._B = [even] * 3
-        for axis in {plane.axis for plane in body.bilayer.planes}:      # this component changes sign in the mirror
-            self._B[axis] = bending(np.where(beyond[:, axis], 0.0, weight))
-        self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
-        odd = [sparse.coo_matrix(B - even) for B in self._B]
-        joined = [np.concatenate([getattr(D, name) for D in odd]) for name in ("row", "col", "data")]
-        self._even = even.indptr, even.indices, even.data
-        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
-        self._faces, self._strength = faces, strength
-        self._X = body.X[:n].copy()
-        self._u = np.zeros((n, 3))
-        self.update(self._X)
-
-    def update(self, x: Array) -> None:
-        """Refresh the area, and the cell size h, the root of the mean area of a cell (two triangles), at ``x``."""
-        p = x[self._faces]
-        last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
-        self.area = 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())
-        cells = len(self._faces) if p.shape[1] == 4 else len(self._faces) / 2
-        self.h = float(np.sqrt(self.area / cells))
-
-    @property
-    def stiffness(self) -> Array:
-        """Row sums of the filter's stiffness matrix (S,), an upper bound of its eigenvalues."""
-        return self._strength * self.h * self._row_sum
-
-    def forces(self, x: Array, out: Array | None = None) -> Array:
-        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), into ``out`` if that is given."""
-        out = np.empty_like(self._X) if out is None else out
-        kernels.filter_forces(*self._even, *self._odd, x, self._X, self._strength * self.h, self._u, out)
-        return out
-
-    def energy(self, x: Array) -> float:
-        """Energy of the filter at positions ``x``: half the work of its forces on the way back, as it is quadratic."""
-        forces = self.forces(x)
-        return -0.5 * float(np.sum(forces * self._u))
-
-    def matrix(self, axis: int) -> sparse.csr_matrix:
-        """Stiffness (S, S) of one component at the present cell size."""
-        return self._strength * self.h * self._B[axis]
+def surface_area(x: Array, faces: NDArray[np.int64]) -> float:
+    """Area of quads, as half the product of their diagonals, or of triangles, at positions ``x`` (N, 3) [mm^2]."""
+    p = x[faces]
+    last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
+    return 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())

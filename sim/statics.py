@@ -312,7 +312,6 @@ class _Path:
         self._before: tuple[float, Array] | None = None                 # the equilibrium that it came from
         self._rows = np.flatnonzero(body.free)
         self._tangent = Tangent(body)
-        body.filter.update(x)
         self._dissection = Dissection(body.X, self._tangent.graph(), self._rows, self._stiffness(x))
         self._factor: list[Factor] = []                                 # the last one, shared along the path
         self._volume = np.repeat(body.nodal_volumes(), 3)[self._rows]
@@ -374,7 +373,6 @@ class _Path:
         raise FloatingPointError("no part of a Newton step brings the body closer to rest")
 
     def _residual(self, x: Array) -> Array:
-        self.body.filter.update(x)
         forces = self.body.forces(x)
         forces[: self.body.n_surface] += self.body.filter.forces(x)
         free = forces.ravel()[self._rows]

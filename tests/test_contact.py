@@ -132,12 +132,12 @@ def test_a_symmetry_plane_acts_as_the_mirror_image():
     body.update_state(body.X)
     x, extra = body.X.copy(), np.zeros((body.n_surface, 3))
     node = int(np.argmin(np.abs(body.X[: body.n_surface] - 50 / 3**0.5).sum(axis=1)))
-    x[node, 0] = 0.1 * GAP * body.filter.h
+    x[node, 0] = 0.1 * GAP * body.cell
     planes.add_forces(body, x, np.zeros_like(x), extra)
     assert extra[node, 0] > 0
     assert np.count_nonzero(extra) == 1
     assert planes.record()["pressed"] == 1
-    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP * body.filter.h)
+    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP * body.cell)
 
 
 # two flat walls, face to face

@@ -182,8 +182,6 @@ def test_surface_filter_of_a_part_is_that_of_the_whole(rng):
     x, y = part.X.copy(), whole.X.copy()
     x[:n] += u
     y[: whole.n_surface] += both
-    for body in (part, whole):
-        body.filter.h = 1.0
     mine, want = part.filter.forces(x), whole.filter.forces(y)
     inside = [where[tuple(np.round(p, 9) + 0.0)] for p in part.X[:n]]
     halved = 0.5 ** part.on_plane[:n].sum(axis=1, keepdims=True)         # a node on a plane belongs to both halves

@@ -383,7 +383,7 @@ def test_tangential_growth_without_a_thickness_direction_is_refused_where_the_co
 def test_two_triangles_of_the_surface_make_one_cell():
     """The cell size, by which contact and filter go, is that of the bricks that the tetrahedra were cut from."""
     bricks = bilayer_sphere(50, 3, 25, "octant", 8)
-    h = [Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic").filter.h
+    h = [Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic").cell
          for bilayer in (bricks, cut_bricks(bricks))]  # fmt: skip
     assert h[1] == pytest.approx(h[0], rel=5e-3)
     assert h[0] == pytest.approx((4 * np.pi * 50**2 / (6 * 8**2)) ** 0.5, rel=0.01)

@@ -271,13 +271,13 @@ class Contact(Effect):
         self._paired_at = np.full((n, 3), np.inf)
         self._push, self._weight = np.zeros((n, 3)), np.zeros((n, 3))
         self._depth, self._energy = np.zeros(n), np.zeros(n)
-        self._h = body.filter.h
+        self._h = body.cell
         self.searches = 0
 
     def refresh(self, run) -> None:
         body, x = run.body, run.state.x
         n = body.n_surface
-        self._h = body.filter.h
+        self._h = body.cell
         radius = SEARCH * self._h
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:

@@ -49,7 +49,7 @@ class Symmetry(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = 0, 0.0
         for (axis, at, side), held in self._planes:
-            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * contact.GAP * body.filter.h, extra)
+            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * contact.GAP * body.cell, extra)
             self._pressed += count
             self._energy += energy
 

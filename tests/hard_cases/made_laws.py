@@ -6,7 +6,7 @@ import numpy as np
 from hard_cases.made_solver import body_of
 from skfem import MeshHex
 
-from morphofold.sim.body import Body, SurfaceFilter
+from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import Effect, contact
 from morphofold.sim.effects.contact import Contact
@@ -16,6 +16,7 @@ from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import kernels
 from morphofold.sim.elements.kernels import WIDTH
 from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.surface_filter import SurfaceFilter
 
 
 def moved(bilayer, rotation, shift):
@@ -104,9 +105,9 @@ def gap_in_mm(patch):
     refresh = Contact.refresh
 
     def typed(self, run):
-        kept, run.body.filter.h = run.body.filter.h, 1.0
+        kept, run.body.cell = run.body.cell, 1.0
         refresh(self, run)
-        run.body.filter.h = kept
+        run.body.cell = kept
 
     patch.setattr(Contact, "refresh", typed)
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from skfem import MeshHex
 
-from morphofold.sim.body import Body, SurfaceFilter
+from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
@@ -24,6 +24,7 @@ from morphofold.sim.run import RELAXATION
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.speed import cut_bricks
+from morphofold.sim.surface_filter import SurfaceFilter
 from morphofold.sim.surfaces import whole_surfaces
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
@@ -266,10 +267,8 @@ def no_images(patch):
     """The filter of a surface that symmetry planes cut ends at them."""
     begin = SurfaceFilter.__init__
 
-    def cut(self, body, strength):
-        kept, body.on_plane = body.on_plane, np.zeros_like(body.on_plane)
-        begin(self, body, strength)
-        body.on_plane = kept
+    def cut(self, bilayer, X, strength, cell):
+        begin(self, dataclasses.replace(bilayer, planes=()), X, strength, cell)
 
     patch.setattr(SurfaceFilter, "__init__", cut)
 
