@@ -162,7 +162,7 @@ def walls(distance, *, n=9, mass=1.0, aside=0.0, reference=40.0):
             faces=np.concatenate([quads, quads[:, ::-1] + n * n]), edge=1.0, planes=(Plane(0, 0.0, 1),),
         ),
         n_surface=2 * n * n, X=pair(reference), mass=np.broadcast_to(mass, 2 * n * n).astype(float),
-        filter=SimpleNamespace(h=1.0),
+        cell=1.0,
     )  # fmt: skip
     x = pair(distance)
     x[: n * n] += shift
@@ -174,7 +174,7 @@ def halved(body):
     n = body.n_surface // 2
     return SimpleNamespace(
         bilayer=SimpleNamespace(mesh=SimpleNamespace(p=body.X[:n].T), planes=body.bilayer.planes),
-        n_surface=n, mass=body.mass[:n], filter=body.filter,
+        n_surface=n, mass=body.mass[:n], cell=body.cell,
     )  # fmt: skip
 
 

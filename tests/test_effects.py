@@ -478,7 +478,7 @@ def test_contact_keeps_the_walls_of_a_sulcus_from_passing_through_each_other():
     for effects in ((), (Contact(), Symmetry())):
         body, run = folding_strip(0.5, *effects, mu_cortex=1.0)
         depth = []                                                      # in mean edges
-        for g in (1.4, 1.5):
+        for g in (1.4, 1.55):
             run.grow_to(g)
             depth.append(self_intersections(whole_surfaces(body, run.state.x)[1]).deepest_share)
         deepest.append(max(depth))
