@@ -131,7 +131,7 @@ def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     base = int(faces.max()) + 1
     key, count = np.unique(low * base + high, return_counts=True)
@@ -158,7 +158,7 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     """
     n, pair = len(verts), edges(faces)
     key = pair[:, 0] * n + pair[:, 1]                                   # ascending, as edges are
-    a, b, c = faces.T
+    a, b, c = faces.T.astype(np.int64)
     ab, bc, ca = (
         n + np.searchsorted(key, np.minimum(i, j) * n + np.maximum(i, j)) for i, j in ((a, b), (b, c), (c, a))
     )

@@ -58,7 +58,7 @@ def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid)
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -83,7 +83,7 @@ def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
     net = irregular_net(cells, seed=5, shortest=0.12)                   # arms from 6.5 mm
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -95,7 +95,7 @@ def test_a_mesh_of_uneven_density_changes_nothing():
     net = regular_net("dodecahedron").rotated(Rotation.random(random_state=4).as_matrix())
     away, angles, lengths = errors(gyral_graph(ridged_net(net, (verts, faces), 6.0)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -190,7 +190,7 @@ def test_large_irregular_nets_are_exact_at_every_resolution(width, level, noise)
         return
     away, angles, lengths = errors(graph, net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
