@@ -190,7 +190,7 @@ def measure(
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask) | plausibility.remarks(cortex)
+    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
 
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     crossing, crossed = faults.self_crossings(cortex, mask)
