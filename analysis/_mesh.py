@@ -105,6 +105,13 @@ def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
     return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
 
 
+def used(n: int, faces: Faces) -> NDArray[np.bool_]:
+    """True (n,) where a face uses the vertex."""
+    found = np.zeros(n, dtype=bool)
+    found[faces] = True
+    return found
+
+
 def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
     """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
     used, renamed = np.unique(faces, return_inverse=True)
@@ -220,8 +227,7 @@ def is_closed(faces: Faces) -> bool:
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 where no face uses the vertex."""
     label = csgraph.connected_components(adjacency(n, faces), directed=False)[1]
-    used = np.zeros(n, dtype=bool)
-    used[faces] = True
+    has_faces = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
-    names, piece[used] = np.unique(label[used], return_inverse=True)
+    names, piece[has_faces] = np.unique(label[has_faces], return_inverse=True)
     return len(names), piece

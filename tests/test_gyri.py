@@ -1,5 +1,6 @@
 """The gyral graph on spheres with ridges along known nets: every hinge and crest, no other, where they are."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -213,3 +214,20 @@ def test_nine_in_ten_hinges_of_a_brain_are_found_again_on_a_coarser_mesh(vertice
     one, other = (np.array([hinge.position for hinge in hinges(g)]) for g in (graph, gyral_graph(coarse, width=width)))
     assert found_again(one, other, 0.5 * width) > 0.9
     assert found_again(other, one, 0.5 * width) > 0.9
+
+
+def test_the_net_does_not_depend_on_the_numbers_of_vertices(rng):
+    """Borders of basins run midway between vertices, so the nearest one is a matter of numbers. Lengths: conjugate
+    gradients stop at 1e-4."""
+    cortex = read_cortex(sample_path("fsaverage5"))
+    one = gyral_graph(cortex)
+    for _ in range(3):
+        order = rng.permutation(cortex.n_vertices)
+        faces = np.argsort(order)[cortex.faces]
+        white, pial = (replace(s, verts=s.verts[order], faces=faces) for s in (cortex.white, cortex.pial))
+        label = cortex.cortex[order]
+        other = gyral_graph(replace(cortex, white=white, pial=pial, cortex=label, regions=None, maps={}, inflated=None))
+        assert (len(other), other.size()) == (len(one), one.size())
+        assert sorted(d for _, d in other.degree()) == sorted(d for _, d in one.degree())
+        lengths = [sum(length for *_, length in g.edges(data="length")) for g in (one, other)]
+        assert lengths[1] == pytest.approx(lengths[0], rel=1e-3)

@@ -10,7 +10,9 @@ import nibabel as nib
 import numpy as np
 import pytest
 
+from morphofold.analysis.measures import Measures
 from morphofold.io import cortices, read_cortex, sample_path, write_morph, write_surface
+from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -128,6 +130,16 @@ def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
     (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
     with pytest.raises(ValueError, match=r"summary\.json: surfaces\.0\.portion: .*got 7\. Analyze"):
         read_cortex(tmp_path)
+
+
+def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
+    cortex = read_cortex(sample_path("fsaverage5"))
+    regions = replace(cortex.regions, name="aparc.a2009s")
+    write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
+    assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
+    (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
+    with pytest.raises(FileNotFoundError, match=r"no label/lh\.aparc\.a2009s\.annot"):
+        read_cortex(tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", ["rh.white", "sub-01_hemi-R_white.surf.gii", "100307.R.white.surf.gii"])

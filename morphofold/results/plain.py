@@ -27,7 +27,7 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.io.json_files import read_json
+from morphofold.io.json_files import file_word, read_json
 from morphofold.records import strict_json
 from morphofold.results.summary import (
     COLUMNS,
@@ -36,7 +36,6 @@ from morphofold.results.summary import (
     Summary,
     checked_inputs,
     entries_of,
-    file_word,
     measures_of,
     read_tables,
     scalar_rows,

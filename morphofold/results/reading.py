@@ -10,11 +10,11 @@ from typing import Any
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
+from morphofold.io.json_files import file_word
 from morphofold.records import records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain, sized_map
-from morphofold.results.summary import file_word
 from morphofold.surface import Cortex, PerVertex, Surface
 
 
