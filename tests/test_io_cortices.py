@@ -241,6 +241,7 @@ def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
         (STATS.replace("1534567.890123", "nan").encode(), {"surface_holes"}),
         (STATS.replace("1534567.890123", "-3").encode(), {"surface_holes"}),
         (STATS.replace("1534567.890123", "1e999").encode(), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,").encode(), set()),
         (STATS.replace(" 23,", " many,").encode(), {"etiv_mm3"}),
         (STATS[: STATS.index("23,") + 1].encode(), set()),              # cut within a number
         (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),

@@ -100,6 +100,7 @@ class Summary(Record):
     inputs: list[InputRecord]
     parameters: dict[str, Any]
     rows: dict[str, Count] = {}                                         # older ones say none
+    written: dict[str, str] = {}        # digests of surfaces, maps and tables, of the plain layout
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
 
