@@ -105,6 +105,13 @@ def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
     return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
 
 
+def used(n: int, faces: Faces) -> NDArray[np.bool_]:
+    """True (n,) where a face uses the vertex."""
+    found = np.zeros(n, dtype=bool)
+    found[faces] = True
+    return found
+
+
 def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
     """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
     used, renamed = np.unique(faces, return_inverse=True)
@@ -131,7 +138,7 @@ def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     base = int(faces.max()) + 1
     key, count = np.unique(low * base + high, return_counts=True)
@@ -158,7 +165,7 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     """
     n, pair = len(verts), edges(faces)
     key = pair[:, 0] * n + pair[:, 1]                                   # ascending, as edges are
-    a, b, c = faces.T
+    a, b, c = faces.T.astype(np.int64)
     ab, bc, ca = (
         n + np.searchsorted(key, np.minimum(i, j) * n + np.maximum(i, j)) for i, j in ((a, b), (b, c), (c, a))
     )
@@ -220,8 +227,7 @@ def is_closed(faces: Faces) -> bool:
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 where no face uses the vertex."""
     label = csgraph.connected_components(adjacency(n, faces), directed=False)[1]
-    used = np.zeros(n, dtype=bool)
-    used[faces] = True
+    has_faces = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
-    names, piece[used] = np.unique(label[used], return_inverse=True)
+    names, piece[has_faces] = np.unique(label[has_faces], return_inverse=True)
     return len(names), piece

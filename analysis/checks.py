@@ -17,6 +17,7 @@ PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation t
 APART = 0.05            # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
 SAME = 1e-3             # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
 LABELLED = 0.01         # of the vertices: a cortex label that holds fewer is none
+MOSTLY = 0.5            # of a piece with a border, outside pial: that many are not by mistakes of reconstruction
 ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
 
 
@@ -82,10 +83,11 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
 
 
 def check_surfaces(cortex: Cortex) -> None:
-    """Refuse two surfaces that can not be measured as one cortex: swapped or inside out if closed, or of two."""
+    """Refuse two surfaces that can not be measured as one cortex: swapped or inside out, or of two."""
     if _mesh.is_closed(cortex.faces):
         check_sides(cortex)
     check_pair(cortex)
+    check_open_pieces(cortex)
 
 
 def check_sides(cortex: Cortex) -> None:
@@ -168,6 +170,44 @@ def check_pair(cortex: Cortex) -> None:
             f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
             "hemisphere of one person."
         )
+
+
+def check_open_pieces(cortex: Cortex) -> None:
+    """Refuse a piece with a border, which encloses nothing, if white lies outside pial on most of it."""
+    pair, count = _mesh.edges_and_counts(cortex.faces)
+    if not len(border := pair[count == 1]):
+        return
+    piece = _mesh.components(cortex.n_vertices, cortex.faces)[1] + 1        # 0: vertices that no triangle has
+    share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
+    for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
+        raise ValueError(
+            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
+            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces run clockwise seen "
+            "from outside, or white and pial were swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
+        )
+
+
+def outside(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where white lies outside pial, by the normals of both."""
+    apart = cortex.pial.verts - cortex.white.verts
+    out = [np.einsum("ij,ij->i", apart, _mesh.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    return np.maximum(*out) < 0
+
+
+def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Vector (3,) [mm] by which pial is moved off white as a whole, on the cortex ``mask`` (N,) of closed surfaces.
+
+    The one shift that leaves least, in squares over the area, of what parts vertices i of the two *along* the surface,
+    which no thickness does, however uneven. On an open piece it may: from a wall to a crown all go one way.
+    """
+    normal = sum(_mesh.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    area = mask * sum(_mesh.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
+    apart = cortex.pial.verts - cortex.white.verts
+    along = apart - np.einsum("ij,ij->i", apart, normal)[:, None] * normal
+    tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
+    found: NDArray[np.float64] = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
+    return found
 
 
 def volume(surface: Surface) -> float:

@@ -15,7 +15,8 @@ WARNINGS = (
     "self_crossing", "thickness_file", "thickness_unlike", "thickness_cap", "curvature_scale", "gyral_width",
 )  # fmt: skip
 THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
-OUTSIDE = 0.01          # of the cortex: people have 0.0002 at most outside pial, 0.015 when it is shifted by 2 mm
+OUTSIDE = 0.01          # of the cortex: people have 0.0002 at most outside pial
+SHIFTED = 0.3           # of the distance of white and pial, that pial is moved by; people have 0.07, by 2 mm 0.56
 ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
@@ -68,13 +69,20 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         )
 
 
-def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
+def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None) -> dict[str, str]:
     """Notes ``mesh`` (vertices, pieces, borders, rounding, thin triangles), ``crossing``: white lies outside pial, and
-    ``pair``: at so many vertices that the two are hardly of one cortex."""
+    ``pair``: at so many vertices, or so far moved off it, that the two are hardly of one cortex.
+
+    ``given``: the cortex with the vertices that no triangle uses, if these were left out.
+    """
     told = []
     pieces, piece = _mesh.components(cortex.n_vertices, cortex.faces)
-    if unused := np.count_nonzero(piece < 0):
-        told.append(f"{unused} of {cortex.n_vertices} vertices belong to no triangle, and have no values.")
+    whole = given or cortex
+    if unused := np.count_nonzero(~_mesh.used(whole.n_vertices, whole.faces)):
+        told.append(
+            f"{unused} of {whole.n_vertices} vertices belong to no triangle, and have no values; vertices are numbered "
+            "without them in other remarks."
+        )
     if pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
@@ -107,11 +115,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
                 "them, other tools may not."
             )
     notes = {"mesh": " ".join(told)} if told else {}
-    apart = cortex.pial.verts - cortex.white.verts
-    outward = [
-        np.einsum("ij,ij->i", apart, _mesh.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)
-    ]
-    if len(crossed := np.flatnonzero(mask & (np.maximum(*outward) < 0))):
+    if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         notes["crossing"] = (
             f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex, the first "
             f"of them vertex {crossed[0]}, at {_place(cortex, crossed[0])}: thickness there is a distance without sign."
@@ -121,6 +125,15 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_]) -> dict[str, str]:
             f"White lies outside pial at {len(crossed) / np.count_nonzero(mask):.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one frame."
         )
+    elif _mesh.is_closed(cortex.faces):
+        moved = checks.shift(cortex, mask)
+        far = float(np.linalg.norm(moved))
+        apart = float(np.median(np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)[mask]))
+        if far > SHIFTED * apart:
+            notes["pair"] = (
+                f"Pial is moved off white by about {far:.2g} {cortex.units} as a whole, by {checks.place_of(moved)}, "
+                f"where the two are {apart:.2g} apart. Take both from one reconstruction, in one frame."
+            )
     return notes
 
 

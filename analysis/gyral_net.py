@@ -20,6 +20,7 @@ from morphofold.analysis.watershed import Watershed
 from morphofold.analysis.ways import way_graph
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
+EQUAL = 1e-6            # relative: distances that are the same but for rounding
 STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
 WEAK = 0.15             # and the share of it below which one is none
 
@@ -122,7 +123,7 @@ class Ground:
         basin = fields.flood.basins(persistence(fields.D, scales.persistence))
         net = borders(meter.verts, meter.faces, meter.pairs, basin, fields.flood.finest)
         if self.masked:
-            net.keep(lambda points: self.inside[self.tree.query(points)[1]])
+            net.keep(lambda points: np.all(self.inside[_nearest(self.tree, points)], axis=1))
         least = _drop_weak(net, fields.band, self.tree)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, scales.smoothing)
@@ -135,9 +136,19 @@ class Ground:
         return net
 
 
+def _nearest(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The vertex (P, 2) nearest to each point, and the other one where two are equally near, else the first again.
+
+    Borders of basins run midway between vertices: which of the two is found first is a matter of their numbers.
+    """
+    away, vertex = tree.query(points, k=2)
+    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL) * away[:, 0], vertex[:, 1], vertex[:, 0])
+    return vertex.astype(np.int64)
+
+
 def _drop_weak(net: Net, band: PerVertex, tree: cKDTree) -> float:
     """Take weak crests out of the net; the strength that is the least."""
-    strength = {name: float(np.median(band[tree.query(arc.points)[1]])) for name, arc in net.arcs.items()}
+    strength = {name: float(np.median(band[_nearest(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()}
     if not strength:
         return 0.0
     order = sorted(strength, key=lambda name: strength[name])

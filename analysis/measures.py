@@ -149,9 +149,9 @@ def measure(
     ValueError
         If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
         a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
-        pial or all but coincides with it, the two are of two cortices, the cortex label is next to empty, no vertex is
-        cortex, the surfaces lie in a plane, or
-        ``curvature_scale`` does not fit the mesh.
+        pial, lies outside it on most of an open piece, or all but coincides with it, the two are of two cortices, the
+        cortex label is next to empty, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not
+        fit the mesh.
 
     Notes
     -----
@@ -190,7 +190,7 @@ def measure(
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask) | plausibility.remarks(cortex)
+    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
 
     closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
     crossing, crossed = faults.self_crossings(cortex, mask)

@@ -83,29 +83,36 @@ class Mended:
         """The measures in the numbers of the given vertices, so that maps fit the files that were read.
 
         A vertex that was joined with another has the values of that one, one that was left out has none, and one that
-        was parted has those of the sheet that holds most of its triangles. The triangles are the mended ones; those
-        that pinched an edge do so again, since parting them takes vertices that the files have not.
+        was parted has those of the sheet that holds most of its triangles. Of areas a vertex that was joined has 0 and
+        one that was parted the sum, so that sums stay. The triangles are the mended ones; those that pinched an edge do
+        so again, since parting them takes vertices that the files have not.
         """
         if self.cortex is self.of:
             return measures
         faces = self.twin[self.cortex.faces]
-        white, pial = (replace(s, faces=faces) for s in (self.of.white, self.of.pial))
-        maps = {name: np.where(self.place < 0, np.nan, values[self.place]) for name, values in measures.maps.items()}
+        given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated")}
+        surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
+        maps = {name: values[self.place] for name, values in measures.maps.items()}
+        maps["area"] = np.bincount(self.twin, measures.maps["area"], self.of.n_vertices).astype(np.float64)
+        maps = {name: np.where(self.place < 0, np.nan, values) for name, values in maps.items()}
         if measures.graph is not None:
             for _, node in measures.graph.nodes(data=True):
                 node["vertex"] = int(self.twin[node["vertex"]])
             for *_, crest in measures.graph.edges(data=True):
                 crest["vertices"] = self.twin[crest["vertices"]]
         hinges = [{**row, "vertex": int(self.twin[row["vertex"]])} for row in measures.hinges]
-        return replace(measures, cortex=replace(self.of, white=white, pial=pial), maps=maps, hinges=hinges)
+        return replace(measures, cortex=replace(self.of, **surfaces), maps=maps, hinges=hinges)
 
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
-    """The cortex mended, unless ``repair`` is not wanted; raises ``ValueError`` if it can not be measured then."""
+    """The cortex mended, unless ``repair`` is not wanted, and without vertices that no triangle uses; raises
+    ``ValueError`` if it can not be measured then."""
     mend = mended(cortex) if repair else as_given(cortex)
     checks.cortex_mask(mend.cortex)
     faults.check_edges(mend.cortex, mend.why_not)
     checks.check_surfaces(mend.cortex)
+    if mend.cortex is mend.of and not _mesh.used(cortex.n_vertices, cortex.faces).all():
+        return _mended(cortex, cortex.faces, mend.place, mend.twin, {})
     return mend
 
 
@@ -254,10 +261,8 @@ def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bool
 
 
 def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> Mended:
-    """The cortex of these faces, without the vertices that none of them uses any more."""
-    gone = np.zeros(len(owner), dtype=bool)
-    gone[cortex.faces] = True
-    gone[faces] = False
+    """The cortex of these faces, without the vertices that none of them uses."""
+    gone = ~_mesh.used(len(owner), faces)
     twin, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
     white, pial = (replace(s, verts=s.verts[twin], faces=number[faces]) for s in (cortex.white, cortex.pial))
     there = replace(

@@ -21,6 +21,11 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file in a folder and below, by its path from there."""
+    return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Of the files whose digests are ``known``, by names, those that are missing or other ones now."""
     return [name for name, digest in known.items() if name not in files or not _is(files[name], digest)]
@@ -28,7 +33,7 @@ def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[s
 
 def _is(path: Path, digest: str) -> bool:
     try:
-        return sha256_of(path) == digest
+        return path.is_file() and sha256_of(path) == digest
     except OSError:
         return False
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
+from morphofold.records import digests
 from morphofold.sim.folder_check import (
     ANEW,
     as_lines,
     check_finished,
     check_inputs,
     check_stages,
-    digests,
     inputs_of,
     is_temporary,
     read_health,

@@ -195,11 +195,6 @@ def scene_digest(folder: Path) -> str:
 # stages ------------------------------------------------------------------------------------------------------
 
 
-def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file in a folder and below, by its path from there."""
-    return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
-
-
 def read_stage(out: Path, g: float) -> dict[str, Any]:
     """``stage.json`` of the stage at growth ``g``, once its files are found as they were written.
 

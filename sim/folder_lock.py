@@ -30,9 +30,13 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
     ------
     FileExistsError
         If another run holds it, in this process or in another.
+    NotADirectoryError
+        If ``folder`` is a file, or a link to nothing.
     ValueError
         If a link or a device lies in the place of the lock.
     """
+    if os.path.lexists(folder) and not folder.is_dir():                 # mkdir's own error reads as a held lock's
+        raise NotADirectoryError(f"{folder}: is no folder, so nothing can be written there. Move it away.")
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -9,14 +9,14 @@ import pytest
 import morphofold.sim
 from morphofold.accuracy import study as study_module
 from morphofold.accuracy.bodies import FINEST
-from morphofold.accuracy.folds import MESH
+from morphofold.accuracy.folds import MESH, grown
 from morphofold.accuracy.points import OURS, Case, Point
 from morphofold.accuracy.study import Kept, circumstances
 from morphofold.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.cli import main
 from morphofold.report.accuracy_page import PARTS, read_study, text_answers, write_page
 from morphofold.report.accuracy_page import main as write
-from morphofold.report.accuracy_report import expected_errors, write_study
+from morphofold.report.accuracy_report import SHOWS, expected_errors, write_study
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
 PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}
@@ -69,6 +69,26 @@ def test_a_case_is_done_once_and_gives_the_same_points_when_read_again(tmp_path)
     again = Kept(tmp_path, made).points(Case("one", work))
     assert first == again == [measuring_point(1000)]
     assert len(calls) == 1
+
+
+@pytest.mark.parametrize("text", [
+    "", "[]", '{"points": 5}', '{"points": [{}]}', '{"points": [{"half": 5}]}', '{"points": [{"brain": "x"}]}',
+    json.dumps({"points": [{**measuring_point(1000).as_row(), "size": "many"}]}),
+    json.dumps({"points": [{**measuring_point(1000).as_row(), "seconds": None}]}),
+    json.dumps({"points": [{**measuring_point(1000).as_row(), "half": None}]}), "[" * 10**5,
+])  # fmt: skip
+def test_a_damaged_case_is_refused_with_its_name(tmp_path, text):
+    kept = Kept(tmp_path, {})
+    (kept.folder / "one.json").write_text(text)
+    with pytest.raises(ValueError, match=str(kept.folder / "one.json")):
+        kept.points(Case("one", lambda: pytest.fail("done anew")))
+
+
+@pytest.mark.parametrize("content", [b"", b"x" * 100, b"PK\x05\x06" + bytes(18)])
+def test_damaged_folds_are_refused_with_their_name(tmp_path, content):
+    (tmp_path / "folds.npz").write_bytes(content)
+    with pytest.raises(ValueError, match=str(tmp_path / "folds.npz")):
+        grown(FINEST, tmp_path / "folds.npz")
 
 
 def test_a_case_of_another_machine_is_done_anew(tmp_path):
@@ -297,12 +317,17 @@ def test_half_a_study_makes_no_page(points, page, tmp_path, capsys):
     assert page.read_text() == before
 
 
+_STUDY: dict[str, object] = {"shows": SHOWS, "made": {}, "halves": [], "files": [], "errors": None}
+
+
 def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
     assert write([str(tmp_path), str(page)]) == 2
-    assert "summary.json: no such file" in capsys.readouterr().err
-    (tmp_path / "summary.json").write_text('{"shows": "folds"}')
-    assert write([str(tmp_path), str(page)]) == 2
-    assert "is of something else" in capsys.readouterr().err
+    assert "summary.json" in capsys.readouterr().err
+    for content in ("", "[]", '{"shows": "folds"}', json.dumps({**_STUDY, "shows": "folds"}),
+                    json.dumps({**_STUDY, "files": 5})):  # fmt: skip
+        (tmp_path / "summary.json").write_text(content)
+        assert write([str(tmp_path), str(page)]) == 2
+        assert "summary.json" in capsys.readouterr().err
 
 
 def test_the_command_refuses_before_it_works(tmp_path, capsys):

@@ -1,6 +1,7 @@
 """A cohort: each subject by itself, done once, done anew where something changed; tables that say it all."""
 
 import csv
+import errno
 import json
 import os
 import shutil
@@ -402,11 +403,42 @@ def test_a_damaged_number_in_a_table_is_told_and_measured_anew(three, tmp_path, 
 
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", '{"key": "a"}', '{"key": 1, "failures": {}, "results": true}', "[" * 10**5,
-             '{"key": "a", "failures": {"lh": 5}, "results": false}', "\ud800"],
+             '{"key": "a", "failures": {"lh": 5}, "results": false}', "\ud800",
+             '{"key": "a", "failures": {}, "results": true, "files": {}}',
+             '{"key": "a", "failures": {}, "results": false, "files": {}}'],
 )  # fmt: skip
 def test_a_damaged_record_is_none(tmp_path, text):
     (tmp_path / "anna.json").write_bytes(text.encode("utf-8", "surrogatepass"))
     assert tasks.read_record(tmp_path / "anna.json") == {}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_for_a_record_is_none_and_waits_for_nobody(tmp_path):
+    os.mkfifo(tmp_path / "anna.json")
+    assert tasks.read_record(tmp_path / "anna.json") == {}
+
+
+@pytest.mark.parametrize("there", ["file", "link to nothing"])
+def test_where_records_can_not_be_nobody_is_waited_for(three, tmp_path, quick, monkeypatch, there):
+    out = tmp_path / "out"
+    out.mkdir()
+    if there == "file":
+        (out / "records").write_text("mine")
+    else:
+        (out / "records").symlink_to(tmp_path / "nowhere")
+    monkeypatch.setattr(tasks.time, "sleep", lambda seconds: pytest.fail("waited"))
+    outcome = participant.measure_participant(participants(three[:1], out)[0])
+    assert outcome.state == "failed"
+    assert str(out / "records") in outcome.failures[""]
+
+
+def test_a_full_disk_is_told_in_words(three, tmp_path, quick, monkeypatch):
+    def full(*args, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "out" / "x"))
+
+    monkeypatch.setattr("morphofold.results.write_analysis", full)
+    outcome = participant.measure_participant(participants(three[:1], tmp_path / "out")[0])
+    assert outcome.failures == {"": f"{tmp_path / 'out' / 'x'}: {os.strerror(errno.ENOSPC)}."}
 
 
 def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):

@@ -45,6 +45,18 @@ def test_a_lock_is_never_taken_on_what_a_link_points_to(tmp_path):
     assert (folder / LOCK).is_symlink()
 
 
+@pytest.mark.parametrize("there", ["file", "link to nothing"])
+def test_what_is_no_folder_is_told_as_such_and_not_as_held(tmp_path, there):
+    folder = tmp_path / "run"
+    if there == "file":
+        folder.write_text("mine")
+    else:
+        folder.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(NotADirectoryError, match=str(folder)), alone(folder):
+        pytest.fail("held")
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
 def test_a_killed_process_holds_nothing(tmp_path):
     folder = tmp_path / "run"
     code = (

@@ -7,7 +7,7 @@ from fast_simplification import simplify
 from morphofold import shapes
 from morphofold.analysis import folding_indices, vertex_areas
 from morphofold.analysis.folding import angle_defects
-from morphofold.io import read_surface, sample_path
+from morphofold.io import read_cortex, read_surface, sample_path
 
 
 def exact(shape):
@@ -68,7 +68,7 @@ def test_thinning_a_brain_to_half_its_vertices_hardly_moves_the_indices():
 @pytest.mark.slow
 def test_thinning_a_person_to_a_quarter_of_the_vertices_hardly_moves_the_indices():
     """At 3 mm, 1.7 edges of the thinnest."""
-    white = read_surface(sample_path("S1") / "surf" / "lh.white")
+    white = read_cortex(sample_path("S1"), hemi="lh").white
     verts = (white.verts - white.verts.mean(axis=0)).astype(np.float32)
     one = folding_indices(white.verts, white.faces, 3.0)
     for vertices, least in ((80_000, 0.03), (40_000, 0.07)):
@@ -76,6 +76,13 @@ def test_thinning_a_person_to_a_quarter_of_the_vertices_hardly_moves_the_indices
         assert other.intrinsic_curvature_index == pytest.approx(one.intrinsic_curvature_index, rel=0.03)
         assert other.folding_index == pytest.approx(one.folding_index, rel=least)
         assert other.total == pytest.approx(1, abs=0.02)
+
+
+def test_faces_of_32_bits_as_files_hold_them_are_those_of_64():
+    """Keys of the edges of 163,842 vertices need more."""
+    verts, faces = shapes.icosphere(7, 50.0)
+    one, other = (folding_indices(verts, faces.astype(kind), 2.0) for kind in (np.int32, np.int64))
+    assert one == other
 
 
 def test_a_border_and_an_unused_vertex_have_no_defect():

@@ -201,7 +201,7 @@ def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
     (tmp_path / "subjects").mkdir()
     for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):
         write_analysis([made_measures(name=name, origin=origin)], results[name], report=False)
-        write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True)
+        write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True, files={"report.html": "0"})
     assert write_tables(tmp_path, tmp_path, results).simulated == 1
 
 

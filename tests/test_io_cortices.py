@@ -10,7 +10,9 @@ import nibabel as nib
 import numpy as np
 import pytest
 
+from morphofold.analysis.measures import Measures
 from morphofold.io import cortices, read_cortex, sample_path, write_morph, write_surface
+from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -130,6 +132,16 @@ def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
         read_cortex(tmp_path)
 
 
+def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
+    cortex = read_cortex(sample_path("fsaverage5"))
+    regions = replace(cortex.regions, name="aparc.a2009s")
+    write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
+    assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
+    (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
+    with pytest.raises(FileNotFoundError, match=r"no label/lh\.aparc\.a2009s\.annot"):
+        read_cortex(tmp_path / "out")
+
+
 @pytest.mark.parametrize("name", ["rh.white", "sub-01_hemi-R_white.surf.gii", "100307.R.white.surf.gii"])
 def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
     cortex = read_cortex(sample_path("fsaverage5"), hemi="rh")
@@ -229,6 +241,7 @@ def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
         (STATS.replace("1534567.890123", "nan").encode(), {"surface_holes"}),
         (STATS.replace("1534567.890123", "-3").encode(), {"surface_holes"}),
         (STATS.replace("1534567.890123", "1e999").encode(), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,").encode(), set()),
         (STATS.replace(" 23,", " many,").encode(), {"etiv_mm3"}),
         (STATS[: STATS.index("23,") + 1].encode(), set()),              # cut within a number
         (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),

@@ -136,6 +136,20 @@ def test_regions_that_the_format_cannot_hold_are_refused(tmp_path, colours, labe
     assert os.listdir(tmp_path) == []
 
 
+def test_of_regions_of_one_colour_the_first_is_read_and_can_be_written(tmp_path):
+    colours = np.array([[9, 9, 9], [1, 1, 1], [1, 1, 2]], dtype=np.uint8)
+    write_annotation(tmp_path / "lh.a.annot", Regions(np.array([0, 1, 2, 1]), ("a", "b", "c"), colours))
+    data = (tmp_path / "lh.a.annot").read_bytes()
+    (other, same), zero = (np.array(colour, ">i4").tobytes() for colour in ([1, 1, 2], [1, 1, 1])), bytes(4)
+    assert data.count(other + zero) == 1
+    (tmp_path / "lh.b.annot").write_bytes(data.replace(other + zero, same + zero))
+    regions = read_annotation(tmp_path / "lh.b.annot")
+    assert regions.names == ("a", "b")
+    assert regions.labels.tolist() == [0, 1, -1, 1]                     # the colour of c is in the table no more
+    write_annotation(tmp_path / "lh.c.annot", regions)
+    assert read_annotation(tmp_path / "lh.c.annot").names == ("a", "b")
+
+
 def test_regions_come_back_from_gifti_whatever_their_names(tmp_path, fsaverage5):
     names = ("???", "a&b <c>", "", *fsaverage5.regions.names[3:])
     labels = np.where(fsaverage5.pial.verts[:, 2] > 0, fsaverage5.regions.labels, -1)

@@ -249,6 +249,38 @@ def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
     assert m.scalars["wavelength_mm"] == pytest.approx(2 * area / contour, rel=0.02)
 
 
+def test_an_open_sheet_that_is_inside_out_or_swapped_is_refused():
+    """Repair cannot tell the two."""
+    whole = shell(3)
+    faces = whole.faces[whole.white.verts[whole.faces].mean(axis=1)[:, 2] > 0]
+    white, pial = (replace(s, faces=faces) for s in (whole.white, whole.pial))
+    assert measure(Cortex(white, pial)).scalars["mean_cortical_thickness_mm"] == pytest.approx(3.0, rel=0.02)
+    for turned in ([replace(s, faces=faces[:, ::-1]) for s in (white, pial)], [pial, white]):
+        with pytest.raises(ValueError, match=r"outside pial .* at 100% of the piece of vertex \d+, which has a border"):
+            measure(Cortex(*turned))
+
+
+def test_vertices_that_no_triangle_uses_change_no_number():
+    """The same places once more, as joined seams leave them."""
+    cortex = read_cortex(sample_path("fsaverage5"))
+    n, again = cortex.n_vertices, np.arange(0, cortex.n_vertices, 20)
+    twice = lambda values: np.concatenate([values, values[again]])
+    white, pial = (replace(s, verts=twice(s.verts)) for s in (cortex.white, cortex.pial))
+    more = replace(
+        cortex, white=white, pial=pial, inflated=None,
+        maps={name: twice(values) for name, values in cortex.maps.items()}, cortex=twice(cortex.cortex),
+        regions=replace(cortex.regions, labels=twice(cortex.regions.labels)),
+    )  # fmt: skip
+    without, found = measure(cortex), measure(more)
+    assert found.scalars == without.scalars
+    assert found.regions == without.regions
+    assert found.parameters == without.parameters
+    assert f"{len(again)} of {n + len(again)} vertices" in found.notes["mesh"]
+    for name, values in found.maps.items():
+        np.testing.assert_array_equal(values[:n], without.maps[name])
+        assert np.isnan(values[n:]).all()
+
+
 def test_surfaces_that_are_inside_out_swapped_or_the_same_are_refused():
     good = shell(3)
     turned = [Surface(s.verts, s.faces[:, ::-1], s.name) for s in (good.white, good.pial)]

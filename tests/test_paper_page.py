@@ -39,10 +39,13 @@ def out(tmp_path):
         write_table(folder / f"{name}.tsv", list(rows[name][0]), rows[name])
         (folder / f"{name}.png").write_bytes(png_bytes(np.full((40, 60, 3), 90, dtype=np.uint8)))
     figures = {
-        name: {"files": [f"{name}.png", f"{name}.tsv"], "simulations": [{**TOLD, "healthy": True, "warnings": []}]}
+        name: {
+            "shows": "", "files": [f"{name}.png", f"{name}.tsv"],
+            "simulations": [{**TOLD, "healthy": True, "warnings": []}],
+        }
         for name in rows
-    }
-    figures["fig4"] = {"files": []}
+    }  # fmt: skip
+    figures["fig4"] = {"shows": "", "files": []}
     (folder / "summary.json").write_text(json.dumps({"figures": figures}))
     return folder
 

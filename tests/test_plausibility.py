@@ -8,7 +8,7 @@ import pytest
 from commands import refused
 
 from morphofold import shapes
-from morphofold.analysis import faults, measure, plausibility
+from morphofold.analysis import checks, faults, measure, plausibility
 from morphofold.analysis.checks import check_pair, cortex_mask
 from morphofold.io import read_cortex, sample_path, write_surface
 from morphofold.surface import Cortex, Surface
@@ -71,8 +71,19 @@ def test_white_and_pial_that_do_not_belong_together_are_told(average, labelled, 
     assert told(moved(cortex, place, ["pial"])) == {"pair"}
 
 
-def test_a_shift_of_two_millimetres_is_told_on_a_person(person):
-    assert told(moved(person, lambda v: v + [2, 0, 0], ["pial"])) == {"pair"}
+@pytest.mark.parametrize("shift", [(2, 0, 0), (0, 2, 0), (0, 0, 2), (0, 0, -2)])
+def test_a_shift_of_two_millimetres_is_told(average, person, shift):
+    for cortex in (average, person):
+        assert told(moved(cortex, lambda v: v + shift, ["pial"])) == {"pair"}
+
+
+def test_the_shift_of_pial_is_found_and_an_uneven_thickness_is_none(average):
+    there = moved(average, lambda v: v + [1, 2, -3], ["pial"])
+    moves = [checks.shift(c, cortex_mask(average)) for c in (average, there)]
+    np.testing.assert_allclose(moves[1] - moves[0], [1, 2, -3], atol=0.05)
+    verts, faces = shapes.icosphere(4)
+    thick = Cortex(Surface(40 * verts, faces), Surface((45 + 4 * verts[:, :1]) * verts, faces))
+    assert np.linalg.norm(checks.shift(thick, np.ones(len(verts), dtype=bool))) < 0.05 * 5
 
 
 def test_one_surface_given_twice_is_refused_whatever_its_rounding(average):

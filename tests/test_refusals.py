@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from pathlib import Path
 
 import pytest
 
@@ -104,6 +105,33 @@ def test_folders_that_can_not_be_written_are_refused_alike(out, here, capsys):
     assert (here / "a-file").read_text() == "mine"
 
 
+@pytest.mark.parametrize("above", ["a-file", "a-file/more", "closed"])
+def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(above, here, capsys, made, monkeypatch):
+    (here / "a-file").write_text("mine")
+    (here / "closed").mkdir()
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "closed" and access(path, mode))
+    monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *_, **__: pytest.fail("measured"))
+    for argv in (["analyze", "made"], ["reproduce", "fig4"], ["bench", "cohort", "--subjects", "1", "--workers", "1"]):
+        refused([*argv, "-q", "-o", f"{above}/out"], capsys, here)
+    assert above.partition("/")[0] in refused(["compare", "a=nowhere", "-q", "-o", f"{above}/out"], capsys, here)
+
+
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize("argv", [
+    ["analyze", LONG], ["analyze", "made", "-o", LONG], ["analyze", "made", "--annot", LONG], [LONG],
+    ["analyze", "made", "-o", "/".join(["y" * 200] * 30)], ["analyze", "made", "--annot", "x " * 5000],
+    ["analyze", "-s", LONG, "--sd", "."], ["compare", LONG], ["simulate", "radial", "--set", f"{LONG}=1"],
+    ["simulate", "radial", "--budget", LONG], ["sweep", "radial", "--vary", f"{LONG}=1"], ["reproduce", LONG],
+    ["bench", "folds", "-o", "out", "--levels", LONG], ["cohort", LONG], ["theory", LONG],
+], ids=lambda argv: " ".join(argv)[:30])  # fmt: skip
+def test_what_is_long_is_not_told_whole(argv, here, capsys, made):
+    assert main(argv) == 2
+    assert len(capsys.readouterr().err) < (4100 if " " in argv[-1] else 1300)
+
+
 @pytest.mark.parametrize("argv", [
     ["analyze", "made", "--threads", "0"], ["analyze", "made", "--threads", "-1"],
     ["analyze", "made", "--curvature-scale", "nan"], ["analyze", "made", "--gyral-width", "inf"],
@@ -139,3 +167,15 @@ def test_lengths_that_no_cortex_has_are_refused(here, capsys, words):
     assert main(["analyze", subject, "--hemi", "lh", "-o", "out", "--no-report", "-q", *words]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (here / "out").exists()
+
+
+def test_where_compiled_code_can_not_be_kept_a_folder_is_asked_for(here, capsys, monkeypatch):
+    def imported(args):
+        from numba import njit
+        from numba.core.caching import CacheImpl
+
+        monkeypatch.setattr(CacheImpl, "_locator_classes", [])         # as in a container that can't be written
+        njit(cache=True)(lambda: 0)
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", imported)
+    assert "NUMBA_CACHE_DIR" in refused(["scenes"], capsys, here)

@@ -6,7 +6,7 @@ import pytest
 from made_simulations import harmonic, made_simulation, settle
 
 from morphofold.cli import main
-from morphofold.report import paper_folds, paper_theory
+from morphofold.report import paper, paper_folds, paper_theory
 from morphofold.sim.folder import Simulation
 from morphofold.sim.scene_file import load_scene
 
@@ -174,21 +174,24 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     (here / "out" / "summary.json").write_text("{")
     capsys.readouterr()
-    assert "summary.json: is no index of figures" in refused(capsys, "reproduce", "fig3", "-o", "out")
+    assert "summary.json: is not JSON" in refused(capsys, "reproduce", "fig3", "-o", "out")
 
 
 @pytest.mark.parametrize(
     ("index", "why"),
     [
-        ("[]", "no table of figures"),
-        ('{"figures": []}', "no table of figures"),
-        ('{"figures": {"fig4": {}}}', "fig4 has no list of files"),
-        ('{"figures": {"fig4": 3}}', "fig4 has no list of files"),
-        ('{"figures": {"fig4": {"files": [3]}}}', "fig4 has no list of files"),
-        ('{"figures": {"fig4": {"files": ["../thesis.txt"]}}}', "can't have a file '../thesis.txt'"),
-        ('{"figures": {"fig4": {"files": ["fig4/../../thesis.txt"]}}}', "can't have a file"),
-        ('{"figures": {"fig4": {"files": ["summary.json"]}}}', "can't have a file 'summary.json'"),
-        ("[" * 100_000, "recursion"),
+        ("[]", "no JSON object"),
+        ("{}", "figures"),
+        ('{"figures": []}', "figures"),
+        ('{"figures": {"fig4": {}}}', "figures.fig4"),
+        ('{"figures": {"fig4": 3}}', "figures.fig4"),
+        ('{"figures": {"fig4": {"shows": "", "files": [3]}}}', "figures.fig4.files.0"),
+        ('{"figures": {"fig4": {"shows": "", "files": [], "seconds": "x"}}}', "figures.fig4.seconds"),
+        ('{"figures": {"fig4": {"shows": "", "files": [], "simulations": [{}]}}}', "figures.fig4.simulations.0"),
+        ('{"figures": {"fig4": {"shows": "", "files": ["../thesis.txt"]}}}', "can't have a file '../thesis.txt'"),
+        ('{"figures": {"fig4": {"shows": "", "files": ["fig4/../../thesis.txt"]}}}', "can't have a file"),
+        ('{"figures": {"fig4": {"shows": "", "files": ["summary.json"]}}}', "can't have a file 'summary.json'"),
+        ("[" * 100_000, "nested"),
     ],
 )
 def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, why):
@@ -198,11 +201,37 @@ def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, 
     before = names(here / "out")
     capsys.readouterr()
     said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
-    assert "summary.json: is no index of figures" in said
+    assert "out/summary.json: " in said
     assert why in said
     assert grown == []
     assert names(here / "out") == before
     assert (here / "out" / "summary.json").read_text() == index
+
+
+def test_a_figure_that_was_changed_is_never_kept_as_drawn(here, capsys):
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    (here / "out" / "fig4.tsv").write_text("mine")
+    capsys.readouterr()
+    assert "out/fig4.tsv: " in refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    assert (here / "out" / "fig4.tsv").read_text() == "mine"
+    assert main(["reproduce", "fig4", "-o", "out"]) == 0
+    assert (here / "out" / "fig4.tsv").read_text() != "mine"
+
+
+def test_two_runs_into_one_folder_never_lose_a_figure(here, capsys, monkeypatch):
+    """The second begins while the first draws, and would keep only what was there before it."""
+    codes, draw = [], paper.REPRODUCTIONS["fig4"]
+
+    def slowly(folder, runs):
+        codes.append(main(["reproduce", "fig3", "-o", "out", "-q"]))
+        return draw(folder, runs)
+
+    monkeypatch.setitem(paper.REPRODUCTIONS, "fig4", slowly)
+    assert main(["reproduce", "fig4", "-o", "out", "-q"]) == 0
+    assert codes == [2]
+    assert "another run is writing here" in capsys.readouterr().err
+    assert {path.name for path in here.iterdir()} == {"out"}
+    assert (here / "out" / "fig4.tsv").is_file()
 
 
 def test_threads_that_cannot_be_had_are_refused_before_anything_is_written(here, grown, capsys):

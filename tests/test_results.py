@@ -137,6 +137,10 @@ def test_an_analysis_records_what_was_measured_and_not_what_is_there_now(subject
         assert {row["path"]: row["sha256"] for row in records}[str(pial)] == digest
     assert not is_analysis_of(out, replace(m.cortex, inputs=()), {})
     assert is_analysis_of(out, m.cortex, {})
+    with (out / "maps" / "lh.H").open("r+b") as file:                   # one value, of a file as long as before
+        file.seek(-3, 2)
+        file.write(b"\x01")
+    assert not is_analysis_of(out, m.cortex, {})
 
 
 def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):

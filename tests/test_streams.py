@@ -31,6 +31,15 @@ def test_a_line_stays_one_and_steers_no_terminal(text):
         assert line[1:-1].encode("ascii").decode("unicode_escape") == text
 
 
+@pytest.mark.parametrize("text", ["x" * 10**6, "\0" * 10**5, "x " * 10**5, "/".join(["y" * 200] * 20)])
+def test_of_what_is_long_both_ends_are_told(text):
+    line = one_line(f"from {text} to")
+    assert len(line) <= 4000
+    assert line.startswith("from ")
+    assert line.endswith(" to")
+    assert max(map(len, line.split())) <= 300
+
+
 def test_letters_of_all_languages_stay():
     assert one_line("Gehirn äöü 脳 мозг – 10 µm") == "Gehirn äöü 脳 мозг – 10 µm"
 

@@ -123,6 +123,10 @@ def test_what_cannot_be_varied_is_refused(vary, words):
         (["--seeds", "0"], "must be 1 or more"),
         (["--seeds", "2", "--vary", "seed=1,2"], "Leave one of them out"),
         (["--seeds", str(MOST_RUNS + 1)], "10,001 runs are more than 10,000"),
+        (["--seeds", "9" * 30], "runs are more than 10,000"),
+        (["--vary", "mu_ratio=1,nan"], "mu_ratio-nan: setting material.mu_ratio=nan"),
+        (["--vary", "mu_ratio=-inf,1e400"], "mu_ratio--inf: setting material.mu_ratio=-inf"),
+        (["--vary", f"mu_ratio={'9' * 400},1"], "material.mu_ratio"),
         (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], "is no length"),
     ],
 )
@@ -467,7 +471,7 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, p
         '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], '
         '"seconds": 1.5, "elements": 5, "steps": 7}'
     )
-    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
+    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
     read = read_run(here, point)
     assert read.measures == {"n_hinges": 30, "area_pial_mm2": 20_000.0, HINGES_PER_AREA: 1.5}
     assert read.notes == {"wavelength_mm": "no folds"}
@@ -489,7 +493,7 @@ def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_
     cortex = Cortex(white, pial, origin="simulation")
     folder = sweep.folder_of(here, point.name)
     write_analysis([Measures(cortex, {"n_hinges": 1, "area_pial_mm2": area}, {})], folder / "analysis", report=False)
-    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True)
+    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
     read = read_run(here, point)
     assert read.measures[OVER_FLAT] == pytest.approx(np.sqrt(2))
     assert (HINGES_PER_AREA in read.measures) == (scene == "patch")      # a section has no hinges

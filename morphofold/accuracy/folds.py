@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from morphofold import analysis
 from morphofold.accuracy.bodies import FINEST, SUBJECT, Setting
-from morphofold.accuracy.points import Point
+from morphofold.accuracy.points import ANEW, Point
 from morphofold.clock import working_seconds
 from morphofold.io import atomic_file
+from morphofold.io.files import decoding, existing_file
 from morphofold.sim.run import RELAXATION, Progress
 from morphofold.sim.surfaces import whole_surfaces
 from morphofold.surface import Surface
@@ -55,7 +56,7 @@ def grown(setting: Setting, kept: Path, tell: Progress = lambda share, text: Non
         arrays = _grow(setting, tell)
         with atomic_file(kept) as temporary, temporary.open("wb") as file:
             np.savez(file, **arrays)                                      # type: ignore[arg-type]
-    with np.load(kept) as arrays:
+    with decoding(kept, "folds of a study", ANEW), np.load(existing_file(kept, "file of folds")) as arrays:
         return {g: _folds(arrays, g) for g in STAGES}
 
 

@@ -13,6 +13,8 @@ from morphofold.clock import working_seconds
 
 OURS = "morphofold"
 EACH_OTHER = "each other"         # against which two peers are held that do the same
+ANEW = "Delete it, and run again."
+KINDS: dict[Any, Any] = {"str": str, "float": (int, float), "int": int}
 QUICK, LONG = 0.5, 5.0          # [s] below which work is repeated five times, and from which it is not repeated
 
 
@@ -82,6 +84,10 @@ class Point:
         """The point of a row, None being NaN; ``ValueError`` if it lacks a field, has one too many, or no number."""
         try:
             given: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+            for field in fields(Point):
+                value = given.get(field.name, field.default)
+                if isinstance(value, bool) or not isinstance(value, KINDS[field.type]):
+                    raise TypeError(f"{field.name} is no {field.type}")
             return Point(**given)
         except TypeError as error:
             raise ValueError(f"no point of a study of accuracy: {error}") from None

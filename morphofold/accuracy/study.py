@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,8 +14,9 @@ from typing import Any
 
 from morphofold import __version__
 from morphofold.accuracy.bodies import FINEST, PACED, Setting, axes
-from morphofold.accuracy.points import Case, Point
+from morphofold.accuracy.points import ANEW, Case, Point
 from morphofold.io import atomic_file
+from morphofold.io.json_files import Number, Record, read_json
 from morphofold.records import strict_json
 
 HALVES = ("measuring", "solver")
@@ -73,6 +73,12 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+class _Points(Record):
+    """A case that was done."""
+
+    points: list[dict[str, str | Number | None]]
+
+
 class Kept:
     """Cases that are done, in a folder of their own for each set of circumstances: times of others don't count."""
 
@@ -86,8 +92,12 @@ class Kept:
         if not file.exists():
             rows = [point.as_row() for point in case.work()]
             with atomic_file(file) as temporary:
-                temporary.write_text(strict_json(rows), encoding="utf-8")
-        return [Point.from_row(row) for row in json.loads(file.read_text(encoding="utf-8"))]
+                temporary.write_text(strict_json({"points": rows}), encoding="utf-8")
+        rows = read_json(file, _Points, ANEW)["points"]
+        try:
+            return [Point.from_row(row) for row in rows]
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}. {ANEW}") from None
 
 
 def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:

@@ -125,6 +125,9 @@ def _run(args: argparse.Namespace) -> int:
             raise
         if type(error).__name__ in ("UnstableError", "ConvergenceError"):      # not imported for the sake of --help
             return _fail(args.command, error, 1)
+        if isinstance(error, RuntimeError) and "no locator available" in str(error):          # numba's, of its cache
+            places = "neither the installed package nor the home folder can be written"
+            return _fail(args.command, f"compiled code can't be kept: {places}. Set NUMBA_CACHE_DIR to a folder.", 2)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
 

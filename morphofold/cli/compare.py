@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
+    from morphofold.io import refuse_foreign
     from morphofold.records import shown
     from morphofold.results import read_analysis, read_stages
 
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     colours = _by_name("--colour", [_colour(item) for item in args.colour])
     grown = _by_name("--growth", [_body(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
+    refuse_foreign(Path(args.out))                                      # before minutes of work, not after them
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
-import shutil
+import os
 import time
 from pathlib import Path
-from typing import Any
 
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
@@ -40,22 +38,28 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
     from morphofold import __version__
     from morphofold.cli.runs import Runs
-    from morphofold.io import atomic_folder
-    from morphofold.records import strict_json
+    from morphofold.io import atomic_folder, refuse_foreign
+    from morphofold.records import sha256_of, strict_json
+    from morphofold.report.indexes import keep_figures
     from morphofold.report.paper import REPRODUCTIONS
     from morphofold.report.paper_report import write_paper_report
+    from morphofold.sim.folder_lock import alone
 
     out = Path(args.out)
     runs = Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on."
-    with atomic_folder(out) as folder:
-        kept = _keep(out, folder, figures)
+    refuse_foreign(out)
+    place = Path(os.path.realpath(out))
+    # beside the folder, which is replaced: what another run draws meanwhile is not in what we keep
+    with alone(place.parent, f".{place.name}.lock"), atomic_folder(out) as folder:
+        kept = keep_figures(out, folder, FIGURES, figures)
         drawn = {}
         for name in figures:
             begun, growing = time.perf_counter(), runs.seconds_growing
             entry = REPRODUCTIONS[name](folder, runs)
             seconds = time.perf_counter() - begun - (runs.seconds_growing - growing)
-            drawn[name] = {"morphofold": __version__, "seconds": round(seconds, 2), **entry}
+            digests = {file: sha256_of(folder / file) for file in entry["files"]}
+            drawn[name] = {"morphofold": __version__, "seconds": round(seconds, 2), **entry, "sha256": digests}
         index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
@@ -77,38 +81,3 @@ def run(args: argparse.Namespace) -> int:
     print(f"-> {out / 'report.html'}")
     return 0
 
-
-def _keep(out: Path, folder: Path, figures: list[str]) -> dict[str, Any]:
-    """Copy what an earlier run wrote into ``out`` and isn't drawn again; its entries of the index."""
-    try:
-        index = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (ValueError, RecursionError) as error:
-        raise _no_index(out, str(error)) from None
-    entries = index.get("figures", {}) if isinstance(index, dict) else None
-    if not isinstance(entries, dict):
-        raise _no_index(out, "it holds no table of figures")
-    kept = {}
-    for name in [name for name in entries if name in FIGURES and name not in figures]:
-        files = _files_of(out, name, entries[name])
-        if all((out / file).is_file() for file in files):
-            for file in files:
-                shutil.copy2(out / file, folder / file)
-            kept[name] = entries[name]
-    return kept
-
-
-def _files_of(out: Path, name: str, entry: Any) -> list[str]:
-    """The files that an index says a figure has: plain names of files in the folder itself."""
-    files = entry.get("files") if isinstance(entry, dict) else None
-    if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-        raise _no_index(out, f"{name} has no list of files")
-    for file in files:
-        if not file.startswith(name) or any(c in file for c in "/\\:\0"):
-            raise _no_index(out, f"{name} can't have a file {file!r}")
-    return files
-
-
-def _no_index(out: Path, why: str) -> ValueError:
-    return ValueError(f"{out / 'summary.json'}: is no index of figures ({why}). Delete it.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -17,11 +18,19 @@ Found = TypeVar("Found")
 _NOBODY_READS = (errno.EPIPE, errno.EBADF, errno.EIO)
 #: categories of characters that end a line, steer a terminal, or can't be printed
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+LONGEST_WORD, LONGEST_LINE = 300, 4000  # characters that are told of what a user, or a file, has given
 
 
 def one_line(text: str) -> str:
-    """A text with what would end its line or steer a terminal escaped as in Python: file names may hold anything."""
-    return "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
+    """A text with what would end its line or steer a terminal escaped as in Python: file names may hold anything, and
+    be of any length, so the middle of what is too long is left out."""
+    line = "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
+    line = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _without_middle(word[0], LONGEST_WORD), line)
+    return _without_middle(line, LONGEST_LINE)
+
+
+def _without_middle(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-(most // 2 - 3) :]}"
 
 
 @contextmanager

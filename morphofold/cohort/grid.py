@@ -108,6 +108,8 @@ def make_grid(
         raise ValueError(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise ValueError(f"--seeds {seeds}: must be 1 or more.")
+    if seeds is not None and seeds > MOST_RUNS:                         # before they are listed
+        raise _too_many(seeds)
     if seeds is not None and SEED in dict(said):
         raise ValueError(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
     own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
@@ -123,8 +125,12 @@ def make_grid(
     for axis in axes:
         count *= len(axis.values)
     if count > MOST_RUNS:
-        raise ValueError(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+        raise _too_many(count)
     return Grid(base.name, axes, *_points(source, settings, axes, own))
+
+
+def _too_many(count: int) -> ValueError:
+    return ValueError(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
 
 
 # keys and values ---------------------------------------------------------------------------------------------
@@ -278,7 +284,7 @@ def _word(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
-        return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value!r}"
+        return f"{value:.0f}" if abs(value) < 1e15 and float(value).is_integer() else f"{value!r}"
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value)).strip("-.") or "empty"
 
 

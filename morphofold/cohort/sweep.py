@@ -128,7 +128,7 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8") if path.is_file() else ""
     except (OSError, ValueError):
         return ""
 

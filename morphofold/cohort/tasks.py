@@ -22,6 +22,7 @@ from typing import Any
 from morphofold.clock import peak_memory
 from morphofold.io import atomic_file
 from morphofold.io.files import open_own
+from morphofold.io.json_files import Record, read_json
 from morphofold.records import changed_since, sha256_of, strict_json
 from morphofold.sim.folder_lock import alone
 
@@ -198,6 +199,8 @@ def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
 def _told(error: Exception) -> str:
     """An error in one line; one that is not an input's is named by its kind."""
     words = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.errno is not None:          # the system's own words, not ours
+        return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*REFUSALS, OSError, MemoryError)):
         return words or type(error).__name__
     return f"{type(error).__name__}: {words} (a defect; its log shows where)"
@@ -225,20 +228,24 @@ def digest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+class _Known(Record):
+    """A task's record."""
+
+    key: str
+    failures: dict[str, str]
+    results: bool
+    files: dict[str, str]
+
+
 def read_record(path: Path) -> dict[str, Any]:
     """A task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if there is
     none to be relied on."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        found = read_json(path, _Known, "")
+    except (OSError, ValueError):
         return {}
-    kinds = {"key": str, "failures": dict, "results": bool, "files": dict}
-    good = isinstance(found, dict) and all(isinstance(found.get(name), kind) for name, kind in kinds.items())
-    return found if good and all(isinstance(x, str) for x in _values(found["failures"], found["files"])) else {}
-
-
-def _values(*mappings: Mapping[str, Any]) -> Iterator[Any]:
-    return (value for mapping in mappings for value in mapping.values())
+    said = found["files"] if found["results"] else found["failures"]    # results are files, and a failure has a reason
+    return found if said else {}
 
 
 def write_record(

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
-from morphofold.io.json_files import Amount, Count, Number, Record, read_json
+from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.records import shown, unchanged
 from morphofold.surface import Cortex
@@ -63,6 +63,7 @@ class SurfaceRecord(Record):
     units: str
     portion: Annotated[float, Field(ge=1e-3, le=1)]
     info: StageRecord
+    annotation: FileWord | None = None
 
 
 class _Analysed(Record):
@@ -95,7 +96,7 @@ def read_cortex(
         Which inner and outer surface of a folder to read.
     annotation : str, optional
         Which ``label/?h.NAME.annot`` of a folder gives the regions, or ``label/?h.aparc.NAME.annot``: ``"a2009s"`` is
-        ``"aparc.a2009s"``. None: ``aparc``, if it is there.
+        ``"aparc.a2009s"``. None: that of an analysis, else ``aparc``, if it is there.
     name : str, optional
         What tables call it; by default the subject's folder, the scene and stage, or the white file.
 
@@ -214,6 +215,8 @@ def cortex_files(
     for name in MAPS:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
     add("inflated", "surf", f"{hemi}.inflated", SURFACE_ENDINGS)
+    if annotation is None and not staged and os.path.lexists(root / "summary.json"):
+        annotation = _analysed(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
         add("annotation", "label", f"{hemi}.{stem}.annot")
     if annotation is not None and "annotation" not in found:
@@ -304,12 +307,12 @@ def _name(root: Path, info: dict[str, Any]) -> str:
 
 
 def _analysed(path: Path, hemi: str) -> dict[str, Any]:
-    """What an analysis folder says of the surface it measured: name, origin, units, portion, info."""
+    """What an analysis folder says of the surface it measured: name, origin, units, portion, info, annotation."""
     said = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
     found = next((entry for entry in said if entry["hemi"] == hemi), None)
     if found is None:
         raise ValueError(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
-    return {key: found[key] for key in ("name", "origin", "units", "portion", "info")}
+    return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
 
 
 def _stage_info(path: Path) -> dict[str, Any]:

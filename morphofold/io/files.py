@@ -135,6 +135,15 @@ def check_place(path: Path) -> None:
         raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
 
 
+def check_above(path: Path) -> None:
+    """Refuse a place that nothing can be made at: what is there of the folders above is no folder, or not writable."""
+    above = next(p for p in Path(os.path.abspath(path)).parents if os.path.lexists(p))
+    if not above.is_dir():
+        raise NotADirectoryError(f"{above}: is no folder, so {path.name} can't be made in it. Name another place.")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
+
+
 @contextmanager
 def atomic_file(path: StrPath) -> Iterator[Path]:
     """Write a file whole or not at all: yields a temporary name beside ``path``, moved onto it on success.

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from morphofold.io.files import StrPath, atomic_file, naming
+from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
 MARKER = ".morphofold"  # in every folder that atomic_folder made, with a list of what it wrote and may replace
 WITHOUT_LIST = b"morphofold wrote this folder"      # how markers of earlier versions begin
@@ -223,6 +223,7 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     found = found or out
     if os.path.islink(os.path.realpath(found)):
         raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
+    check_above(Path(os.path.realpath(out)))
     if not found.exists():
         return
     if not found.is_dir():
@@ -246,8 +247,10 @@ def refuse_no_collection(out: Path, kind: str) -> None:
         if there != kind:
             raise FileExistsError(f"{out}: is a {there:.20}, not a {kind}. Name a new folder.")
         return
+    if out.is_dir() and not any(out.iterdir()):                         # written into, and never moved
+        return
     refuse_foreign(out)
-    if out.exists() and any(out.iterdir()):
+    if out.exists():
         raise FileExistsError(f"{out}: is of a command that replaces it as a whole. Name a new folder.")
 
 

@@ -26,6 +26,7 @@ from morphofold.io.files import (
     read_back,
     write_by_library,
 )
+from morphofold.io.json_files import LARGEST
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
@@ -196,7 +197,8 @@ def read_annotation(path: StrPath) -> Regions:
     """Region labels of a FreeSurfer annotation (``?h.aparc.annot``).
 
     A vertex whose value is not in the file's colour table has label -1. Names are kept as they stand,
-    ``"unknown"`` and ``"corpuscallosum"`` among them, in the table's order.
+    ``"unknown"`` and ``"corpuscallosum"`` among them, in the table's order; of those of one colour, which the format
+    does not tell apart, the first.
 
     Notes
     -----
@@ -213,8 +215,9 @@ def read_annotation(path: StrPath) -> Regions:
         if not np.array_equal(np.sort(vertex), np.arange(n)):
             raise ValueError(f"its vertices are not 0..{n - 1}, each once")
         names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
-    ids = colours.astype(np.int64) @ (1, 256, 65536)
-    known, first = np.unique(ids, return_index=True)
+    kept = np.sort(np.unique(colours @ (1, 256, 65536), return_index=True)[1])
+    names, colours = [names[i] for i in kept], colours[kept]
+    known, first = np.unique(colours @ (1, 256, 65536), return_index=True)
     at = np.searchsorted(known, value).clip(max=len(known) - 1)
     labels = np.full(n, -1)
     labels[vertex] = np.where(known[at] == value, first[at], -1)
@@ -320,7 +323,7 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
     dict
         ``etiv_mm3``, the estimated intracranial volume [mm^3], and ``surface_holes``, those of the surface of ``hemi``
         before FreeSurfer mended its topology; its Euler characteristic was 2 less twice as many. What the file does not
-        say as a finite number of at least 0 is left out, whatever else is in it.
+        say as a number of 0 to 1e12 is left out, whatever else is in it.
     """
     with Path(path).open("rb") as file:
         lines = file.read(STATS_BYTES).decode("utf-8", errors="replace").splitlines()
@@ -335,6 +338,6 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
             value = float(cells[3])
         except ValueError:
             continue
-        if 0 <= value < float("inf"):
+        if 0 <= value <= LARGEST:
             found[key] = round(value) if key == "surface_holes" else value
     return found

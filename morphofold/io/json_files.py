@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from morphofold.io.files import existing_file
 
@@ -19,6 +19,16 @@ Amount = Annotated[float, Field(ge=0, le=LARGEST)]
 Length = Annotated[float, Field(ge=1e-9, le=LARGEST)]
 Count = Annotated[int, Field(ge=0, le=10**12)]
 Index = Annotated[int, Field(ge=-(10**12), le=10**12)]
+
+
+def file_word(name: str) -> str:
+    """A map's or annotation's name, refused if it cannot be part of a file name."""
+    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
+        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
+    return name
+
+
+FileWord = Annotated[str, AfterValidator(file_word)]
 
 
 class Record(BaseModel):

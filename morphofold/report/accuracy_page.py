@@ -18,9 +18,11 @@ from typing import Any
 from morphofold.accuracy.points import EACH_OTHER, OURS
 from morphofold.accuracy.study import HALVES, PEERS
 from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
 from morphofold.records import strict_json
 from morphofold.report.accuracy_plots import bounded
 from morphofold.report.accuracy_report import SHOWS
+from morphofold.report.indexes import AccuracyIndex
 from morphofold.report.markdown import Row, between_marks, number, table
 from morphofold.tables import read_table
 
@@ -42,13 +44,8 @@ def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
         If the summary is of something else.
     """
     file = out / "summary.json"
-    if not file.is_file():
-        raise FileNotFoundError(f"{file}: no such file. {CURE}")
-    try:
-        summary = json.loads(file.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{file}: isn't JSON ({error}). {CURE}") from None
-    if not isinstance(summary, dict) or summary.get("shows") != SHOWS:
+    summary = read_json(file, AccuracyIndex, CURE)
+    if summary["shows"] != SHOWS:
         raise ValueError(f"{file}: is of something else than a study of accuracy. {CURE}")
     names = ("points", "laws", "presets", "budget", "peers")
     return summary, {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
 from morphofold.report.fold_plots import thickness_figure
+from morphofold.report.indexes import FoldIndex
 from morphofold.report.line_plots import save
 from morphofold.report.markdown import Row, between_marks, health, number, read_rows, table
 
@@ -103,9 +104,7 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
     path = out / "summary.json"
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Name a folder that `morphofold bench folds` wrote.")
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    if "all_seeds_at_level" not in summary.get("parameters", {}):
-        raise ValueError(f"{path}: isn't of a study of folds. Name a folder that `morphofold bench folds` wrote.")
+    summary = read_json(path, FoldIndex, "Name a folder that `morphofold bench folds` wrote.")
     return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
 
 

@@ -7,12 +7,13 @@ marks is for people to write.
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
 from morphofold.report import markdown
+from morphofold.report.indexes import CURE, FigureIndex
 from morphofold.report.markdown import between_marks, health
 from morphofold.report.paper_parts import PARTS, Image, Table, read_tables
 from morphofold.report.png import halved, png_bytes, read_png
@@ -28,7 +29,7 @@ def write_page(out: Path, page: Path) -> list[str]:
     ValueError
         If the page hasn't one pair of marks for a figure of the index but Fig. 4, theory alone. It is as it was then.
     """
-    figures = json.loads((out / "summary.json").read_text(encoding="utf-8"))["figures"]
+    figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
     text = page.read_text(encoding="utf-8")
     renewed = [name for name in figures if name in PARTS and name != "fig4"]
     for name in renewed:

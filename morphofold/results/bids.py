@@ -8,7 +8,6 @@ regions alone (``_dseg.label.gii``); all else, named as fMRIPrep does where it h
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.analysis.measures import Measures
 from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
-from morphofold.io.json_files import read_json
+from morphofold.io.json_files import Record, read_json
 from morphofold.records import shown, strict_json
 from morphofold.report.quantities import column_words
 from morphofold.results.bids_hemisphere import (
@@ -223,10 +222,9 @@ def _ours(dataset: Path) -> bool:
 def _json(path: Path) -> dict[str, Any]:
     """Content of a JSON object; empty if there is none to be read."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        return read_json(path, Record, "")
+    except (OSError, ValueError):
         return {}
-    return content if isinstance(content, dict) else {}
 
 
 def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:

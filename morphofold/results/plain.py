@@ -27,8 +27,8 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.io.json_files import read_json
-from morphofold.records import strict_json
+from morphofold.io.json_files import file_word, read_json
+from morphofold.records import digests, strict_json
 from morphofold.results.summary import (
     COLUMNS,
     CURE,
@@ -36,7 +36,6 @@ from morphofold.results.summary import (
     Summary,
     checked_inputs,
     entries_of,
-    file_word,
     measures_of,
     read_tables,
     scalar_rows,
@@ -119,14 +118,14 @@ def write_analysis(
             (folder / name).mkdir()
         for m in measures:
             _write_surface(m, folder, mgh)
-        said = summary_of(measures, records, parameters, failed or {})
-        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
         write_table(folder / "surfaces.tsv", SURFACES, scalar_rows(measures))
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
+        said = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
+        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
         if report:
             from morphofold.report import analysis_report
 

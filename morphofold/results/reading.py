@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,12 @@ from typing import Any
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
-from morphofold.records import records_as_read, shown
+from morphofold.io.json_files import file_word, read_json
+from morphofold.records import changed_since, records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain, sized_map
-from morphofold.results.summary import file_word
+from morphofold.results.summary import CURE, Summary
 from morphofold.surface import Cortex, PerVertex, Surface
 
 
@@ -83,14 +83,18 @@ def read_stages(folder: str | Path) -> list[Measures]:
 
 
 def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
-    """Whether ``folder`` holds what this version wrote of the very files of ``cortex``, with these parameters."""
+    """Whether ``folder`` holds, unchanged, what this version wrote of the very files of ``cortex`` with these
+    parameters."""
     import morphofold
 
+    folder = Path(folder)
     try:
-        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
-        known = {row["path"]: row["sha256"] for row in summary["inputs"]}
-        made_by, with_which = summary["morphofold"], summary["parameters"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # there is none, or none to be relied on
+        summary = read_json(folder / "summary.json", Summary, CURE)
+    except (OSError, ValueError):                                       # there is none, or none to be relied on
         return False
+    known = {row["path"]: row["sha256"] for row in summary["inputs"]}
     files = {shown(row["path"]): row["sha256"] for row in records_as_read([cortex])}
-    return (made_by, with_which, known) == (morphofold.__version__, dict(parameters), files)
+    if (summary["morphofold"], summary["parameters"], known) != (morphofold.__version__, dict(parameters), files):
+        return False
+    written = summary.get("written", {})
+    return bool(written) and not changed_since(written, {name: folder / name for name in written})

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
 from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.io.cortices import SurfaceRecord
-from morphofold.io.json_files import Amount, Count, Number, Record
+from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
 from morphofold.records import records_as_read
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table
@@ -45,14 +45,6 @@ CURE = "Analyze anew."
 SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
 
 
-def file_word(name: str) -> str:
-    """A map's or annotation's name, refused if it cannot be part of a file name."""
-    if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
-        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
-    return name
-
-
-FileWord = Annotated[str, AfterValidator(file_word)]
 _Four = Field(min_length=4, max_length=4)
 
 
@@ -108,6 +100,7 @@ class Summary(Record):
     inputs: list[InputRecord]
     parameters: dict[str, Any]
     rows: dict[str, Count] = {}                                         # older ones say none
+    written: dict[str, str] = {}        # digests of surfaces, maps and tables, of the plain layout
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
 
