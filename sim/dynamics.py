@@ -21,12 +21,13 @@ from morphofold.clock import working_seconds
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import kernels
+from morphofold.sim.wrinkles import Slow
 
 Array = NDArray[np.float64]
 
 REFRESH = 12            # steps between measurements of mass and energies,
 INCREMENT = 3           # and between increments of growth: no wave is so fast, so none is in resonance with them
-DAMPING = 0.5           # velocities fall by exp(-0.5) while a wave crosses the cortex (Body.crossing)
+DAMPING = 0.15          # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
 COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
 SLOWEST = 0.05          # least pace of growth while it does
@@ -84,13 +85,17 @@ class Dynamics:
         Steps for growth to rise by 1; fewer is faster and lags further behind equilibrium.
     damping : float, optional
         Share of the velocity lost per step; by DAMPING unless given.
+    slow : Slow, optional
+        Growth at which the pace is held down (:func:`morphofold.sim.wrinkles.slow_growth`).
     """
 
     def __init__(
-        self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None
-    ):
+        self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None,
+        slow: Slow | None = None,
+    ):  # fmt: skip
         self.body, self.effects = body, tuple(effects)
         self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
+        self.slow = slow
         self.waits_for_balance = True                                   # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.seconds: dict[str, float] = defaultdict(float)
@@ -157,6 +162,8 @@ class Dynamics:
         if record["inverted"]:
             pace = SLOWEST
         pace = max(SLOWEST, pace)
+        if self.slow is not None and self.slow.start <= growth <= self.slow.end:
+            pace = min(pace, self.slow.pace)
         for effect in self._with["pace"]:
             pace *= effect.pace(growth)
         return pace

@@ -113,13 +113,14 @@ class _Run:
         from morphofold.sim.dynamics import Dynamics
         from morphofold.sim.effects import build_effects
         from morphofold.sim.geometry import build_body
+        from morphofold.sim.wrinkles import slow_growth
 
         self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
         self.started = working_seconds()
         effects = build_effects(scene)
         self.body = build_body(scene, effects)
         steps_per_unit = scene.steps_per_unit(self.body.crossing)
-        self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit)
+        self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene))
         self.relaxing = int(RELAXATION / self.dynamics.rate * (scene.growth.final - 1))
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes

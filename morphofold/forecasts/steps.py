@@ -58,16 +58,19 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     from morphofold.sim.dynamics import REFRESH, SLOWEST, soft_start
     from morphofold.sim.effects import ramp as ramps
     from morphofold.sim.run import RELAXATION
+    from morphofold.sim.wrinkles import slow_growth
 
     waiting, contact = costs["waiting"], costs["contact"]
     touching = contact["per_growth"] if "contact" in scene.effects.named else 0.0
     folding = lambda g: max(0.0, g - contact["from"]) * touching
     shape = None if scene.effects.ramp is None else ramps.build(scene.effects.ramp, scene)
-    waits = scene.effects.inertia is None
+    waits, slow = scene.effects.inertia is None, slow_growth(scene)
     ramp, awake, growth = 0, 0.0, 1.0
     for stage in scene.stages:
         while growth < stage:                                           # as Dynamics.grow_to does
             pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
+            if slow is not None and slow.start <= growth <= slow.end:
+                pace = min(pace, slow.pace)
             pace *= shape.pace(growth) if shape else 1.0
             increment = REFRESH * pace / per_unit
             growth = stage if stage - growth <= 1.5 * increment else growth + increment

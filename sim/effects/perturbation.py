@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim.effects import Effect
 from morphofold.sim.meshes.bilayer import Bilayer
+from morphofold.sim.wrinkles import first_wrinkles
 
 Array = NDArray[np.float64]
 
 WAVES = 200
+LEAST = 3.0             # shortest waves by default [cortical thicknesses]: meshes don't resolve shorter ones
 SPREAD = 0.3            # wave numbers lie within this share of the mean one
-WAVELENGTH = 7.85       # in space, in cortical thicknesses; on a sphere 10 or so, not far from the first wrinkles
+WAVELENGTH = 7.85       # in space, in cortical thicknesses, where theory knows no first wrinkles,
+CUT = 1.28              # and the share of that of the first wrinkles: a sphere cuts waves in space so much longer
 
 
 def build(options, scene) -> Perturbation:
     thickness = scene.geometry.cortex_thickness
-    return Perturbation(options.amplitude * thickness, options.wavelength or WAVELENGTH * thickness, options.seed)
+    wavelength = first_wrinkles(scene).wavelength_over_T / CUT
+    known = LEAST <= wavelength < math.inf
+    default = (wavelength if known else WAVELENGTH) * thickness
+    return Perturbation(options.amplitude * thickness, options.wavelength or default, options.seed)
 
 
 class Perturbation(Effect):
