@@ -193,8 +193,8 @@ class Contact(_Table):
 class Perturbation(_Table):
     """Random smooth imperfection of the cortical thickness: rms amplitude over the thickness, and its seed.
 
-    ``wavelength`` [mm]: of its waves in space, by default 7.85 cortical thicknesses. A sphere cuts them 1.2 to 1.3
-    times as long (a strip twice, or so), about the wrinkles' own.
+    ``wavelength`` [mm]: of its waves in space, by default theory's first wrinkles over 1.28: a sphere cuts waves in
+    space so much longer (a strip twice, or so).
     """
 
     amplitude: Annotated[float, Field(gt=0, le=0.3)] = 0.02

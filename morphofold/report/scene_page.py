@@ -67,7 +67,7 @@ MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
     ("Growth", "rate"): ("", "pace, times that by default; lower is slower and calmer"),
     ("Perturbation", "amplitude"): ("", "rms of the imperfection over the thickness"),
     ("Perturbation", "seed"): ("", "another seed, another pattern"),
-    ("Perturbation", "wavelength"): ("mm", "of its waves in space; by default 7.85 cortical thicknesses"),
+    ("Perturbation", "wavelength"): ("mm", "of its waves in space; by default theory's first wrinkles over 1.28"),
     ("CoreGrowth", "final"): ("", "growth stretch of the core when the cortex has reached its own"),
     ("RegionalGrowth", "spots"): ("", "regions where the cortex takes `factor` times the growth g - 1"),
     ("Ramp", "shape"): ("", "how growth rises; without the table, linearly"),
