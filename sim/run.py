@@ -267,6 +267,7 @@ class _Run:
         import meshio
 
         from morphofold.sim.elements.bricks import BINARY_CORNERS
+        from morphofold.sim.tangent import stress_of_elements
 
         body, state = self.body, self.dynamics.state
         element = body.elements.state()
@@ -285,5 +286,6 @@ class _Run:
                 "volume_ratio": [element["volume_ratio"]],
                 "min_J": [element["J_min"]],
                 "energy": [element["energy"]],
+                "cauchy_stress": [stress_of_elements(body, state.x)],
             },
         ).write(folder / "volume.vtu")

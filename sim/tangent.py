@@ -258,6 +258,18 @@ def cauchy_stress(body: Body, x: Array) -> Array:
     return np.concatenate(out)
 
 
+def stress_of_elements(body: Body, x: Array) -> Array:
+    """:func:`cauchy_stress` of each element (n, 6): xx, yy, zz, xy, yz, xz [Pa]. A tetrahedron has that of its patch."""
+    stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    if isinstance(body.elements, Bricks):
+        return stress
+    assert isinstance(body.elements, Tets)
+    patch, slot = np.nonzero(body.elements.patches >= 0)
+    out = np.empty((body.elements.n, 6))
+    out[body.elements.patches[patch, slot]] = stress[patch]
+    return out
+
+
 def _cross(v: Array) -> Array:
     """Matrices (..., 3, 3) with a . M b = v . (a x b)."""
     zero = np.zeros(v.shape[:-1])

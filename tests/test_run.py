@@ -88,6 +88,21 @@ def test_the_volume_opens_with_its_layers_and_ratios(folder):
     np.testing.assert_allclose(mesh.cell_data["volume_ratio"][0], 1.0, atol=0.2)
 
 
+def test_the_stress_of_the_volume_is_that_of_a_smooth_shell(folder):
+    """Before onset sigma_theta - sigma_r = mu (l^2 - l^-4) with l = r / (g R), incompressible (Eqs. 4 and 5)."""
+    mesh = meshio.read(folder / "stages" / "g1.20" / "volume.vtu")
+    mu = load_scene(folder / "scene.toml").material.mu_ratio
+    r, R = (np.linalg.norm(p[mesh.cells_dict["hexahedron"]].mean(axis=1), axis=1)
+            for p in (mesh.points, mesh.point_data["reference"]))  # fmt: skip
+    s = mesh.cell_data["cauchy_stress"][0]
+    normal = mesh.points[mesh.cells_dict["hexahedron"]].mean(axis=1) / r[:, None]
+    radial = np.einsum("ei,ej,eij->e", normal, normal, s[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3))
+    apart = (s[:, :3].sum(axis=1) - radial) / 2 - radial
+    cortex, stretch = mesh.cell_data["cortex"][0] == 1, r / R / 1.2
+    want = mu * (stretch**2 - stretch**-4)
+    assert apart[cortex].mean() == pytest.approx(want[cortex].mean(), rel=0.03)
+
+
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
     out = tmp_path / "small"
 
