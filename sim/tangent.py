@@ -259,7 +259,7 @@ def cauchy_stress(body: Body, x: Array) -> Array:
 
 
 def stress_of_elements(body: Body, x: Array) -> Array:
-    """:func:`cauchy_stress` of each element (n, 6): xx, yy, zz, xy, yz, xz [Pa]; tetrahedra have that of their patch."""
+    """:func:`cauchy_stress` of each element (n, 6), xx, yy, zz, xy, yz, xz [Pa]; of tetrahedra that of their patch."""
     stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     if isinstance(body.elements, Bricks):
         return stress
