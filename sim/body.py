@@ -68,6 +68,8 @@ class Body:
         cell [mm].
     mass : (N,) float64
         Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what bounds on the stiffness ask for.
+    thickness : float
+        Of the ungrown cortex: its volume over its area [mm].
     crossing : float
         Steps in which a shear wave crosses the cortex, with such a mass, before growth. It is the clock by which the
         pace of growth and damping are the same on every mesh.
@@ -113,8 +115,8 @@ class Body:
         self.update_state(self.X)
         above = bilayer.share > 0
         density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
-        thickness = self.elements.volume[: self.elements.n_cortex].sum() / area
-        self.crossing = float(thickness * np.sqrt(density / mu_cortex))
+        self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / area)
+        self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
 
     @property
     def n_surface(self) -> int:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import blas, lapack
 from scipy.sparse import csgraph
+from threadpoolctl import threadpool_limits
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -171,8 +172,13 @@ class Factor:
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_Pivot] = []
+        with threadpool_limits(1, user_api="blas"):                     # fronts are small: threads take five times as long
+            self._eliminate(matrix)
+        self.negative = sum(pivot.negative for pivot in self._pivots)
+
+    def _eliminate(self, matrix: sparse.csr_matrix) -> None:
         rest: dict[int, Array] = {}
-        for i, front in enumerate(dissection.fronts):
+        for i, front in enumerate(self._dissection.fronts):
             n = front.stop - front.start
             size = n + len(front.border)
             F = np.zeros((size, size))                                  # rows to eliminate, and what is left
@@ -186,7 +192,6 @@ class Factor:
             self._pivots.append(pivot)
             product = pivot.product()
             rest[i] = np.subtract(F[n:, n:], product, out=product)
-        self.negative = sum(pivot.negative for pivot in self._pivots)
 
     def solve(self, b: Array) -> Array:
         """x (n,) with A x = b."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.clock import working_seconds
+from morphofold.sim.balance import SOFT, Balance
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import kernels
@@ -34,7 +35,9 @@ SLOWEST = 0.05          # least pace of growth while it does
 EARLY = 0.2             # below this growth strain the kinetic energy is held against what strain energy will be there
 SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
 FIRST_PACE = 0.1        # and what it starts from
-SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J")  # of a state, beside its arrays
+NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
+CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all; slow bodies have more patience [ticks]
+SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J", "dissipated")  # of a state, beside its arrays
 
 
 class UnstableError(RuntimeError):
@@ -48,7 +51,8 @@ class UnstableError(RuntimeError):
 @dataclass
 class State:
     """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
-    all and in relaxation, and the smallest J of any element: so far, and at the measurement before the last."""
+    all and at this growth, the smallest J of any element: so far, and at the measurement before the last; and the
+    energy that damping took so far."""
 
     x: Array
     v: Array
@@ -57,6 +61,7 @@ class State:
     relaxed: int = 0
     lowest_J: float = 1.0
     before_J: float = 1.0
+    dissipated: float = 0.0
     record: dict[str, Any] = field(default_factory=dict)
 
 
@@ -98,6 +103,7 @@ class Dynamics:
         self.slow = slow
         self.waits_for_balance = True                                   # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
+        self.balance = Balance(body.crossing, body.X, NEAR * body.thickness)
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
         self._with = {hook: overriding(self.effects, hook) for hook in hooks}
@@ -119,6 +125,8 @@ class Dynamics:
         """
         if not 0 < g < math.inf:
             raise ValueError(f"the growth stretch must be a positive number, got {g:g}.")
+        if self.state.growth != g:
+            self.state.relaxed = 0
         while self.state.growth != g:
             increment = self.rate * REFRESH * self._pace()
             left = g - self.state.growth
@@ -129,26 +137,53 @@ class Dynamics:
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
         """Take steps at the present growth until there were ``steps`` of them, rounded up to ``REFRESH``."""
         while self.state.relaxed < steps:
-            self._run(REFRESH)
-            self.state.relaxed += REFRESH
-            after(self.state)
+            self._hold(after)
+
+    def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
+        """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
+
+        A motion slower than that of folds is damped critically (Underwood 1983, Dynamic relaxation, section 5). It ends
+        after ``PATIENCE``, too, times as much as the motion is softer than folds are. Nothing is done where time is real.
+
+        Returns
+        -------
+        bool
+            Whether the body is at rest.
+        """
+        tick, full, balance = self.body.crossing, self.damping, self.balance
+        while self.waits_for_balance and balance.calm < CALM * tick:
+            if self.state.relaxed >= PATIENCE * tick * SOFT / balance.soft:
+                break
+            if 0 < balance.w2 < (0.5 * full) ** 2:
+                self.damping = 2 * math.sqrt(balance.w2)
+            self._hold(after)
+            self.damping = full
+        return balance.calm >= CALM * tick
+
+    def _hold(self, after: Callable[[State], None]) -> None:
+        self._run(REFRESH)
+        self.state.relaxed += REFRESH
+        after(self.state)
 
     def save(self) -> dict[str, NDArray]:
         """The run as arrays, enough to go on bitwise the same."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in SCALARS}
-        for effect in self.effects:
-            arrays |= {f"{effect.name}.{key}": value for key, value in effect.save().items()}
+        for name, part in self._parts():
+            arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
         return arrays
+
+    def _parts(self) -> list[tuple[str, Any]]:
+        """What has a state of its own, by name."""
+        return [("balance", self.balance), *((effect.name, effect) for effect in self.effects)]
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Take up a run that ``save`` wrote."""
         self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in SCALARS})
         self.body.grow(self.state.growth)
-        for effect in self.effects:
-            prefix = f"{effect.name}."
-            effect.load({k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)})
+        for name, part in self._parts():
+            part.load({k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")})
         self._measure()
 
     def _pace(self) -> float:
@@ -191,6 +226,7 @@ class Dynamics:
             for effect in self._with["add_forces"]:
                 effect.add_forces(body, state.x, state.v, self._extra)
                 clock.lap(effect.name)
+            before = state.v.copy() if k == steps - 1 else state.v
             lost = kernels.advance(
                 state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
                 1.0 - self.damping,
@@ -202,7 +238,10 @@ class Dynamics:
                 effect.after_step(state.x, state.v)
                 clock.lap(effect.name)
         state.step += steps
-        self._measure()
+        pull = state.v - (1.0 - self.damping) * before                  # of the last step; its positions are x - v
+        self.balance.look(state.step, state.x - state.v, pull, body.mass, self.damping)
+        clock.lap("balance")
+        self._measure(steps)
 
     def _lost(self, step: int) -> None:
         """Stop at a step that took nodes to where no number is; they lie around the one that was the first."""
@@ -227,7 +266,8 @@ class Dynamics:
                 "growth down (growth.rate) or refine the mesh.", self._sound,
             )  # fmt: skip
 
-    def _measure(self) -> None:
+    def _measure(self, steps: int = 0) -> None:
+        """Of the state, ``steps`` after the last measurement: mass, energies, volume ratios."""
         body, state = self.body, self.state
         clock = _Clock(self.seconds)
         clock.start()
@@ -245,12 +285,15 @@ class Dynamics:
             effect.refresh(self)
             clock.lap(effect.name)
         kinetic = 0.5 * float(np.sum(body.mass * np.einsum("ij,ij->i", state.v, state.v)))
+        state.dissipated += 2 * self.damping * kinetic * steps
         state.record = {
             "step": state.step,
             "growth": state.growth,
             "strain_energy": strain,
             "kinetic_energy": kinetic,
             "kinetic_over_strain": kinetic / strain if strain > 0 else 0.0,
+            "distance_over_T": self.balance.distance / body.thickness,
+            "dissipated_energy": state.dissipated,
             "min_J": min_J,
             "max_J": float(element["J_max"].max()),
             "inverted": int(np.count_nonzero(element["J_min"] <= 0)),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 from morphofold.crossings.boxes import box_tree
 from morphofold.crossings.intersection import self_intersections
@@ -14,22 +15,51 @@ from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import restlessness
 from morphofold.surface import Surface
 
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+Array = NDArray[np.float64]
+
 RAYS = 10_000
 TOUCHING = 1e-9             # stretches of a ray shorter than this share of its length are none
 
 #: how deep the surface may pass through itself [mean edges]: half the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
 
-#: greatest values that a healthy stage has, and what to change beyond them
-BOUNDS = {
-    "kinetic_over_strain": (1e-2, "slow the growth down (growth.rate)"),
-    "overlap": (2e-3, "refine the mesh (accuracy.level), and check that the scene has [effects.contact]"),
-    "winding_max": (1, "check that the scene has [effects.contact], and slow the growth down (growth.rate)"),
-    "crossings": (0, "check that the scene has [effects.contact], and refine the mesh (accuracy.level)"),
-    "deepest_crossing": (CROSSING_TOLERANCE, "slow the growth down (growth.rate), or refine the mesh (accuracy.level)"),
-    "volume_drift": (3e-2, "slow the growth down (growth.rate), raise material.kappa_ratio or refine the mesh"),
+#: greatest values that a healthy stage has, and what can be changed beyond them: keys of ``cures``
+BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
+    "distance_over_T": (0.25, ("slower", "stages")),
+    "kinetic_over_strain": (1e-2, ("slower",)),
+    "overlap": (2e-3, ("contact", "finer")),
+    "winding_max": (1, ("contact", "slower")),
+    "crossings": (0, ("contact", "finer")),
+    "deepest_crossing": (CROSSING_TOLERANCE, ("contact", "slower", "finer")),
+    "volume_drift": (3e-2, ("slower", "kappa", "finer")),
+    "bending": (0.1, ("hold",)),
+    "unstable_modes": (0, ("slower", "stages")),
 }
 LEAST_J = 0.05          # smallest volume ratio of any Gauss point at any time; below 0.1 the material is frozen
+
+
+def cures(scene: Scene | None = None) -> dict[str, str]:
+    """What may be changed, by key; for a ``scene``, what it has not done yet and what its geometry takes."""
+    found = {
+        "slower": "slow the growth down (growth.rate)",
+        "stages": "let it rest more often (output.stages)",
+        "contact": "add [effects.contact]",
+        "finer": "refine the mesh (accuracy.level)",
+        "kappa": "raise material.kappa_ratio",
+        "hold": "hold its inner surface (geometry.held), or cut it by symmetry planes (geometry.portion)",
+    }
+    if scene is not None:
+        shape = scene.geometry.shape
+        if scene.effects.contact is not None:
+            del found["contact"]
+        if shape == "mesh":
+            found["finer"], found["hold"] = "give it a finer mesh (geometry.file)", "hold its inner surface (geometry.held)"
+        elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
+            found["finer"] = "refine the mesh (accuracy.edge)"
+    return found
 
 
 class Cover(NamedTuple):
@@ -103,24 +133,49 @@ def enclosed_volume(surface: Surface) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def broken_bounds(stage: dict[str, Any]) -> list[str]:
+def bending(X: Array, x: Array) -> float:
+    """How far a body has bent or warped as a whole: not its folds, not its size.
+
+    Parameters
+    ----------
+    X, x : (N, 3) float64
+        Positions of its surface before and after [mm].
+
+    Returns
+    -------
+    float
+        Rms of the quadratic part of the least-squares quadratic map from X to x, over the rms distance of x from its centre.
+        0 for any affine map, and for a sphere whose shells grow unlike; 0.2 or so if a ball becomes a bowl.
+    """
+    centred = X - X.mean(axis=0)
+    i, j = np.triu_indices(3)
+    affine = np.column_stack([np.ones(len(X)), centred])
+    square = centred[:, i] * centred[:, j]
+    square -= affine @ np.linalg.lstsq(affine, square, rcond=None)[0]
+    bent = square @ np.linalg.lstsq(square, x - x.mean(axis=0), rcond=None)[0]
+    return float(np.sqrt(np.sum(bent**2) / np.sum((x - x.mean(axis=0)) ** 2)))
+
+
+def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:
     """One sentence for each bound that the numbers of a stage break; empty when it is healthy.
 
-    Judged are the numbers that the stage has: one written by an earlier version has fewer.
-    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`.
+    Judged are the numbers that the stage has: one written by an earlier version has fewer, and one that was not told is None.
+    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`. What to change is said of the ``scene``.
     """
-    judged = dict(stage)
-    if "kinetic_over_strain" in stage:
+    judged = {name: stage[name] for name in BOUNDS if stage.get(name) is not None}
+    if "kinetic_over_strain" in judged:
         judged["kinetic_over_strain"] = restlessness(stage["growth"], stage["kinetic_over_strain"])
+    can = cures(scene)
+    advice = lambda keys: " or ".join(can[key] for key in keys if key in can) or "the solver does not resolve it"
     told = [
-        f"{name} {_told(judged[name])} at g = {stage['growth']:.2f} exceeds {bound:g}: {cure}"
-        for name, (bound, cure) in BOUNDS.items()
-        if name in judged and not judged[name] <= bound
+        f"{name} {_told(value)} at g = {stage['growth']:.2f} exceeds {BOUNDS[name][0]:g}: {advice(BOUNDS[name][1])}"
+        for name, value in judged.items()
+        if not value <= BOUNDS[name][0]
     ]
     if not stage["lowest_J"] >= LEAST_J:
         told.append(
-            f"lowest J {stage['lowest_J']:.2g} up to g = {stage['growth']:.2f} is below {LEAST_J:g}: refine the mesh "
-            "(accuracy.level) or slow the growth down (growth.rate)"
+            f"lowest J {stage['lowest_J']:.2g} up to g = {stage['growth']:.2f} is below {LEAST_J:g}: "
+            f"{advice(('finer', 'slower'))}"
         )
     return told
 

@@ -33,9 +33,13 @@ __all__ = ["Progress", "Simulation", "simulate"]
 
 Progress = Callable[[float, str], None]
 
-RELAXATION = 0.15       # steps at the final growth, as a share of the steps of the whole ramp to it
+RESTING = 45.0          # ticks that a stage rests, or so,
+RAMP = 250.0            # of those that growth by 1 takes, for the share of the work that is done
 LOG_EVERY = 0.01        # growth between two lines of the log,
 LOG_STEPS = 100         # or steps
+TOLD = (
+    "step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "dissipated_energy", "distance_over_T", "min_J",
+)  # fmt: skip
 
 
 def simulate(
@@ -121,7 +125,6 @@ class _Run:
         self.body = build_body(scene, effects)
         steps_per_unit = scene.steps_per_unit(self.body.crossing)
         self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene))
-        self.relaxing = int(RELAXATION / self.dynamics.rate * (scene.growth.final - 1))
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
@@ -146,15 +149,14 @@ class _Run:
         stages = []
         for g in self.scene.stages:
             self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # one taken up may be beyond
-            if g == self.scene.growth.final:
-                self.dynamics.relax(self.relaxing, self._after)
+            self.dynamics.settle(self._after)
             stages.append(self._write_stage(g))
         self._note()
         self.writer.log(self.log)
         body = self.body
         self.writer.health(
             stages,
-            [sentence for stage in stages for sentence in broken_bounds(stage)],
+            [sentence for stage in stages for sentence in broken_bounds(stage, self.scene)],
             elements=body.elements.n,
             nodes=len(body.X),
             surface_edge_mm=body.bilayer.edge,
@@ -169,13 +171,12 @@ class _Run:
 
     def _after(self, state: Any) -> None:
         """Between steps: progress, log, checkpoint."""
-        final = self.scene.growth.final
-        ramp = (state.growth - 1) / (final - 1) if final > 1 else 1.0
-        rest = RELAXATION * state.relaxed / self.relaxing if self.relaxing else RELAXATION
+        record, stages = state.record, self.scene.stages
+        rested = sum(g < state.growth for g in stages) + min(1.0, state.relaxed / (RESTING * self.body.crossing))
+        whole = RAMP * (stages[-1] - 1) + RESTING * len(stages)
         self.progress(
-            0.99 * (ramp + min(rest, RELAXATION)) / (1 + RELAXATION),
-            f"g {state.growth:.3f}, min J {state.record['min_J']:.2f}, "
-            f"kinetic/strain {state.record['kinetic_over_strain']:.0e}",
+            0.99 * (RAMP * (state.growth - 1) + RESTING * rested) / whole,
+            f"g {state.growth:.3f}, min J {record['min_J']:.2f}, {record['distance_over_T']:.2f} T from rest",
         )
         last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
         if state.growth - last["growth"] >= LOG_EVERY or state.step - last["step"] >= LOG_STEPS:
@@ -228,7 +229,7 @@ class _Run:
 
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
-        from morphofold.sim.health import broken_bounds, check_surface, enclosed_volume
+        from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
         from morphofold.sim.surfaces import whole_surfaces
 
         before = self.writer.health_of(g)
@@ -242,16 +243,19 @@ class _Run:
         found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
         numbers = {
             "growth": g,
-            **{k: state.record[k] for k in ("step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "min_J")},
+            **{name: state.record[name] for name in TOLD},
             "lowest_J": state.lowest_J,
+            "rested_steps": state.relaxed,
+            "unstable_modes": self._unstable_modes(),
             **check_surface(pial, closed),
+            "bending": bending(whole_surfaces(body, body.X)[1].verts, pial.verts) if closed else None,
             "volume_drift": abs(found / grown - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
         }
         self.writer.stage(
             g, white, pial, portion=body.bilayer.portion,
             reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
-            numbers=numbers, warnings=broken_bounds(numbers), beside=self._write_volume,
+            numbers=numbers, warnings=broken_bounds(numbers, self.scene), beside=self._write_volume,
         )  # fmt: skip
         return numbers
 

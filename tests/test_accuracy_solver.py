@@ -96,7 +96,7 @@ def test_settings_of_one_name_are_the_same_run_and_others_are_not():
 def test_a_stiffer_contact_is_that_of_the_run():
     run = Setting("contact", "x 2", 2.0, edge=2.4, contact=2.0).dynamics(folds=True)
     plain = COARSE.dynamics(folds=True)
-    stiff, soft = (next(e.stiffness for e in r.effects if e.name == "contact") for r in (run, plain))
+    stiff, soft = (next(e.per_mass for e in r.effects if e.name == "contact") for r in (run, plain))
     assert stiff == 2 * soft
 
 

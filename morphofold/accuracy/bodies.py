@@ -103,7 +103,7 @@ class Setting:
         effects = build_effects(scene)
         for effect in effects:
             if isinstance(effect, Contact):
-                effect.stiffness = self.contact * STIFFNESS
+                effect.per_mass = self.contact * STIFFNESS
         body = build_body(scene, effects, self.bilayer())
         return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
@@ -41,6 +42,10 @@ class Effect:
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         """Add forces on the surface nodes to ``extra`` (S, 3), every step."""
+
+    def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
+        """Minus the derivative (3 N, 3 N) of its forces by the positions, velocities 0, at the last step's pairs."""
+        return sparse.csr_matrix((x.size, x.size))
 
     def after_step(self, x: Array, v: Array) -> None:
         """Correct positions and velocities (N, 3) in place, every step."""

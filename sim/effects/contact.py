@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
+from scipy import sparse
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
@@ -251,13 +252,13 @@ def build(options, scene) -> Contact:
 class Contact(Effect):
     """Self-contact of the surface nodes; see the module for the rules.
 
-    ``stiffness`` is the penalty force per mass and penetration, at a step of one; the explicit step bears 0.4 or so.
+    ``per_mass`` is the penalty force per mass and penetration, at a step of one; the explicit step bears 0.4 or so.
     """
 
     name = "contact"
 
-    def __init__(self, stiffness: float = STIFFNESS):
-        self.stiffness = stiffness
+    def __init__(self, per_mass: float = STIFFNESS):
+        self.per_mass = per_mass
 
     def prepare(self, body: Body) -> None:
         n = body.n_surface
@@ -295,9 +296,24 @@ class Contact(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         if self._partner.max() >= 0:
             press(x, v, body.X, self._N, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
-                  APART * body.bilayer.edge, self.stiffness, self._push, self._weight, self._depth,
+                  APART * body.bilayer.edge, self.per_mass, self._push, self._weight, self._depth,
                   self._energy)  # fmt: skip
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
+
+    def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
+        """Of the pairs that press: a spring along each one's normal."""
+        node = np.flatnonzero((self._partner >= 0) & (self._depth > 0))
+        corners = self._tri[self._partner[node]]
+        nodes, share = np.column_stack([node, corners]), np.column_stack([np.ones(len(node)), -self._weight[node]])
+        a, b, c = (x[corners[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        along = (share[:, :, None] * normal[:, None, :]).reshape(-1, 12)
+        springs = self.per_mass * body.mass[nodes].min(axis=1)
+        entries = springs[:, None, None] * along[:, :, None] * along[:, None, :]
+        at = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
+        places = np.repeat(at, 12, axis=1).ravel(), np.tile(at, (1, 12)).ravel()
+        return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
 
     def pace(self, g: float) -> float:
         """Slower growth while nodes are pressed deeper than the gap, through the triangle that they face."""

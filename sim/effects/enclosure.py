@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.optimize import brentq
 
 from morphofold.sim.body import Body
@@ -83,6 +84,17 @@ class Enclosure(Effect):
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = press_shell(x, v, body.mass, self._semi_axes, extra)
+
+    def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
+        """Of the nodes outside: a spring along each one's normal of the shell."""
+        n = body.n_surface
+        level = np.sqrt(np.sum((x[:n] / self._semi_axes) ** 2, axis=1))
+        normal = x[:n] / self._semi_axes**2
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        springs = STIFFNESS * body.mass[:n] * (level > 1)
+        blocks = springs[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        diagonal = sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
+        return sparse.csr_matrix(sparse.block_diag([diagonal, sparse.csr_matrix((x.size - 3 * n, x.size - 3 * n))]))
 
     def energy(self) -> float:
         return self._energy

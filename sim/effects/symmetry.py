@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import sparse
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, contact
@@ -49,9 +50,21 @@ class Symmetry(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = 0, 0.0
         for (axis, at, side), held in self._planes:
-            count, energy = press_plane(x, v, body.mass, held, axis, at, side, 0.5 * contact.GAP * body.cell, extra)
+            count, energy = press_plane(x, v, body.mass, held, axis, at, side, self._gap(body), extra)
             self._pressed += count
             self._energy += energy
+
+    def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
+        """Of the nodes that press: a spring along the axis of their plane."""
+        springs = np.zeros((len(x), 3))
+        n = body.n_surface
+        for (axis, at, side), held in self._planes:
+            pressed = (self._gap(body) > side * (x[:n, axis] - at)) & ~held
+            springs[:n, axis] += STIFFNESS * body.mass[:n] * pressed
+        return sparse.csr_matrix(sparse.diags(springs.ravel()))
+
+    def _gap(self, body: Body) -> float:
+        return 0.5 * contact.GAP * body.cell
 
     def energy(self) -> float:
         return self._energy
