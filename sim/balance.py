@@ -11,6 +11,7 @@ factor of three, and rather too large (docs/solver.md, section 4). A mode that i
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -75,13 +76,14 @@ class Balance:
         if self._step[1] >= 0 and step - self._step[1] >= long:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
         if self._step[0] >= 0 and step - self._step[0] >= long:
-            dx = x - self._x[0]
-            squares = _product(mass, dx, dx)
-            self.w2 = _product(mass, dx, self._a[0] - a) / squares if squares > 0 else 0.0
-            pull = max(abs(_product(mass, dx, a)) / squares, damping / (step - self._step[0])) if squares > 0 else 0.0
-            self.distance = pull * _rms(dx) * self._tick**2 / self.soft
-            calm = self.distance < self._near and self.distance < NEAR_SHARE * _rms(x - self._X)
-            self.calm = self.calm + step - self.seen if calm or self.distance == 0 else 0
+            moved, against, along, way, from_X = _products(x, self._x[0], a, self._a[0], self._X, mass)
+            self.w2 = against / moved if moved > 0 else 0.0
+            pull = abs(along) / moved if moved > 0 else 0.0
+            soft = self.soft / self._tick**2
+            creeping = damping / (step - self._step[0]) / soft
+            self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
+            calm = self.distance < min(self._near, NEAR_SHARE * from_X) or self.distance == 0
+            self.calm = self.calm + step - self.seen if calm else 0
         k = 0 if self._step[0] < 0 else 1
         if self._step[k] < 0 and (k == 0 or step - self._step[0] >= long):
             self._step[k], self._x[k], self._a[k] = step, x, a
@@ -99,9 +101,18 @@ class Balance:
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
 
 
-def _rms(u: Array) -> float:
-    return float(np.sqrt(np.sum(u * u) / len(u)))
-
-
-def _product(mass: Array, u: Array, v: Array) -> float:
-    return float(mass @ np.einsum("ij,ij->i", u, v))
+@njit(cache=True)
+def _products(x, x0, a, a0, X, mass):
+    """dx.m dx, -dx.m da and dx.m a of dx = x - x0, da = a - a0; rms over the nodes of dx and of x - X."""
+    moved, against, along, way, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(len(x)):
+        square, turned, pulled = 0.0, 0.0, 0.0
+        for r in range(3):
+            dx = x[n, r] - x0[n, r]
+            square += dx * dx
+            turned += dx * (a0[n, r] - a[n, r])
+            pulled += dx * a[n, r]
+            from_X += (x[n, r] - X[n, r]) ** 2
+        moved, against, along = moved + mass[n] * square, against + mass[n] * turned, along + mass[n] * pulled
+        way += square
+    return moved, against, along, (way / len(x)) ** 0.5, (from_X / len(x)) ** 0.5

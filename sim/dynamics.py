@@ -36,7 +36,8 @@ EARLY = 0.2             # below this growth strain the kinetic energy is held ag
 SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
 FIRST_PACE = 0.1        # and what it starts from
 NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
-CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all; slow bodies have more patience [ticks]
+CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all, [ticks]
+SLENDER = 6.0           # times as long as that, where the body is so slow
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J", "dissipated")  # of a state, beside its arrays
 
 
@@ -143,7 +144,8 @@ class Dynamics:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
         A motion slower than that of folds is damped critically (Underwood 1983, Dynamic relaxation, section 5). It ends
-        after ``PATIENCE``, too, times as much as the motion is softer than folds are. Nothing is done where time is real.
+        after ``PATIENCE``, too, times as much as the motion is softer than folds are, but for ``SLENDER`` at most. Nothing
+        is done where time is real.
 
         Returns
         -------
@@ -152,7 +154,7 @@ class Dynamics:
         """
         tick, full, balance = self.body.crossing, self.damping, self.balance
         while self.waits_for_balance and balance.calm < CALM * tick:
-            if self.state.relaxed >= PATIENCE * tick * SOFT / balance.soft:
+            if self.state.relaxed >= PATIENCE * tick * min(SLENDER, SOFT / balance.soft):
                 break
             if 0 < balance.w2 < (0.5 * full) ** 2:
                 self.damping = 2 * math.sqrt(balance.w2)

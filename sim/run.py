@@ -25,7 +25,7 @@ from morphofold.sim.folder_check import (
 )
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
-from morphofold.sim.scene import Radial, Scene
+from morphofold.sim.scene import Radial, Scene, Strip
 from morphofold.sim.scene_file import load_scene
 from morphofold.threads import set_threads
 
@@ -149,7 +149,8 @@ class _Run:
         stages = []
         for g in self.scene.stages:
             self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # one taken up may be beyond
-            self.dynamics.settle(self._after)
+            if self.dynamics.state.growth == g:
+                self.dynamics.settle(self._after)
             stages.append(self._write_stage(g))
         self._note()
         self.writer.log(self.log)
@@ -258,6 +259,15 @@ class _Run:
             numbers=numbers, warnings=broken_bounds(numbers, self.scene), beside=self._write_volume,
         )  # fmt: skip
         return numbers
+
+    def _unstable_modes(self) -> int | None:
+        """Of the present state, where that is asked for; of a strip unless it is not."""
+        asked = self.scene.output.stability
+        if not (isinstance(self.scene.geometry, Strip) if asked is None else asked):
+            return None
+        from morphofold.sim.unstable import unstable_modes
+
+        return unstable_modes(self.dynamics)
 
     def _cortex_volume(self) -> float:
         """Present volume of the elements of the cortex [mm^3]."""

@@ -274,11 +274,15 @@ class Accuracy(_Table):
 
 
 class Output(_Table):
-    """Growth stretches at which surfaces are written; the final one is always written. Growth meets each stage
-    exactly, so one more stage shifts the steps around it a little."""
+    """Growth stretches at which the body rests and surfaces are written; the final one is always written.
+
+    ``stability``: count the unstable modes of each stage, by an exact factorisation of the stiffness. It takes as long as half of a
+    run of an octant and far longer for larger bodies: by default it is done for strips alone.
+    """
 
     stages: Annotated[tuple[Annotated[float, Field(ge=1)], ...], Field(strict=False)] = ()
     volume: bool = True
+    stability: bool | None = None
     checkpoint_minutes: Positive = 0.5
 
 

@@ -554,7 +554,7 @@ def test_an_effect_is_loaded_and_run_if_and_only_if_its_scene_calls_for_it(tmp_p
     for name, (text, _) in scenes.items():
         (tmp_path / f"{name}.toml").write_text(text)
     subprocess.run([sys.executable, "-c", EACH_ALONE, *scenes], cwd=tmp_path, check=True)
-    solver = {"elements", "filter", "advance", "measure", "grow"}
+    solver = {"elements", "filter", "advance", "balance", "measure", "grow"}
     for name, (_, called) in scenes.items():
         assert set(json.loads((tmp_path / f"{name}.json").read_text())) == called, name
         health = json.loads((tmp_path / name / "health.json").read_text())

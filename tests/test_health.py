@@ -12,10 +12,13 @@ from morphofold.sim.health import (
     CROSSING_TOLERANCE,
     LEAST_J,
     _along_rays,
+    bending,
     broken_bounds,
     check_surface,
     cover,
+    cures,
 )
+from morphofold.sim.scene_file import load_scene
 from morphofold.surface import Surface
 
 SOUND = {
@@ -61,8 +64,39 @@ def test_each_bound_is_told_with_its_value_and_a_cure(name):
     assert len(told) == 1
     shown = BEYOND[name] if isinstance(BEYOND[name], int) else f"{BEYOND[name]:.2g}"
     assert f"{name} {shown} at g = 1.50 exceeds {BOUNDS[name][0]:g}" in told[0]
-    assert BOUNDS[name][1] in told[0]
+    assert all(cures()[key] in told[0] for key in BOUNDS[name][1])
     assert len(broken_bounds({**SOUND, name: float("nan")})) == 1
+
+
+def test_a_number_that_a_stage_does_not_have_is_not_judged():
+    assert broken_bounds({**SOUND, "unstable_modes": None}) == []
+
+
+def test_a_cure_is_one_that_the_scene_takes():
+    """No advice to add contact that is there, nor of accuracy for the mesh of a file, which refuses it."""
+    deep = {**SOUND, "deepest_crossing": 0.5}
+    contact, finer = cures()["contact"], cures()["finer"]
+    assert contact in broken_bounds(deep)[0]
+    (told,) = broken_bounds(deep, load_scene("fig5"))
+    assert contact not in told
+    assert finer in told
+    (told,) = broken_bounds(deep, load_scene("mesh"))
+    assert "accuracy" not in told
+    assert "geometry.file" in told
+    (told,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("mesh"))
+    assert "portion" not in told
+
+
+def test_bending_is_that_of_the_body_as_a_whole(rng):
+    """Nothing of affine maps, of shells that grow unlike or of folds; a ball bent like a beam is as far off as its bow."""
+    verts, _ = icosphere(5, radius=50.0)
+    assert bending(verts, verts @ rng.standard_normal((3, 3)) + 7.0) < 1e-12
+    folds = 5.0 * np.cos(0.3 * verts[:, [0]]) * np.cos(0.3 * verts[:, [1]]) * np.cos(0.3 * verts[:, [2]])
+    assert bending(verts, verts * (1 + folds / 50)) < 0.01
+    bow = 1 / 200.0                                                     # curvature of what was the x axis [1/mm]
+    bent = verts + np.outer(0.5 * bow * verts[:, 0] ** 2, [0.0, 0.0, 1.0])
+    x2 = 50.0**2 * np.sqrt(4 / 45)                                      # spread of x^2 on the sphere: 1/5 - 1/9
+    assert bending(verts, bent) == pytest.approx(0.5 * bow * x2 / 50, rel=0.03)
 
 
 def test_a_value_at_its_bound_is_sound():

@@ -11,6 +11,7 @@ import pytest
 
 import morphofold as mf
 from morphofold.clock import peak_memory
+from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLENDER
 from morphofold.sim.folder_check import as_bytes, as_lines
 from morphofold.sim.geometry import build_body
 from morphofold.sim.run import simulate
@@ -231,13 +232,15 @@ def test_the_drift_of_a_body_that_is_not_closed_is_from_its_grown_volume(scene, 
     assert stage["volume_drift"] < 0.03                                 # det G is 1.52 and 1.32
 
 
-def test_the_final_stage_is_relaxed(folder):
+def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(folder):
     lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
-    growing = [line["step"] for line in lines if line["growth"] < 1.6]
     scene = load_scene("demo", SMALL)
-    crossing = build_body(scene, []).crossing
-    relaxation = 0.15 * scene.steps_per_unit(crossing) * 0.6    # 30 steps or so; 20 at most would come without
-    assert lines[-1]["step"] - growing[-1] >= relaxation
+    tick = build_body(scene, []).crossing
+    for stage in json.loads((folder / "health.json").read_text())["stages"]:
+        assert CALM * tick <= stage["rested_steps"] <= PATIENCE * SLENDER * tick + REFRESH
+        assert stage["distance_over_T"] < NEAR or stage["rested_steps"] >= PATIENCE * tick
+        held = [line["step"] for line in lines if line["growth"] == stage["growth"]]
+        assert stage["step"] - held[0] >= stage["rested_steps"] - 100 - REFRESH     # the log has a line per 100 steps
 
 
 def test_folders_of_others_are_left_alone(folder, tmp_path):

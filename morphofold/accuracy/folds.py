@@ -15,7 +15,7 @@ from morphofold.accuracy.points import ANEW, Point
 from morphofold.clock import working_seconds
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
-from morphofold.sim.run import RELAXATION, Progress
+from morphofold.sim.run import Progress
 from morphofold.sim.surfaces import whole_surfaces
 from morphofold.surface import Surface
 
@@ -70,8 +70,7 @@ def _grow(setting: Setting, tell: Progress) -> dict[str, Array]:
     for g in STAGES:
         begun = working_seconds()
         run.grow_to(g, after)
-        if g == final:
-            run.relax(int(RELAXATION / run.rate * (final - 1)), after)
+        run.settle(after)
         seconds += working_seconds() - begun
         pial = whole_surfaces(body, run.state.x)[1]
         waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))

@@ -15,7 +15,6 @@ from morphofold.report.fold_tables import sphere
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.onset import onset
-from morphofold.sim.run import RELAXATION
 from morphofold.sim.smooth import radial as smooth
 from morphofold.sim.smooth.radial_statics import RadialState, critical_growth_of_degree, radial_equilibrium
 from morphofold.sim.tangent import cauchy_stress, points
@@ -39,7 +38,7 @@ def smooth_points(setting: Setting) -> list[Point]:
         run = setting.dynamics(folds=False)
         begun = working_seconds()
         run.grow_to(SMOOTH)
-        run.relax(int(RELAXATION / run.rate))
+        run.settle()
         seconds.append(working_seconds() - begun)
     body, x, size = run.body, run.state.x, run.body.elements.n
     exact = theory_of(setting.kappa_ratio)

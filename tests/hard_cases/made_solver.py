@@ -20,7 +20,6 @@ from morphofold.sim.elements.kernels import WIDTH
 from morphofold.sim.geometry import build_bilayer, build_body
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
 from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.run import RELAXATION
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.smooth.radial_statics import radial_equilibrium
 from morphofold.sim.speed import cut_bricks
@@ -47,9 +46,9 @@ def start(scene, *settings, mesh=lambda bilayer: bilayer):
 
 
 def grown(run, g):
-    """The run at growth g, relaxed as the end of a scene is."""
+    """The run at growth g, at rest as a stage of a scene is."""
     run.grow_to(g)
-    run.relax(run.state.relaxed + int(RELAXATION / run.rate * abs(g - 1)))
+    run.settle()
     return run
 
 

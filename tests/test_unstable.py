@@ -1,0 +1,103 @@
+"""Unstable modes of a run: counted exactly, contact included."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from test_contact import make_body, two_sheets
+
+from morphofold.sim.body import Body
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.enclosure import Enclosure
+from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.geometry import build_body
+from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.scene_file import load_scene
+from morphofold.sim.unstable import unstable_modes
+
+
+def grown(scene, settings, g):
+    scene = load_scene(scene, settings)
+    effects = build_effects(scene)
+    body = build_body(scene, effects)
+    run = Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
+    run.grow_to(g)
+    return run
+
+
+STRIP = ["geometry.length=12", "geometry.depth=8", "accuracy.edge=1.5", "accuracy.elements_through_cortex=2",
+         "accuracy.precision=double", "effects.perturbation.amplitude=1e-9"]  # fmt: skip
+
+
+def lowest(run, count=12):
+    """Lowest eigenvalues over mass [1/tick^2], from forces alone: differences of what a step adds up, dense."""
+    body, h = run.body, 1e-6
+    rows = np.flatnonzero(body.free)
+
+    def forces(x):
+        f, extra = body.forces(x), body.filter.forces(x)
+        for effect in run.effects:
+            effect.add_forces(body, x, np.zeros_like(x), extra)
+        f[: body.n_surface] += extra
+        return f.ravel()[rows]
+
+    K = np.empty((len(rows), len(rows)))
+    for k, row in enumerate(rows):
+        kick = np.zeros(run.state.x.size)
+        kick[row] = h
+        there, back = (forces(run.state.x + sign * kick.reshape(run.state.x.shape)) for sign in (1, -1))
+        K[:, k] = (back - there) / (2 * h)
+    M = np.repeat(body.mass, 3)[rows]
+    return eigh(0.5 * (K + K.T), np.diag(M), eigvals_only=True, subset_by_index=[0, count]) * body.crossing**2
+
+
+def test_the_count_is_that_of_all_eigenvalues_of_the_differences_of_forces():
+    run = grown("strip", STRIP, 1.4)                                    # straight still, and far past its first wrinkles
+    values = lowest(run)
+    for bound in (-0.005, -0.02, 0.02):
+        assert unstable_modes(run, bound) == np.count_nonzero(values < bound)
+    assert unstable_modes(run) > 0
+
+
+def test_a_smooth_body_before_its_first_wrinkles_has_none():
+    assert unstable_modes(grown("strip", STRIP, 1.1)) == 0
+
+
+def pressed_by_contact():
+    """Two sheets of a surface face each other within the gap."""
+    contact, x, _ = two_sheets(distance=0.4)
+    body = make_body()
+    body.update_state(body.X)
+    return contact, body, x
+
+
+def pressed_by_planes():
+    body = Body(bilayer_sphere(50, 3, 25, "octant", 8), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    planes = Symmetry()
+    planes.prepare(body)
+    return planes, body, body.X - 1.2 * body.cell * (~body.on_plane)
+
+
+def pressed_by_shell():
+    _, body, _ = pressed_by_planes()
+    return Enclosure(np.array([50.0, 50.0, 52.0])), body, 1.03 * body.X
+
+
+@pytest.mark.parametrize("pressed", [pressed_by_contact, pressed_by_planes, pressed_by_shell])
+def test_the_stiffness_of_what_presses_is_that_of_its_forces(pressed):
+    """Along the forces themselves; that the normals turn, which is left out, is a tenth of it there."""
+    effect, body, x = pressed()
+
+    def forces(x):
+        extra = np.zeros((body.n_surface, 3))
+        effect.add_forces(body, x, np.zeros_like(x), extra)
+        return extra
+
+    way, h = np.zeros_like(x), 1e-7
+    now = forces(x)
+    way[: body.n_surface] = now / np.abs(now).max()
+    slope = (forces(x + h * way) - forces(x - h * way)) / (2 * h)
+    forces(x)                                                           # the pairs of x itself
+    stiff = (effect.stiffness(body, x) @ way.ravel()).reshape(x.shape)[: body.n_surface]
+    assert np.linalg.norm(slope) > 0
+    assert np.linalg.norm(stiff + slope) < 0.1 * np.linalg.norm(slope)
