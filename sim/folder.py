@@ -35,6 +35,7 @@ from morphofold.sim.folder_check import (
 from morphofold.sim.folder_lock import LOCK
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene_file import load_scene, to_toml
+from morphofold.sim.volume import check_series, write_series
 from morphofold.surface import Cortex, Surface
 
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
@@ -90,6 +91,7 @@ def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
     if not (folder / "health.json").exists():
         return False
     check_finished(folder, scene)
+    check_series(folder, scene)
     return True
 
 
@@ -140,6 +142,7 @@ class FolderWriter:
                 _write_json(self.out / "inputs.json", self._inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
                 temporary.write_text(to_toml(self.scene), encoding="utf-8")
+        write_series(self.out, self.scene)                              # a kill may have come before it
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:
@@ -205,6 +208,7 @@ class FolderWriter:
             beside(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))
+        write_series(self.out, scene)
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
         """``health.json``, with which a run is finished."""

@@ -28,6 +28,7 @@ from morphofold.sim.scene import MeshFile, Radial, Scene
 ANEW = "to grow anew from the start"
 _KEPT = (
     "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
+    "stages.pvd",
 )  # fmt: skip
 _TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.scene_file import load_scene
+from morphofold.sim.volume import write_series, write_volume
 from morphofold.threads import set_threads
 
 __all__ = ["Progress", "Simulation", "simulate"]
@@ -89,7 +91,10 @@ def simulate(
     folder = Path(scene.name if out is None else out)
     with deferred_interrupt() as interrupted:
         set_threads(threads)
-        if not is_finished(folder, scene, resume):
+        if is_finished(folder, scene, resume):
+            with suppress(OSError):                                     # one that may not be written goes without
+                write_series(folder, scene)
+        else:
             with alone(folder):
                 if not is_finished(folder, scene, resume):              # another run may have come first
                     writer = FolderWriter(folder, scene, describe, resume)
@@ -262,30 +267,5 @@ class _Run:
         return float(np.sum(present)) / body.bilayer.portion
 
     def _write_volume(self, folder: Path) -> None:
-        if not self.scene.output.volume:
-            return
-        import meshio
-
-        from morphofold.sim.elements.bricks import BINARY_CORNERS
-        from morphofold.sim.tangent import stress_of_elements
-
-        body, state = self.body, self.dynamics.state
-        element = body.elements.state()
-        layer = np.zeros(body.elements.n)
-        layer[: body.elements.n_cortex] = 1
-        corners = body.bilayer.mesh.t.T
-        bricks = corners.shape[1] == 8
-        if bricks:
-            corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]          # VTK's order of i, j, k
-        meshio.Mesh(
-            state.x,
-            [("hexahedron" if bricks else "tetra", corners)],
-            point_data={"reference": body.X, "displacement": state.x - body.X},
-            cell_data={
-                "cortex": [layer],
-                "volume_ratio": [element["volume_ratio"]],
-                "min_J": [element["J_min"]],
-                "energy": [element["energy"]],
-                "cauchy_stress": [stress_of_elements(body, state.x)],
-            },
-        ).write(folder / "volume.vtu")
+        if self.scene.output.volume:
+            write_volume(folder, self.body, self.dynamics.state.x)
