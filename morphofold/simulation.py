@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
-    from morphofold.sim.run import Progress, Simulation
+    from morphofold.sim.effects import Effect
+    from morphofold.sim.run import Look, Progress, Simulation
     from morphofold.sim.scene import Scene
 
 
@@ -48,6 +49,9 @@ def simulate(
     resume: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
+    effects: Iterable[Effect] = (),
+    after: Look | None = None,
+    restart_from: str | Path | None = None,
 ) -> Simulation:
     """Grow a scene and write its simulation folder; see :func:`morphofold.sim.run.simulate`.
 
@@ -58,5 +62,5 @@ def simulate(
 
     return run.simulate(
         source, out, settings=settings, resume=resume, threads=threads, describe=freesurfer_maps,
-        progress=progress or (lambda share, text: None),
+        progress=progress or (lambda share, text: None), effects=effects, after=after, restart_from=restart_from,
     )  # fmt: skip

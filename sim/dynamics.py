@@ -93,11 +93,13 @@ class Dynamics:
         Share of the velocity lost per step; by DAMPING unless given.
     slow : Slow, optional
         Growth at which the pace is held down (:func:`morphofold.sim.wrinkles.slow_growth`).
+    start : State, optional
+        Where to begin; at rest and ungrown unless given.
     """
 
     def __init__(
         self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None,
-        slow: Slow | None = None,
+        slow: Slow | None = None, start: State | None = None,
     ):  # fmt: skip
         self.body, self.effects = body, tuple(effects)
         self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
@@ -112,6 +114,9 @@ class Dynamics:
         self._sound: dict[str, NDArray] = {}
         for effect in self.effects:
             effect.prepare(body)
+        if start is not None:
+            self.state = start
+            body.grow(start.growth)
         self._measure()
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:

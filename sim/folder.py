@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from morphofold.records import digests
 from morphofold.sim.folder_check import (
     ANEW,
     as_lines,
+    check_begun,
     check_finished,
     check_inputs,
     check_stages,
@@ -35,6 +36,7 @@ from morphofold.sim.folder_check import (
 from morphofold.sim.folder_lock import LOCK
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene_file import load_scene, to_toml
+from morphofold.sim.volume import check_series, write_series
 from morphofold.surface import Cortex, Surface
 
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
@@ -62,8 +64,12 @@ class Simulation:
         return read_cortex(stage_folder(self.path, self.stages[-1] if g is None else g))
 
 
-def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
+def is_finished(
+    folder: Path, scene: Scene, resume: bool, own: Sequence[str] = (), restart_from: str | Path | None = None
+) -> bool:
     """Whether ``folder`` holds this very simulation, finished and whole. Writes nothing.
+
+    ``own`` are the names of effects that its caller adds, ``restart_from`` where it is to begin, if that is said.
 
     Raises
     ------
@@ -87,9 +93,11 @@ def is_finished(folder: Path, scene: Scene, resume: bool) -> bool:
     if began != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
     check_inputs(folder, scene)
+    check_begun(folder, own, restart_from)
     if not (folder / "health.json").exists():
         return False
     check_finished(folder, scene)
+    check_series(folder, scene)
     return True
 
 
@@ -104,6 +112,10 @@ class FolderWriter:
         Per-vertex maps of a stage's ``Cortex``, by name.
     resume : bool
         Whether what is there of this scene may be gone on from.
+    own : sequence of str
+        Names of effects that its caller adds to the scene's.
+    restart : mapping, optional
+        What ``inputs.json`` says of the state of another run that this one begins at.
 
     Notes
     -----
@@ -111,8 +123,12 @@ class FolderWriter:
     that the body was built of.
     """
 
-    def __init__(self, out: Path, scene: Scene, describe: Describe, resume: bool = False):
+    def __init__(
+        self, out: Path, scene: Scene, describe: Describe, resume: bool = False, own: Sequence[str] = (),
+        restart: Mapping[str, Any] | None = None,
+    ):  # fmt: skip
         self.out, self.scene, self._describe, self.resume = out, scene, describe, resume
+        self.own, self.restart = list(own), restart
         self._inputs = inputs_of(scene)
 
     def begin(self) -> None:
@@ -130,16 +146,24 @@ class FolderWriter:
         if inputs_of(self.scene) != self._inputs:
             name = self._inputs["geometry.file"]["file"]
             raise OSError(f"{name}: changed while it was read. Wait until what writes it has ended.")
-        if is_finished(self.out, self.scene, self.resume):
+        if is_finished(self.out, self.scene, self.resume, self.own):
             raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)
         sweep(self.out)
         check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
-            if self._inputs:
-                _write_json(self.out / "inputs.json", self._inputs)
+            added = {"effects": self.own, "restart": self.restart}
+            if inputs := {**self._inputs, **{name: what for name, what in added.items() if what}}:
+                _write_json(self.out / "inputs.json", inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
                 temporary.write_text(to_toml(self.scene), encoding="utf-8")
+        write_series(self.out, self.scene)                              # a kill may have come before it
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """The checkpoint that the run goes on from, if there is one."""
+        path = self.out / "checkpoint.npz"
+        return path if self.resume and path.exists() else None
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:
@@ -205,6 +229,7 @@ class FolderWriter:
             beside(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))
+        write_series(self.out, scene)
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
         """``health.json``, with which a run is finished."""
@@ -215,7 +240,7 @@ class FolderWriter:
             "warnings": warnings,
             "stages": stages,
             **numbers,
-            "effects": list(self.scene.called_effects),
+            "effects": [*self.scene.called_effects, *self.own],
             "effects_left_out": [name for name in type(effects).model_fields if name not in effects.named],
         }
         _write_json(self.out / "health.json", content)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -28,6 +29,7 @@ from morphofold.sim.scene import MeshFile, Radial, Scene
 ANEW = "to grow anew from the start"
 _KEPT = (
     "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
+    "stages.pvd",
 )  # fmt: skip
 _TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
 
@@ -64,11 +66,22 @@ class MeshSize(Record):
     elements_through_cortex: Count
 
 
+class Restart(Record):
+    """The state of another run that one began at: its file, that run's :func:`scene_digest`, the growth."""
+
+    file: str
+    sha256: str
+    scene_sha256: str
+    growth: Annotated[float, Field(ge=1, le=1000)]
+
+
 class Inputs(Record):
-    """``inputs.json``: either is there."""
+    """``inputs.json``: either of the first two is there; with names of effects that a scene can't name."""
 
     geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
     accuracy: MeshSize | None = None
+    effects: list[str] = []
+    restart: Restart | None = None
 
 
 class Digests(RootModel[dict[str, str]]):
@@ -186,6 +199,36 @@ def check_inputs(folder: Path, scene: Scene) -> None:
         )
 
 
+def begun_with(folder: Path) -> dict[str, Any]:
+    """``inputs.json`` of the run in a folder; empty where none has begun, or it has none."""
+    if not ((folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()):
+        return {}
+    return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {ANEW}, or choose another folder.")
+
+
+def check_begun(folder: Path, own: Sequence[str], restart_from: str | Path | None) -> None:
+    """Refuse to go on with a run that began with other effects of its caller's, or elsewhere."""
+    begun = begun_with(folder)
+    had, state = begun.get("effects", []), begun.get("restart", {}).get("file")
+    if had != list(own):
+        raise FileExistsError(
+            f"{folder}: its run has effects beside those of its scene: {', '.join(had) or 'none'}; given are "
+            f"{', '.join(own) or 'none'}. Go on in Python, mf.simulate(..., effects=[...], resume=True), with the same "
+            "in their order, or choose another folder."
+        )
+    if restart_from is not None and not (state and Path(state).is_relative_to(os.path.abspath(restart_from))):
+        raise FileExistsError(
+            f"{folder}: its run began {f'at {state}' if state else 'ungrown'}, not at {restart_from}; choose another "
+            "folder."
+        )
+
+
+def written_stages(folder: Path, scene: Scene) -> tuple[float, ...]:
+    """Growth of the stages that the run in a folder writes: those of its scene but for those before it began."""
+    start = begun_with(folder).get("restart")
+    return tuple(g for g in scene.stages if start is None or g >= start["growth"])
+
+
 def scene_digest(folder: Path) -> str:
     """SHA-256 of the scene of the run in a folder and of what it only names, as the run wrote both when it began."""
     found = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
@@ -241,7 +284,7 @@ def check_stages(out: Path, scene: Scene) -> dict[float, dict[str, Any]]:
 
 def check_reached(out: Path, scene: Scene, growth: float) -> None:
     """Refuse to go on from ``growth`` where a stage below it is missing: it could not be written any more."""
-    for g in scene.stages:
+    for g in written_stages(out, scene):
         if g < growth and not stage_folder(out, g).exists():
             raise ValueError(
                 f"{stage_folder(out, g)}: is missing, and {out / 'checkpoint.npz'} lies beyond it, at "
@@ -255,8 +298,8 @@ def check_finished(out: Path, scene: Scene) -> None:
     if missing := {"effects", *(() if isinstance(scene.geometry, Radial) else ("elements",))} - health.keys():
         raise ValueError(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {ANEW}.")
     grown = [stage.get("growth") for stage in health["stages"]]
-    if grown != list(scene.stages):
-        raise ValueError(f"{path}: its stages are {grown}, those of the scene {list(scene.stages)}. Delete it {ANEW}.")
+    if grown != (stages := list(written_stages(out, scene))):
+        raise ValueError(f"{path}: its stages are {grown}, those of the scene {stages}. Delete it {ANEW}.")
     found = check_stages(out, scene)
     for stage in health["stages"]:
         g = stage["growth"]

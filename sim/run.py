@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from morphofold import __version__
 from morphofold.clock import peak_memory, working_seconds
 from morphofold.io.files import decoding
+from morphofold.sim.effects import own_effects
 from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.folder_check import (
     ANEW,
@@ -22,16 +24,24 @@ from morphofold.sim.folder_check import (
     read_arrays,
     read_log,
     scene_digest,
+    written_stages,
 )
 from morphofold.sim.folder_lock import alone
 from morphofold.sim.interrupt import deferred_interrupt
+from morphofold.sim.restart import check_mesh, restart_of, state_of
 from morphofold.sim.scene import Radial, Scene, Strip
 from morphofold.sim.scene_file import load_scene
+from morphofold.sim.volume import write_series, write_volume
 from morphofold.threads import set_threads
+
+if TYPE_CHECKING:
+    from morphofold.sim.dynamics import Dynamics
+    from morphofold.sim.effects import Effect
 
 __all__ = ["Progress", "Simulation", "simulate"]
 
 Progress = Callable[[float, str], None]
+Look = Callable[["Dynamics"], None]
 
 RESTING = 45.0          # ticks that a stage rests, or so,
 RAMP = 250.0            # of those that growth by 1 takes, for the share of the work that is done
@@ -51,6 +61,9 @@ def simulate(
     threads: int | None = None,
     progress: Progress = lambda share, text: None,
     describe: Describe = lambda cortex: {},
+    effects: Iterable[Effect] = (),
+    after: Look | None = None,
+    restart_from: str | Path | None = None,
 ) -> Simulation:
     """Grow a scene and write its simulation folder.
 
@@ -71,6 +84,16 @@ def simulate(
     describe : callable
         Per-vertex maps to write beside each stage's surfaces, by name, from its ``Cortex``; the growth room itself
         measures nothing.
+    effects : iterable of Effect
+        Effects of your own, new ones for each run, which follow those of the scene. The folder keeps their names, and
+        a run is resumed with effects of the same names alone. Not in one dimension.
+    after : callable
+        Called every ``REFRESH`` steps with the ``Dynamics``, to look at its ``state`` and ``body``; not to change them.
+        Not in one dimension.
+    restart_from : str or Path, optional
+        Folder of another run, or of one of its stages, to begin at: at its positions and growth, and those velocities
+        that a checkpoint has. The mesh must be the same, all else may differ; what effects had in memory is not taken.
+        Stages of a smaller growth are not written. A resumed run knows where it began. Not in one dimension.
 
     Returns
     -------
@@ -79,8 +102,8 @@ def simulate(
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene cannot be had, nothing is written then; or if what is to be resumed is damaged, or the scene's
-        mesh file has changed since it began.
+        If the scene, an effect or the state to restart from cannot be had, nothing is written then; or if what is to be
+        resumed is damaged, or the scene's mesh file has changed since it began.
     FileExistsError
         If ``out`` holds something else, or a run and ``resume`` is not asked for, or another run is writing there.
     UnstableError
@@ -91,13 +114,22 @@ def simulate(
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
+    own = own_effects(effects)
+    names = [effect.name for effect in own]
+    if isinstance(scene.geometry, Radial) and (own or after or restart_from):
+        raise ValueError(f"{scene.name}: one dimension has no steps; drop effects, after and restart_from.")
     with deferred_interrupt() as interrupted:
         set_threads(threads)
-        if not is_finished(folder, scene, resume):
+        if is_finished(folder, scene, resume, names, restart_from):
+            with suppress(OSError):                                     # one that may not be written goes without
+                write_series(folder, scene)
+        else:
             with alone(folder):
-                if not is_finished(folder, scene, resume):              # another run may have come first
-                    writer = FolderWriter(folder, scene, describe, resume)
-                    _run_of(scene)(scene, writer, progress, interrupted).go()      # builds the body before it writes
+                if not is_finished(folder, scene, resume, names, restart_from):    # another run may have come first
+                    restart = restart_of(folder, scene, restart_from)
+                    writer = FolderWriter(folder, scene, describe, resume, names, restart)
+                    added = {"effects": own, "look": after} if own or after else {}
+                    _run_of(scene)(scene, writer, progress, interrupted, **added).go()    # builds before it writes
     return Simulation(folder, scene)
 
 
@@ -113,18 +145,24 @@ def _run_of(scene: Scene) -> Any:
 class _Run:
     """One run: the body, its dynamics, and where it writes."""
 
-    def __init__(self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool]):
+    def __init__(
+        self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool],
+        effects: Sequence[Effect] = (), look: Look | None = None,
+    ):  # fmt: skip
         from morphofold.sim.dynamics import Dynamics
         from morphofold.sim.effects import build_effects
         from morphofold.sim.geometry import build_body
         from morphofold.sim.wrinkles import slow_growth
 
         self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
-        self.started = working_seconds()
-        effects = build_effects(scene)
+        self.started, self.look = working_seconds(), look
+        effects = [*build_effects(scene), *effects]
         self.body = build_body(scene, effects)
+        start = None if writer.restart is None or writer.checkpoint else state_of(writer.restart, self.body, scene)
         steps_per_unit = scene.steps_per_unit(self.body.crossing)
-        self.dynamics = Dynamics(self.body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene))
+        self.dynamics = Dynamics(
+            self.body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene), start=start
+        )
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
@@ -147,7 +185,7 @@ class _Run:
         from morphofold.sim.health import broken_bounds
 
         stages = []
-        for g in self.scene.stages:
+        for g in written_stages(self.writer.out, self.scene):
             self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # one taken up may be beyond
             if self.dynamics.state.growth == g:
                 self.dynamics.settle(self._after)
@@ -182,6 +220,8 @@ class _Run:
         last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
         if state.growth - last["growth"] >= LOG_EVERY or state.step - last["step"] >= LOG_STEPS:
             self._note()
+        if self.look is not None:
+            self.look(self.dynamics)
         if self.interrupted():
             self._checkpoint()
             raise KeyboardInterrupt
@@ -204,19 +244,20 @@ class _Run:
     def _marks(self) -> dict[str, NDArray[Any]]:
         """What tells a checkpoint from one of another run: its scene and mesh, its version, and its log so far."""
         marks = {"scene": scene_digest(self.writer.out), "version": __version__, "log": as_lines(self.log)}
-        return {**{name: as_bytes(text) for name, text in marks.items()}, "lines": np.array(len(self.log))}
+        of_bytes = {name: as_bytes(text) for name, text in marks.items()}
+        return {**of_bytes, "lines": np.array(len(self.log)), "reference": self.body.X}
 
     def _take_up(self) -> None:
         """Go on from a checkpoint, if that is asked for and there is one."""
-        out = self.writer.out
-        path = out / "checkpoint.npz"
-        if not self.writer.resume or not path.exists():
+        out, path = self.writer.out, self.writer.checkpoint
+        if path is None:
             return
         mine = self._marks()
         arrays = read_arrays(path, {**self.dynamics.save(), **mine})
         for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
             if not np.array_equal(arrays[name], mine[name]):
                 raise ValueError(f"{path}: is of a run with {what}. Delete it {ANEW}.")
+        check_mesh(path, arrays["reference"], self.body.X, self.scene)  # effects of one's own may give it another shape
         growth, final = arrays["growth"].item(), self.scene.growth.final
         with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
             if not 1 <= growth <= final:
@@ -276,30 +317,5 @@ class _Run:
         return float(np.sum(present)) / body.bilayer.portion
 
     def _write_volume(self, folder: Path) -> None:
-        if not self.scene.output.volume:
-            return
-        import meshio
-
-        from morphofold.sim.elements.bricks import BINARY_CORNERS
-        from morphofold.sim.tangent import stress_of_elements
-
-        body, state = self.body, self.dynamics.state
-        element = body.elements.state()
-        layer = np.zeros(body.elements.n)
-        layer[: body.elements.n_cortex] = 1
-        corners = body.bilayer.mesh.t.T
-        bricks = corners.shape[1] == 8
-        if bricks:
-            corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]          # VTK's order of i, j, k
-        meshio.Mesh(
-            state.x,
-            [("hexahedron" if bricks else "tetra", corners)],
-            point_data={"reference": body.X, "displacement": state.x - body.X},
-            cell_data={
-                "cortex": [layer],
-                "volume_ratio": [element["volume_ratio"]],
-                "min_J": [element["J_min"]],
-                "energy": [element["energy"]],
-                "cauchy_stress": [stress_of_elements(body, state.x)],
-            },
-        ).write(folder / "volume.vtu")
+        if self.scene.output.volume:
+            write_volume(folder, self.body, self.dynamics.state.x)

@@ -155,7 +155,8 @@ def test_the_effect_and_the_measure_of_a_page_can_be_added_as_it_says(tmp_path):
         shutil.copytree(ROOT / room, tmp_path / room, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "pyproject.toml").touch()                               # what a checkout is known by
     page = (DOCS / "extending.md").read_text(encoding="utf-8")
-    for (_, code), name in zip(fences("docs/extending.md", "python")[::2], re.findall(r"The whole file, `(.*)`", page)):
+    whole = [code for _, code in fences("docs/extending.md", "python") if code.startswith('"""')]
+    for code, name in zip(whole, re.findall(r"The whole file, `(.*)`", page), strict=True):
         (tmp_path / name).write_text(code, encoding="utf-8")
     for _, change in fences("docs/extending.md", "diff"):
         file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]

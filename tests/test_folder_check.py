@@ -476,7 +476,7 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
     monkeypatch.setattr(os, "replace", look)
     simulate("demo", out, settings=TINY)
     assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
-        "scene.toml", "inputs.json", "log.jsonl", "checkpoint.npz", "health.json"
+        "scene.toml", "inputs.json", "log.jsonl", "checkpoint.npz", "health.json", "stages.pvd"
     }  # fmt: skip
     assert len([name for name in seen if name.startswith(".g1.")]) == 2
 

@@ -27,6 +27,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--resume", action="store_true", help="go on from the checkpoint in DIR; a finished run is left as it is",
     )  # fmt: skip
     parser.add_argument(
+        "--restart-from", metavar="RUN",
+        help="begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
+        "(RUN/stages/g1.50); material, growth, effects and stages may be others",
+    )  # fmt: skip
+    parser.add_argument(
         "--dry-run", action="store_true",
         help="say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
         "write nothing",
@@ -55,10 +60,11 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.sim.folder import is_finished
     from morphofold.sim.scene_file import load_scene
 
-    _refuse_with_resume(args)
+    _refuse_together(args)
     scene = load_scene(args.scene, args.settings)
     if not args.dry_run:
-        is_finished(Path(args.out or scene.name), scene, args.resume)   # or refuses, before anything is timed
+        folder = Path(args.out or scene.name)
+        is_finished(folder, scene, args.resume, restart_from=args.restart_from)     # or refuses, before any timing
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
@@ -71,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
 
     args.on_interrupt = " Run it again with --resume to go on."
     with progress(scene.name, args.quiet) as tell:
-        simulation = simulate(scene, args.out, resume=args.resume, threads=args.threads, progress=tell)
+        simulation = simulate(
+            scene, args.out, resume=args.resume, threads=args.threads, progress=tell, restart_from=args.restart_from
+        )
     if args.json:
         _print_json(simulation, args)
         return 0
@@ -100,8 +108,16 @@ def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
         print(strict_json(content).rstrip())
 
 
-def _refuse_with_resume(args: argparse.Namespace) -> None:
-    for option, given in (("--dry-run", args.dry_run), ("--budget", args.budget), ("--error", args.error)):
+def _refuse_together(args: argparse.Namespace) -> None:
+    """Options that go neither with a run that goes on nor with one that begins in the middle."""
+    fresh = {"--dry-run": args.dry_run, "--budget": args.budget, "--error": args.error}
+    for option, given in {**fresh, "--estimate": args.estimate}.items():
+        if args.restart_from and given:
+            raise ValueError(
+                f"{option} is for a run that begins ungrown and chooses its mesh, and one with --restart-from has that "
+                "of another run. Drop it."
+            )
+    for option, given in fresh.items():
         if args.resume and given:
             raise ValueError(
                 f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with, which "

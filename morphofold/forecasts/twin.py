@@ -162,7 +162,8 @@ def estimate_error(
     Raises
     ------
     ValueError
-        As :func:`coarser`; or if the run doesn't say how long its edges are.
+        As :func:`coarser`; if the run doesn't say how long its edges are, restarted from another one, or has effects of
+        its caller's own.
     FileExistsError
         If another process writes into the run's folder.
     UnstableError
@@ -175,11 +176,16 @@ def estimate_error(
     estimates are from true errors, and why wavelength and strain energy have none.
     """
     from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.folder_check import sweep
+    from morphofold.sim.folder_check import begun_with, sweep
     from morphofold.sim.folder_lock import alone
     from morphofold.sim.run import Simulation, simulate
 
     check_kind(run, Simulation, "estimate_error: run")
+    if told := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
+        raise ValueError(
+            f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
+            "twin of it can be grown."
+        )
     other = coarser(run.scene)
     mine = _grown(run)
     try:

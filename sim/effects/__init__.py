@@ -6,6 +6,8 @@ A module ``effects/NAME.py`` holds a function ``build(options, scene) -> Effect`
 
 from __future__ import annotations
 
+import pkgutil
+from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
+
+PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")   # names that a run has for itself
 
 
 class Effect:
@@ -83,3 +87,24 @@ def build_effects(scene: Scene) -> list[Effect]:
         effect.name = name
         built.append(effect)
     return built
+
+
+def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """A caller's own effects.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one is no ``Effect``; or its name is no identifier, that of another one, or one that is taken here.
+    """
+    found = tuple(effects)
+    taken = {*PHASES, *(module.name for module in pkgutil.iter_modules(__path__))}
+    for effect in found:
+        if not isinstance(effect, Effect):
+            raise TypeError(f"effects: {effect!r:.60} is no Effect; give instances of a subclass of it.")
+        if not (isinstance(effect.name, str) and effect.name.isidentifier()):
+            raise ValueError(f"effects: {type(effect).__name__} has the name {effect.name!r}; give it an identifier.")
+        if effect.name in taken:
+            raise ValueError(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
+        taken.add(effect.name)
+    return found

@@ -48,7 +48,7 @@ class Perturbation(Effect):
         rng = np.random.default_rng(seed)
         axis = rng.standard_normal((WAVES, 3))
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        self._amplitude = amplitude
+        self._amplitude, self.wavelength = amplitude, float(wavelength)
         self._wave = axis * (2 * np.pi / wavelength * (1 + SPREAD * rng.uniform(-1, 1, WAVES)))[:, None]
         self._phase = rng.uniform(0, 2 * np.pi, WAVES)
 

@@ -1,0 +1,135 @@
+"""A run that begins where another one stood: at one of its stages, or at its checkpoint."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.io.files import decoding, existing_file
+from morphofold.records import sha256_of
+from morphofold.sim.folder_check import begun_with, read_stage, scene_digest, stage_folder
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene_file import load_scene
+from morphofold.sim.volume import VOLUME, read_volume, stages_with_volume
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+    from morphofold.sim.dynamics import State
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 1e-9        # of the size of a body: within it reference positions are the same
+
+
+def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, Any] | None:
+    """What ``inputs.json`` says of the state that a run in ``out`` begins at; None for one that begins ungrown.
+
+    A run that is gone on with began where its ``inputs.json`` says. A new one begins at ``place``, a stage's folder or
+    that of a run, of which the state that has grown furthest is taken.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such state, it is damaged, or its growth is beyond the scene's final one.
+    """
+    begun = begun_with(out)
+    if begun or place is None:
+        return begun.get("restart")
+    place = Path(os.path.abspath(place))
+    run = place.parent.parent if (place / "stage.json").is_file() else place
+    if not (run / "scene.toml").is_file():
+        raise FileNotFoundError(f"{place}: is neither the folder of a run nor that of a stage, to restart from.")
+    with decoding(run / "scene.toml", "a scene as a run writes it"):
+        other = load_scene(run / "scene.toml")
+    stages = {g: stage_folder(run, g) for g in stages_with_volume(run, other)}
+    found = [(g, folder / VOLUME) for g, folder in stages.items() if place in (run, folder)]
+    if place == run and (run / "checkpoint.npz").is_file():
+        found.append((_read(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
+    if not found:
+        raise ValueError(
+            f"{place}: holds no state to restart from, which is a checkpoint or a stage with {VOLUME}. A scene with "
+            "output.volume = false writes no volume, and one in one dimension has none."
+        )
+    growth, file = max(found, key=lambda state: state[0])               # the first of equals: a stage
+    if growth > scene.growth.final:
+        raise ValueError(
+            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Grow "
+            "further, or restart from the folder of an earlier stage."
+        )
+    if file.name == VOLUME:
+        read_stage(run, growth)                                         # or refuses one that is damaged
+    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
+
+
+def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
+    """The state that a run begins at: positions and growth, and of a checkpoint velocities.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If its file is gone, has changed, or is of another mesh than the body's.
+    """
+    from morphofold.sim.dynamics import State
+
+    file = existing_file(restart["file"], "state to restart from")
+    if (now := sha256_of(file)) != restart["sha256"]:
+        raise ValueError(
+            f"{file}: has changed since a run began at it (sha256 {restart['sha256'][:12]}... then, {now[:12]}... "
+            "now). Put the old file back, or choose another folder."
+        )
+    x, v, X, _ = _read(file)
+    check_mesh(file, X, body.X, scene)
+    return State(x, v, growth=restart["growth"])
+
+
+def check_mesh(file: Path, X: Array, mine: Array, scene: Scene) -> None:
+    """Refuse reference positions that are not those of the body, which are ``mine``."""
+    told = f"has {len(X):,} nodes, and the body of {scene.name} {len(mine):,}"
+    if X.shape == mine.shape:
+        apart = np.linalg.norm(X - mine, axis=1)
+        if apart.max() <= ROUND_OFF * np.ptp(mine, axis=0).max():
+            return
+        told = f"has node {apart.argmax()} {apart.max():.3g} mm from where it is in the body of {scene.name}"
+    raise ValueError(
+        f"{file}: {told} before growth. Geometry, mesh and imperfection must be those of the run to go on from"
+        f"{_same_wavelength(file, scene)}."
+    )
+
+
+def _read(file: Path) -> tuple[Array, Array, Array, float]:
+    """Positions, velocities, reference positions (N, 3) and growth of a checkpoint; of a volume, which doesn't know the
+    last, that is 1 and the velocities are 0."""
+    with decoding(file, "a state to restart from"):
+        if file.name == VOLUME:
+            X, x = read_volume(file)
+            v, growth = np.zeros(x.shape), 1.0
+        else:
+            with np.load(existing_file(file), allow_pickle=False) as arrays:
+                if sum(entry.file_size for entry in arrays.zip.infolist()) > file.stat().st_size:
+                    raise ValueError("it is packed")                    # no run packs it
+                x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
+                growth = float(arrays["growth"].item())
+        if not (x.ndim == 2 and x.shape[1] == 3 and x.shape == v.shape == X.shape):
+            raise ValueError(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")
+        if not (growth >= 1 and all(np.isfinite(array).all() for array in (x, v, X, growth))):
+            raise ValueError("it has numbers that are not finite, or a growth below 1")
+    return np.ascontiguousarray(x, np.float64), v, X, growth
+
+
+def _same_wavelength(file: Path, scene: Scene) -> str:
+    """How to have the other run's imperfection, whose wavelength hangs on the material unless it is set."""
+    from morphofold.sim.effects.perturbation import build
+
+    with suppress(OSError, ValueError):
+        other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        if scene.effects.perturbation and other.effects.perturbation:
+            theirs = build(other.effects.perturbation, other).wavelength
+            if theirs != build(scene.effects.perturbation, scene).wavelength:
+                return f": effects.perturbation.wavelength = {theirs!r}, for one"
+    return ""
