@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SOFT = 0.005            # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
-NEAR_SHARE = 0.01       # of the way that a body has moved at all: how near to rest it has to be, too
+NEAR_SHARE = 0.01       # of the way that a slender body has moved at all: how near to rest it has to be
 LONG = 2.0              # least time over which a motion is looked at [ticks]: faster ones shake and go nowhere
 SCALARS = ("w2", "distance", "calm", "seen")
 
@@ -82,8 +82,8 @@ class Balance:
             soft = self.soft / self._tick**2
             creeping = damping / (step - self._step[0]) / soft
             self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
-            calm = self.distance < min(self._near, NEAR_SHARE * from_X) or self.distance == 0
-            self.calm = self.calm + step - self.seen if calm else 0
+            near = self._near if self.soft == SOFT else min(self._near, NEAR_SHARE * from_X)
+            self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
         k = 0 if self._step[0] < 0 else 1
         if self._step[k] < 0 and (k == 0 or step - self._step[0] >= long):
             self._step[k], self._x[k], self._a[k] = step, x, a

@@ -127,8 +127,8 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     seconds = sum(phases.values())
     spread = costs()["spread"]["time"]
     T, layers = scene.thinnest, scene.elements_through_cortex
-    total, known = steps.expected, steps.ramp + steps.relaxing
-    fewest, most = round(known + steps.fewest), round(known + steps.most)
+    total = steps.expected
+    fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
     less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
     return Forecast(
         scene.name, scene.geometry.shape, setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,

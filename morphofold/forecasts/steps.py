@@ -1,4 +1,4 @@
-"""How many steps a run takes: those of its ramp and of its relaxation are known, those in which it waits are not."""
+"""How many steps a run takes: those of its ramp are known, those in which it rests or waits for balance are not."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ class Steps:
 
     Attributes
     ----------
-    ramp, relaxing : int
-        While the cortex grows as fast as its pace lets it, and at the final growth afterwards.
-    waiting : float
-        More of them, in which growth waits for balance while folds form; between ``fewest`` and ``most`` were seen.
+    ramp : int
+        While the cortex grows as fast as its pace lets it.
+    resting, waiting : float
+        More of them, in which growth stands still at a stage until the body rests, and in which it waits for balance while
+        folds form; between ``fewest`` and ``most`` were seen of both together.
     awake : float
         Mean over all steps of how far contact has woken, as a share of a step: what it then adds to one.
     """
 
     ramp: int
-    relaxing: int
+    resting: float
     waiting: float
     fewest: float
     most: float
@@ -34,7 +35,7 @@ class Steps:
     @property
     def expected(self) -> int:
         """All of them."""
-        return round(self.ramp + self.relaxing + self.waiting)
+        return round(self.ramp + self.resting + self.waiting)
 
     @property
     def growing(self) -> float:
@@ -53,14 +54,13 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     crossing : float
         Steps in which a wave crosses the cortex: one tick of the clock that sets the pace.
     costs : mapping
-        The table's ``costs``: how long runs waited, and what contact took.
+        The table's ``costs``: how long runs rested and waited, and what contact took.
     """
     from morphofold.sim.dynamics import REFRESH, SLOWEST, soft_start
     from morphofold.sim.effects import ramp as ramps
-    from morphofold.sim.run import RELAXATION
-    from morphofold.sim.wrinkles import slow_growth
+    from morphofold.sim.wrinkles import first_wrinkles, slow_growth
 
-    waiting, contact = costs["waiting"], costs["contact"]
+    waiting, resting, contact = costs["waiting"], costs["resting"], costs["contact"]
     touching = contact["per_growth"] if "contact" in scene.effects.named else 0.0
     folding = lambda g: max(0.0, g - contact["from"]) * touching
     shape = None if scene.effects.ramp is None else ramps.build(scene.effects.ramp, scene)
@@ -76,13 +76,14 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
             growth = stage if stage - growth <= 1.5 * increment else growth + increment
             ramp += REFRESH
             awake += REFRESH * folding(growth)
-    relaxing = -(-int(RELAXATION * per_unit * (scene.growth.final - 1)) // REFRESH) * REFRESH
-    awake += relaxing * folding(scene.growth.final)
-    if waits:
-        folded = (scene.growth.final - waiting["from"]) / (waiting["to"] - waiting["from"])
-        ticks = waiting["ticks"] * scene.material.mu_ratio ** waiting["stiffness_power"] * scene.growth.rate
-        more = min(max(folded, 0.0), 1.0) * ticks * crossing
-    else:                                                               # real masses: the step shrinks as bricks do
-        more = (ramp + relaxing) * costs["inertia"]["per_growth"] * (scene.growth.final - 1)
-    fewest, most = (more * waiting[key] for key in ("fewest", "most"))
-    return Steps(ramp, relaxing, more, fewest, most, awake / (ramp + relaxing) if ramp else 0.0)
+    if not waits:                                                       # real masses: the step shrinks as bricks do
+        more = ramp * costs["inertia"]["per_growth"] * (scene.growth.final - 1)
+        return Steps(ramp, 0, more, *(more * waiting[key] for key in ("fewest", "most")), awake / ramp if ramp else 0.0)
+    wrinkled = first_wrinkles(scene).growth
+    rests = [crossing * resting["folded" if stage > wrinkled else "smooth"] for stage in scene.stages]
+    awake += sum(rest * folding(stage) for rest, stage in zip(rests, scene.stages))
+    folded = (scene.growth.final - waiting["from"]) / (waiting["to"] - waiting["from"])
+    ticks = waiting["ticks"] * scene.material.mu_ratio ** waiting["stiffness_power"] * scene.growth.rate
+    more = min(max(folded, 0.0), 1.0) * ticks * crossing
+    fewest, most = (more * waiting[key] + sum(rests) * resting[key] for key in ("fewest", "most"))
+    return Steps(ramp, sum(rests), more, fewest, most, awake / (ramp + sum(rests)) if ramp else 0.0)
