@@ -29,6 +29,7 @@ PHASES = {
 #: effects that have no phase of their own, and where their time is
 WITHIN = {
     "core_growth": "within grow", "regional_growth": "within grow", "perturbation": "once, within rest",
+    "notch": "once, within rest",
     "ramp": "sets the pace, takes no time",
 }  # fmt: skip
 
