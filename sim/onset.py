@@ -26,7 +26,7 @@ from morphofold.sim.scene import Scene, in_double
 Array = NDArray[np.float64]
 
 #: effects that are left out: they don't act on a smooth body, or only on its pace
-SILENT = ("perturbation", "contact", "enclosure", "inertia", "ramp")
+SILENT = ("perturbation", "notch", "contact", "enclosure", "inertia", "ramp")
 KICK = 1e-3             # of the cortical thickness, rms
 RISE = 3.0              # the difference has turned for good when it is this many times its least
 PURE = 30.0             # and its growing part is nearly alone when it is so many times its least
@@ -60,8 +60,8 @@ def onset(
     Parameters
     ----------
     scene : Scene
-        In double precision; its perturbation, contact, enclosure, inertia and ramp are left out. Growth goes on until
-        the onset is passed, at most to ``growth.final``.
+        In double precision; its perturbation, notch, contact, enclosure, inertia and ramp are left out. Growth goes
+        on until the onset is passed, at most to ``growth.final``.
     start : float
         Growth at which the twin of the first pair is kicked, well before the onset.
     rate : float

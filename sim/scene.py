@@ -18,12 +18,13 @@ CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rise
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
+_FOLDED = ("contact", "perturbation", "notch", "core_growth", "regional_growth", "ramp", "inertia")
 #: effects that a shape can have, where it can't have them all
 EFFECTS_OF = {
     "radial": ("core_growth",),
-    "patch": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia", "bulk_viscosity"),
-    "strip": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia", "bulk_viscosity"),
-    "mesh": ("contact", "perturbation", "core_growth", "regional_growth", "ramp", "inertia"),
+    "patch": (*_FOLDED, "bulk_viscosity"),
+    "strip": (*_FOLDED, "bulk_viscosity"),
+    "mesh": _FOLDED,
 }
 
 
@@ -202,6 +203,16 @@ class Perturbation(_Table):
     wavelength: Length | None = None
 
 
+class Notch(_Table):
+    """Narrow pits in the pial surface at points ``at`` [mm], or with ``line`` one groove from each to the next; in a
+    strip grooves across it at their x. ``depth`` over the thickness; ``width`` [mm], by default the thickness."""
+
+    at: Annotated[tuple[Annotated[Point, Field(strict=False)], ...], Field(strict=False, min_length=1)]
+    line: bool = False
+    depth: Annotated[float, Field(gt=0, le=0.5)] = 0.1
+    width: Length | None = None
+
+
 class CoreGrowth(_Table):
     """Isotropic growth of the core, to ``final`` when the cortex reaches its own (g_c of Eq. 9)."""
 
@@ -245,6 +256,7 @@ class BulkViscosity(_Table):
 class Effects(_Table):
     contact: Contact | None = None
     perturbation: Perturbation | None = None
+    notch: Notch | None = None
     core_growth: CoreGrowth | None = None
     regional_growth: RegionalGrowth | None = None
     ramp: Ramp | None = None
@@ -319,6 +331,10 @@ class Scene(_Table):
                 raise ValueError(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
         if shape == "mesh" and self.accuracy != Accuracy():
             raise ValueError("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
+        if effects.notch is not None and effects.notch.line and (shape == "strip" or len(effects.notch.at) == 1):
+            raise ValueError(
+                "effects.notch.line joins two points or more; in a strip grooves run across without it: drop it"
+            )
         if effects.core_growth is not None and self.growth.final == 1:
             raise ValueError("effects.core_growth needs a cortex that grows: growth.final is 1")
         if effects.ramp is not None and self.growth.final == 1:

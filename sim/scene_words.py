@@ -165,6 +165,7 @@ _EXAMPLES = {
     "name": 'name = "mine"',
     "file": 'file = "body.vtu"',
     "shape": 'shape = "smooth"',
+    "at": "at = [[0.0, 0.0, 50.0]]",
     "centre": "centre = [0.0, 0.0, 50.0]",
     "radius": "radius = 20.0",
     "factor": "factor = 0.5",

@@ -25,7 +25,7 @@ from morphofold.sim.scene_file import load_scene
 EFFECTS = {
     "contact": "{}", "perturbation": "{}", "ramp": '{shape = "smooth"}', "enclosure": "{gap = 13}", "inertia": "{}",
     "core_growth": "{}", "regional_growth": "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}",
-    "bulk_viscosity": "{}",
+    "bulk_viscosity": "{}", "notch": "{at = [[0, 0, 50]]}",
 }  # fmt: skip
 FOLDED = 1.7            # growth at which contact is awake
 

@@ -521,6 +521,7 @@ ALONE = {
     "none": "",
     "contact": "[effects.contact]",
     "perturbation": "[effects.perturbation]",
+    "notch": "[effects.notch]\nat = [[50.0, 0.0, 0.0]]",
     "core_growth": "[effects.core_growth]\nfinal = 1.02",
     "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
     "ramp": '[effects.ramp]\nshape = "smooth"',

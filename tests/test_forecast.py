@@ -18,7 +18,7 @@ from morphofold.forecasts.forecasting import SETTING_UP, STAGES, forecast_from
 from morphofold.forecasts.memory import building_bytes, running_bytes
 from morphofold.forecasts.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
 from morphofold.forecasts.steps import steps_of
-from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, studied, table
+from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
 from morphofold.forecasts.words import percent, span, table_of
 from morphofold.records import strict_json
 from morphofold.sim.dynamics import Dynamics
@@ -70,7 +70,7 @@ def test_a_forecast_counts_the_body_that_a_run_builds(name):
     assert {"elements", "advance", "measure", STAGES, SETTING_UP} <= set(found.seconds_by_phase)
 
 
-def test_a_body_of_tetrahedra_is_counted_and_its_doubts_are_said(tmp_path):
+def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path):
     import meshio
 
     tets = cut_bricks(build_bilayer(load_scene("fig6-thick", ["geometry.portion=full", "accuracy.edge=12"]))).mesh
@@ -79,7 +79,9 @@ def test_a_body_of_tetrahedra_is_counted_and_its_doubts_are_said(tmp_path):
                                 "output.stages=[]"])  # fmt: skip
     found = forecast(scene, threads=1)
     assert (found.elements, found.nodes) == (tets.nelements, tets.nvertices)
-    assert any("not of a mesh" in doubt for doubt in found.doubts)
+    assert "shape" in found.not_studied
+    assert (found.errors, found.headline) == ({}, None)
+    assert found.how["errors"] in table_of(found)
     assert found.elements_through_cortex is None
 
 
@@ -91,12 +93,13 @@ def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     expected = steps_of(scene, scene.steps_per_unit(body.crossing), body.crossing, costs())
     took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
     assert expected.waiting == 0
-    assert took == pytest.approx(expected.expected, rel=0.04)           # contact and balance hardly ask for more
+    assert took == pytest.approx(expected.expected, rel=0.08)           # contact and balance hardly ask for more
 
 
-def test_a_body_that_does_not_grow_takes_no_steps():
+def test_a_body_that_does_not_grow_takes_the_steps_alone_in_which_that_is_seen():
     found = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
-    assert (found.steps, found.fewest_steps, found.most_steps) == (0, 0, 0)
+    assert 0 < found.steps < 10 * build_body(load_scene("fig6-thick", [*SMALL, "accuracy.edge=6"])).crossing
+    assert found.fewest_steps < found.steps < found.most_steps
     assert 0 < found.fastest < found.seconds < found.slowest < float("inf")
 
 
@@ -175,9 +178,34 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
     for level in LEVELS:
         scene = load_scene("fig6-thick", [f"accuracy.level={level}", "geometry.portion=octant"])
         sphere = scene.geometry
-        assert stored.doubts(scene, 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness) == []
-    early = load_scene("fig6-thick", ["growth.final=1.1"])
-    assert any("at g = 2, not at 1.1" in said for said in stored.doubts(early, 0.45))
+        edge = 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness
+        assert (not_studied(scene, edge), stored.doubts(scene, edge)) == ((), [])
+    assert stored.doubts(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45)
+
+
+@pytest.mark.parametrize(
+    ("source", "settings", "edge", "names"),
+    [
+        ("demo", (), 0.6, ()),
+        ("fig7-ratio4", (), 0.45, ()),
+        ("fig6-thin", (), 0.45, ()),
+        ("fig6-thick", (), 0.2, ("edge",)),
+        ("fig6-thick", (), 1.5, ("edge",)),
+        ("fig6-thick", ("growth.final=1.4",), 0.45, ("growth",)),
+        ("fig6-thick", ("growth.final=2.5",), 0.45, ("growth",)),
+        ("fig6-thick", ("material.mu_ratio=0.5",), 0.45, ("mu_ratio",)),
+        ("fig6-thick", ("material.kappa_ratio=1000.0",), 0.45, ("kappa_ratio",)),
+        ("fig6-thick", ("geometry.cortex_thickness=8.0",), 0.45, ("thickness",)),
+        ("fig5-tangential", (), 0.45, ("law",)),
+        ("skull", (), 0.45, ("effects",)),
+        ("polymicrogyria", (), 0.45, ("shape",)),
+        ("ellipsoid", ("growth.final=2",), 0.45, ("shape",)),
+        ("patch", ("growth.final=2",), 0.45, ("shape",)),
+        ("strip", ("growth.final=2",), 0.45, ("shape",)),
+    ],
+)
+def test_errors_are_told_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
+    assert not_studied(load_scene(source, settings), edge) == names
 
 
 def test_the_table_says_of_every_quantity_what_the_readers_ask():
@@ -215,7 +243,7 @@ def test_spans_and_shares_in_words():
 
 def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     argv = ["simulate", "fig6-thick", "--dry-run", "--threads", "1"]
-    for setting in (*SMALL, "accuracy.edge=4"):
+    for setting in (*SMALL, "accuracy.edge=3.5"):
         argv += ["--set", setting]
     assert main(argv) == 0
     told = capsys.readouterr().out
@@ -223,8 +251,12 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
         assert word in told
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"])).mesh.nelements
+    assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=3.5"])).mesh.nelements
+    assert found["not_studied"] == []
     assert found["errors"]["wavelength"]["low"] < found["errors"]["wavelength"]["error"]
+    assert main([*argv, "--json", "--set", "growth.law=tangential", "--set", "growth.final=1.1"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (found["not_studied"], found["errors"]) == (["law", "growth"], {})
     assert list(here.iterdir()) == []
 
 
@@ -253,18 +285,25 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert cost.within["core_growth"] == "within grow"
     assert "contact" in cost.effects
     assert REST in cost.phases
-    assert "expected error about" in cost_line(cost)
-    assert cost.doubts
-    assert ".." not in cost_line(cost)                                  # doubts are sentences, joined as such
+    assert (cost.not_studied, cost.errors, cost.doubts) == (("effects", "edge", "growth"), {}, ())
+    assert cost.how in cost_line(cost)
+    like = cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
+    assert (like.not_studied, like.errors) == ((), expected_errors(0.5))
+    assert percent(headline(0.5)[1].error) in cost_line(like)
+    assert like.doubts
+    assert ".." not in cost_line(like)                                  # doubts are sentences, joined as such
     stage = next((tmp_path / "run" / "stages").glob("*/stage.json"))
     assert cost_beside(stage) == cost
     (tmp_path / "run" / "health.json").unlink()
     assert cost_beside(stage) is None
 
 
-def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures):
+def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
+    assert main(["analyze", "run", "-q", "-o", "unlike"]) == 0
+    assert "Relative error of" not in (here / "unlike" / "report.html").read_text("utf-8").split("The measuring")[0]
+    monkeypatch.setattr("morphofold.forecasts.afterwards.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
     said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]

@@ -8,7 +8,7 @@ from commands import refused
 from morphofold.cli import main
 from morphofold.forecasts import calibration, forecast
 from morphofold.forecasts.picking import budget_seconds, error_share, pick
-from morphofold.forecasts.table import headline, studied
+from morphofold.forecasts.table import STUDIED, headline, studied
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene_file import load_scene
 
@@ -125,7 +125,21 @@ def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monke
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")
 
 
-def test_the_run_records_the_edge_that_was_picked(here, capsys):
+@pytest.mark.parametrize(
+    ("source", "settings"), [("patch", ()), ("ellipsoid", ()), ("fig5-tangential", ()), ("fig5", ("growth.final=1.1",))]
+)
+def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, capsys, clockwork, source, settings):
+    words = [word for setting in settings for word in ("--set", setting)]
+    refused(capsys, ["simulate", source, *words, "--error", "9%"], "--error", "--budget")
+    refused(capsys, ["simulate", source, *words, "--error", "9%", "--budget", "1h"], "--error", "--estimate")
+    chosen = pick(load_scene(source, settings), budget=1e4, threads=1)
+    assert chosen.forecast.not_studied
+    assert chosen.forecast.headline is None
+    assert chosen.forecast.how["errors"] in chosen.words
+
+
+def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
+    monkeypatch.setitem(STUDIED, "growth", (1.0, 2.0))
     argv = ["simulate", "fig6-thick", "--error", f"{headline(1.0)[1].error:.6f}", "-q", "-o", "run", "--threads", "1"]
     for setting in (*OCTANT, "growth.final=1.004"):
         argv += ["--set", setting]

@@ -76,7 +76,7 @@ def test_equilibrium_is_the_same_by_way_of_a_restart(tmp_path):
     hardened = simulate("demo", tmp_path / "hardened", settings=stiff, restart_from=soft.path / "stages" / "g1.10")
     assert apart(soft, hard, 1.15) > 0.05                               # what there is to tell apart [mm]
     assert apart(soft, again, 1.15) < 1e-4                              # seen: 5e-6, forces have 32 bits
-    assert apart(hard, hardened, 1.15) < 1e-4
+    assert apart(hard, hardened, 1.15) < 5e-3                           # both rest within 0.05 T of 8 mm
 
 
 def test_a_run_begins_at_rest_at_the_positions_and_the_growth_of_the_last_stage(other, tmp_path):

@@ -274,7 +274,7 @@ def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
             elif field.default is None:
                 assert said == "-"
             else:
-                said = said.strip("`").replace('"', "").replace("true", "True")
+                said = said.strip("`").replace('"', "").replace("true", "True").replace("false", "False")
                 assert said.strip("[]") == str(field.default).strip("()")
 
 
@@ -295,7 +295,7 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
 @in_a_checkout
 def test_the_scenes_of_the_page_are_scenes(tmp_path):
     texts = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.S)
-    assert len(texts) == 3
+    assert len(texts) == 4
     for text in texts:
         load_scene(write(tmp_path, text if "name =" in text else f'name = "x"\n{text}'))
 

@@ -13,7 +13,7 @@ from morphofold.cli import main
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import twin as twin_module
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import table
+from morphofold.forecasts.table import STUDIED, table
 from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside
 from morphofold.forecasts.words import called, percent
 from morphofold.report.costs import costs
@@ -50,7 +50,7 @@ def test_each_quantity_is_extrapolated_by_its_own_power():
     assert index.power != apart.power
     assert index.error == pytest.approx((here - there) / here / (1.5**index.power - 1))
     assert apart.error == pytest.approx(distance(mine.pial, twin.pial) / 3 / (1.5**apart.power - 1))
-    assert found.doubts == ()
+    assert (found.doubts, found.not_studied) == ((), ())
 
 
 def test_powers_are_those_of_a_constant_number_of_elements(monkeypatch):
@@ -73,7 +73,10 @@ def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
 
 
 def test_an_open_body_has_no_index():
-    assert set(between(load_scene("patch"), made(2.0), made(3.0)).errors) == {"pial distance"}
+    found = between(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
+    assert set(found.errors) == {"pial distance"}
+    assert found.not_studied == ("shape",)
+    assert len(found.doubts) == 1
 
 
 def test_a_run_or_a_twin_that_is_not_healthy_is_told():
@@ -100,6 +103,7 @@ def test_what_has_no_coarser_twin_is_refused_before_anything_is_grown(tmp_path, 
     few = ["simulate", "fig6-thick", "--estimate", "--set", "accuracy.edge=25"]
     refused(capsys, few, "no coarser one", "accuracy.edge")
     refused(capsys, [*few, "--dry-run"], "no coarser one")
+    monkeypatch.setitem(STUDIED, "thickness", (0.0, 1.0))
     thick = ["simulate", "fig6-thick", "--estimate", "--set", "geometry.cortex_thickness=20", "--json"]
     assert main([*thick, "--error", "99%", "--threads", "1"]) == 2         # a mesh that was picked, too
     assert "no coarser one" in capsys.readouterr().err
@@ -135,13 +139,13 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
 
 
 def test_a_forecast_counts_the_twin_beside_the_run(capsys):
-    settings = [word for setting in SMALL for word in ("--set", setting)]
+    settings = [word for setting in (*SMALL[:3], "accuracy.edge=3.5") for word in ("--set", setting)]
     argv = ["simulate", "fig6-thick", *settings, "--dry-run", "--estimate", "--threads", "1"]
     assert main([*argv, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     twin = content["coarser"]
     assert twin["elements"] < content["elements"] / 1.5
-    assert (twin["errors"], twin["doubts"]) == ({}, [])
+    assert (twin["errors"], twin["not_studied"], twin["doubts"]) == ({}, [], [])
     assert content["errors"]
     assert main(argv) == 0
     run, _, twin = capsys.readouterr().out.partition("its coarser twin, fig6-thick: forecast")
@@ -166,7 +170,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     written = (run.path / "error.json").read_bytes()
     stage = next((run.path / "stages").glob("*/stage.json"))
     assert estimate_beside(stage) == whole
-    json.loads(written, parse_constant=pytest.fail)
+    assert json.loads(written, parse_constant=pytest.fail)["not_studied"] == ["edge", "growth"]
 
     def stopped(share, text):
         if share > 0.3:

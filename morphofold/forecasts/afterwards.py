@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, table
-from morphofold.forecasts.words import percent
+from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, not_studied, table
+from morphofold.forecasts.words import percent, unstudied
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -29,6 +29,7 @@ PHASES = {
 #: effects that have no phase of their own, and where their time is
 WITHIN = {
     "core_growth": "within grow", "regional_growth": "within grow", "perturbation": "once, within rest",
+    "notch": "once, within rest",
     "ramp": "sets the pace, takes no time",
 }  # fmt: skip
 
@@ -51,9 +52,11 @@ class Cost:
     edge_over_T : float or None
         Largest surface edge over the thickness of the (thinnest) cortex; None in one dimension.
     errors : mapping
-        Expected relative error by quantity; empty in one dimension.
+        Expected relative error by quantity; empty in one dimension, and for a scene unlike those studied.
+    not_studied : tuple of str
+        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
     how : str
-        How the errors were obtained.
+        How the errors were obtained, or why there are none.
     doubts : tuple of str
     """
 
@@ -67,6 +70,7 @@ class Cost:
     memory_GiB: float | None
     edge_over_T: float | None
     errors: Mapping[str, Expected]
+    not_studied: tuple[str, ...]
     how: str
     doubts: tuple[str, ...]
 
@@ -81,6 +85,8 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     called = health.get("effects", list(scene.called_effects))
     edge = health.get("surface_edge_mm")
     ratio = None if edge is None else float(edge) / scene.thinnest
+    outside = () if ratio is None else not_studied(scene, ratio)
+    how = "" if ratio is None else f"before the run, from its edge and a table: {table()['errors']['subject']}"
     return Cost(
         seconds,
         {name: cost for name, cost in shared.items() if name not in called},
@@ -88,8 +94,7 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         {name: "within radial" if "radial" in shared else WITHIN.get(name, "not timed apart")
          for name in called if name not in shared},
         health.get("steps"), health.get("elements"), health.get("threads"), health.get("peak_memory_GiB"), ratio,
-        {} if ratio is None else expected_errors(ratio),
-        "" if ratio is None else f"before the run, from its edge and a table: {table()['errors']['subject']}",
+        {} if ratio is None or outside else expected_errors(ratio), outside, unstudied(outside) if outside else how,
         () if ratio is None else tuple(doubts(scene, ratio)),
     )  # fmt: skip
 
@@ -110,7 +115,9 @@ def cost_line(cost: Cost, most: int = 3) -> str:
     """A line on what took the time, and on the expected error."""
     largest = sorted({**cost.phases, **cost.effects}.items(), key=lambda item: -item[1][0])[:most]
     parts = ["time: " + ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)] if largest else []
-    if cost.edge_over_T is not None:
+    if cost.not_studied:
+        parts.append(f"expected error: {cost.how}")
+    elif cost.edge_over_T is not None:
         name, expected = headline(cost.edge_over_T)
         parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
     return ". ".join(said.removesuffix(".") for said in ("; ".join(parts), *cost.doubts))

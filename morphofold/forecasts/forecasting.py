@@ -11,8 +11,8 @@ from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.memory import memory_GiB
 from morphofold.forecasts.sizes import Sizes, sizes_by_rule
 from morphofold.forecasts.steps import Steps, steps_of
-from morphofold.forecasts.table import HEADLINE, Expected, costs, doubts, expected_errors, table
-from morphofold.forecasts.words import setting_words
+from morphofold.forecasts.table import HEADLINE, Expected, costs, doubts, expected_errors, not_studied, table
+from morphofold.forecasts.words import setting_words, unstudied
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,9 @@ class Forecast:
         At most, of the whole process.
     threads : int
     errors : mapping
-        Quantity to its ``Expected`` relative error; empty where the table says nothing.
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene unlike those studied.
+    not_studied : tuple of str
+        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str
@@ -73,6 +75,7 @@ class Forecast:
     memory_GiB: float
     threads: int
     errors: Mapping[str, Expected]
+    not_studied: tuple[str, ...]
     how: Mapping[str, str]
     doubts: tuple[str, ...]
 
@@ -84,7 +87,7 @@ class Forecast:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {**asdict(self), "doubts": list(self.doubts)}
+        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -127,7 +130,7 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     seconds = sum(phases.values())
     spread = costs()["spread"]["time"]
     T, layers = scene.thinnest, scene.elements_through_cortex
-    total = steps.expected
+    total, outside = steps.expected, not_studied(scene, sizes.edge / T)
     fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
     less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
     return Forecast(
@@ -137,7 +140,8 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
         seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
         seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
         phases, _memory(scene, sizes, found), found.threads,
-        expected_errors(sizes.edge / T), _how(scene, found, itself), tuple(_doubts(scene, sizes, found)),
+        {} if outside else expected_errors(sizes.edge / T), outside, _how(scene, found, itself, outside),
+        tuple(_doubts(scene, sizes, found)),
     )  # fmt: skip
 
 
@@ -188,20 +192,20 @@ def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     return said
 
 
-def _how(scene: Scene, found: Calibration, itself: bool) -> dict[str, str]:
+def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:
     built = "the body was built and counted"
     if not itself:
         part = getattr(found.scene.geometry, "portion", "")
         part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
         built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built to be timed"
-    errors = table()["errors"]
+    errors = f"a table of errors against edges: {table()['errors']['subject']}"
     threads = "one thread" if found.threads == 1 else f"{found.threads} threads"
     return {
         "elements": built,
         "steps": "the pace of growth, and what runs with such growth and stiffness waited for balance",
         "time": f"steps timed here by {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
-        "errors": f"a table of errors against edges: {errors['subject']}",
+        "errors": unstudied(outside) if outside else errors,
     }  # fmt: skip
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
-from morphofold.forecasts.table import ROUNDED, costs, headline, studied
-from morphofold.forecasts.words import percent, percent_above, span
+from morphofold.forecasts.table import ROUNDED, costs, headline, not_studied, studied
+from morphofold.forecasts.words import percent, percent_above, span, unstudied
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -29,10 +29,13 @@ class Pick:
     def words(self) -> str:
         """What was picked, in a line."""
         found = self.forecast
-        name, expected = headline(found.edge_over_T or 0.0)
+        error = unstudied(found.not_studied)
+        if found.headline is not None:
+            name, expected = found.headline
+            error = f"about {percent(expected.error)} ({name})"
         return (
             f"picked an edge of {found.edge_over_T:.2f} T ({found.setting}): {found.elements:,} elements, about "
-            f"{span(found.seconds)} ({span(found.slowest)} at most), error about {percent(expected.error)} ({name})"
+            f"{span(found.seconds)} ({span(found.slowest)} at most), error {error}"
         )
 
 
@@ -88,13 +91,19 @@ def pick(
     Raises
     ------
     ValueError
-        If the scene's edge is not to be chosen, no edge that was studied fits, or neither is asked for.
+        If the scene's edge is not to be chosen, no edge that was studied fits, neither is asked for, or an error of a
+        scene unlike those studied.
     """
     if budget is None and error is None:
         raise ValueError("pick: neither a budget nor an error is asked for; give one of them.")
     asked = "--budget" if error is None else "--error"
     edges = _edges(scene, asked)
     T = scene.thinnest
+    if error is not None and (unlike := not_studied(scene, studied()[0])):
+        raise ValueError(
+            f"--error chooses by a table of errors, {unstudied(unlike)} ({scene.name}). Choose the mesh by --budget or "
+            "accuracy.edge, and let --estimate say how wrong the run is."
+        )
     if error is not None:
         return _for_error(scene, [edge for edge in edges if headline(edge / T)[1].error <= error], edges, error,
                           budget, threads)  # fmt: skip

@@ -44,7 +44,7 @@ def radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     return Forecast(
         scene.name, "radial", "one dimension", None, None, None, 0, 0, 0, 0, 0, len(scene.stages), seconds,
         0.5 * seconds, 2 * seconds, {"radial": solving, STAGES: writing, SETTING_UP: 0.0},
-        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False), threads, {},
+        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False), threads, {}, (),
         {"time": "the final stage was solved", "memory": "measured in other runs",
          "errors": "equilibria to a part in 1e8 or so; no mesh enters"}, (),
     )  # fmt: skip

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 #: the error of a run is the larger one of these: its numbers of folding that converge last
 HEADLINE = ("gyrification index", "wavelength")
 ROUNDED = 0.05          # share of an edge within which two of them are alike: cells are whole and even
+#: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
+#: thicknesses (T/C) down to half of that, the paper's thinnest
+STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
+EFFECTS = ("contact", "perturbation")
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,7 @@ def costs() -> Mapping[str, Any]:
 def expected_errors(edge_over_T: float) -> dict[str, Expected]:
     """Expected relative error of each quantity with surface edges of ``edge_over_T`` thicknesses.
 
-    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. Beyond the edges that were studied
-    the same power goes on; ``doubts`` says so.
+    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. Of which scenes: ``not_studied``.
     """
     found = {}
     for name, law in table()["errors"]["quantities"].items():
@@ -66,25 +69,39 @@ def studied() -> tuple[float, float]:
     return max(law["finest"] for law in laws), min(law["coarsest"] for law in laws)
 
 
+def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
+    """What of a scene lies outside of ``STUDIED``, so that no errors are told of it; empty if the table holds for it.
+
+    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"effects"`` (others than ``EFFECTS``),
+    ``"edge"``, and the names of ``STUDIED``.
+    """
+    geometry, (finest, coarsest) = scene.geometry, studied()
+    found = {
+        "shape": geometry.shape != "sphere" or bool(getattr(geometry, "thickness_spots", ())),
+        "law": scene.growth.law != "isotropic",
+        "effects": not {*scene.effects.named} <= {*EFFECTS},
+        "edge": not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest,
+    }
+    values = {"growth": scene.growth.final, "mu_ratio": scene.material.mu_ratio,
+              "kappa_ratio": scene.material.kappa_ratio}  # fmt: skip
+    if geometry.shape == "sphere":
+        values["thickness"] = geometry.cortex_thickness / geometry.radius
+    for name, value in values.items():
+        least, most = STUDIED[name]
+        found[name] = not least * (1 - 1e-9) <= value <= most * (1 + 1e-9)
+    return tuple(name for name, outside in found.items() if outside)
+
+
 def doubts(scene: Scene, edge_over_T: float) -> list[str]:
-    """Why the table may not hold for a scene: one sentence each, none if it is like what was studied."""
+    """How a scene of which errors are told differs from the one of the table: one sentence each."""
     from morphofold.sim.scene import elements_through
 
-    errors, (finest, coarsest) = table()["errors"], studied()
-    said = []
-    if scene.geometry.shape not in ("sphere", "ellipsoid"):
-        said.append(f"The errors are those of spheres ({errors['subject']}), not of a {scene.geometry.shape}.")
-    if not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest:
-        said.append(
-            f"An edge of {edge_over_T:.2f} T is outside of the {finest:.2f} to {coarsest:.2f} T that were studied."
-        )
-    last = scene.stages[-1]
-    if abs(last - errors["growth"]) > 0.05:
-        said.append(
-            f"The errors of folds are those at g = {errors['growth']:g}, not at {last:g}, where this scene ends; as "
-            "long as it is smooth there are none."
-        )
+    if not_studied(scene, edge_over_T):
+        return []
+    growth, last, said = table()["errors"]["growth"], scene.growth.final, []
+    if abs(last - growth) > 0.05:
+        said.append(f"The errors of folds are those at g = {growth:g}, not at {last:g}, where this scene ends.")
     layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
-    if layers[0] != layers[1] and scene.geometry.shape != "mesh":
+    if layers[0] != layers[1]:
         said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
     return said

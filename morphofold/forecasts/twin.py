@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.forecasts.table import table
-from morphofold.forecasts.words import percent
+from morphofold.forecasts.table import not_studied, table
+from morphofold.forecasts.words import percent, unstudied
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.records import input_records, strict_json
@@ -51,6 +51,8 @@ class Estimate:
         ``pial distance``, the mean one between two pial surfaces over T.
     how : str
     doubts : tuple of str
+    not_studied : tuple of str
+        What of the scene is unlike those whose powers are taken (:func:`morphofold.forecasts.table.not_studied`).
     """
 
     growth: float
@@ -59,6 +61,7 @@ class Estimate:
     errors: Mapping[str, Estimated]
     how: str
     doubts: tuple[str, ...]
+    not_studied: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -89,6 +92,7 @@ class ErrorFile(Record):
     errors: dict[str, ErrorRow]
     how: str
     doubts: list[str]
+    not_studied: list[str] = []
     health_sha256: str
 
 
@@ -138,7 +142,7 @@ def twin_forecast(scene: Scene, threads: int | None = None) -> Forecast:
 
     found = forecast(coarser(scene), threads)
     how = {what: words for what, words in found.how.items() if what != "errors"}
-    return replace(found, errors={}, how=how, doubts=())
+    return replace(found, errors={}, not_studied=(), how=how, doubts=())
 
 
 def estimate_error(
@@ -209,7 +213,8 @@ def estimate_beside(stage: Path) -> Estimate | None:
             return None
         errors = {name: Estimated(row["change"], row["power"], row["error"]) for name, row in content["errors"].items()}
         told = {key: content[key] for key in ("growth", "edge_over_T", "ratio", "how")}
-        return Estimate(**told, errors=errors, doubts=tuple(content["doubts"]))
+        unlike = tuple(content.get("not_studied", ()))                  # an earlier version's has none
+        return Estimate(**told, errors=errors, doubts=tuple(content["doubts"]), not_studied=unlike)
     except (OSError, ValueError):
         return None
 
@@ -238,10 +243,13 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
             "mesh has its say in the pattern on such edges. Take a shorter one."
         )
     T = scene.thinnest
+    unlike = not_studied(scene, mine.edge / T)
+    if unlike:
+        doubts.append(f"The powers are {unstudied(unlike)}.")
     return Estimate(
         scene.growth.final, mine.edge / T, ratio, errors,
         f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {laws['subject']}, three elements through the cortex", tuple(doubts),
+        f"of {laws['subject']}, three elements through the cortex", tuple(doubts), unlike,
     )  # fmt: skip
 
 

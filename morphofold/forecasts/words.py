@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -37,6 +37,11 @@ def percent_above(share: float) -> str:
     """A share with two digits, rounded up: what is asked for so is no less than it."""
     step = 10.0 ** (math.floor(math.log10(share)) - 1)
     return percent(math.ceil(share / step - 1e-9) * step)
+
+
+def unstudied(names: Iterable[str]) -> str:
+    """Why no errors are told of a scene, from what ``table.not_studied`` names."""
+    return f"not studied for this {', '.join(name.replace('_', ' ') for name in names)}"
 
 
 def called(quantity: str) -> str:

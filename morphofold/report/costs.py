@@ -50,7 +50,8 @@ def _of_run(name: str, cost: Cost) -> dict[str, Any]:
     ]
     return {
         "title": f"The simulation of {name}", "said": _said(cost, parts), "what": "Phase or effect", "times": times,
-        "errors": errors, "range": "Two of three runs", "doubts": cost.doubts,
+        "errors": errors, "range": "Two of three runs",
+        "doubts": (f"Errors: {cost.how}.",) if cost.not_studied else cost.doubts,
     }  # fmt: skip
 
 

@@ -26,6 +26,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[growth]": scene.Growth,
     "[effects.contact]": scene.Contact,
     "[effects.perturbation]": scene.Perturbation,
+    "[effects.notch]": scene.Notch,
     "[effects.core_growth]": scene.CoreGrowth,
     "[effects.regional_growth]": scene.RegionalGrowth,
     "[effects.ramp]": scene.Ramp,
@@ -68,6 +69,10 @@ MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
     ("Perturbation", "amplitude"): ("", "rms of the imperfection over the thickness"),
     ("Perturbation", "seed"): ("", "another seed, another pattern"),
     ("Perturbation", "wavelength"): ("mm", "of its waves in space; by default theory's first wrinkles over 1.28"),
+    ("Notch", "at"): ("mm", "points of the pial surface, the nearest nodes stand for them; in a strip their x counts"),
+    ("Notch", "line"): ("", "one groove along straight lines from each point to the next, not a pit at each"),
+    ("Notch", "depth"): ("", "of the groove over the thickness"),
+    ("Notch", "width"): ("mm", "from edge to edge; by default the thickness"),
     ("CoreGrowth", "final"): ("", "growth stretch of the core when the cortex has reached its own"),
     ("RegionalGrowth", "spots"): ("", "regions where the cortex takes `factor` times the growth g - 1"),
     ("Ramp", "shape"): ("", "how growth rises; without the table, linearly"),
@@ -155,6 +160,8 @@ def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
             return f"{len(schema['prefixItems'])} numbers", _kind_and_range(schema["prefixItems"][0])[1]
         items = schema["items"]
         count = "one or more" if schema.get("minItems") else ""
+        if "prefixItems" in items:
+            return "list of points", count
         return ("list of spots", count) if "$ref" in items else ("list of numbers", _kind_and_range(items)[1])
     if schema["type"] == "string":
         least, most = schema.get("minLength", 0), schema.get("maxLength")

@@ -1,0 +1,91 @@
+"""Narrow grooves in the pial surface, where creases can begin: a smooth surface has none until it loses its stability.
+
+The surface of a block that is held laterally while it grows isotropically by g, in plane strain too, is compressed to
+1/g along and across, and stretched to g^2 along its normal (incompressible). What counts of a neo-Hookean surface is
+normal over lateral stretch, g^3, whatever the stretch in the other lateral direction:
+
+- 2.4: a crease of any size costs no energy (Hong, Zhao, Suo 2009, Appl. Phys. Lett. 95, 111901, as in Eq. 7 of Razavi
+  et al. 2015): g = 1.339, a lateral stretch of 0.747, or a compression of 0.354 where the other direction keeps its
+  length;
+- 3.383: waves of any length grow (Biot 1963): g = 1.501, a lateral stretch of 0.666, or a compression of 0.456.
+
+They are ``theory.CREASE`` and ``theory.BIOT``. Between the two a smooth surface waits for a disturbance of finite size.
+docs/solver.md, section 6, has what notches do there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphofold.sim.effects import Effect
+from morphofold.sim.meshes.bilayer import Bilayer
+
+Array = NDArray[np.float64]
+
+
+def build(options, scene) -> Notch:
+    thickness = scene.geometry.cortex_thickness
+    return Notch(
+        options.at, options.depth * thickness, options.width or thickness, options.line, scene.geometry.shape == "strip"
+    )
+
+
+class Notch(Effect):
+    """Pits, or a groove, of half a cosine in section, cut out of the thickness of the cortex.
+
+    Parameters
+    ----------
+    at : (P, 3) float
+        Points of the pial surface [mm]; the nearest nodes of it stand for them.
+    depth, width : float
+        At the deepest, and from edge to edge [mm].
+    line : bool
+        One groove along the straight lines from each point to the next, instead of a pit at each.
+    strip : bool
+        Only x counts: grooves across a strip.
+
+    Raises
+    ------
+    ValueError
+        By ``reshape``, if a point lies farther from the pial surface than a width and an edge.
+    """
+
+    name = "notch"
+
+    def __init__(self, at: ArrayLike, depth: float, width: float, line: bool = False, strip: bool = False):
+        self._at, self._depth, self._width = np.asarray(at, dtype=np.float64), depth, width
+        self._line, self._axes = line, [0] if strip else [0, 1, 2]
+
+    def reshape(self, bilayer: Bilayer, X: Array) -> Array:
+        """The pial surface moves inwards along the thickness, the white surface not at all, linear in between."""
+        X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
+        foot = bilayer.foot[:, self._axes]
+        seeds = self._seeds(foot[: bilayer.n_surface], self._width + bilayer.edge)
+        ends = list(zip(seeds, seeds[1:] if self._line else seeds))
+        away = np.min([_distance(foot[inside], start, end) for start, end in ends], axis=0) / (0.5 * self._width)
+        step = self._depth * bilayer.share[inside] * 0.5 * (1 + np.cos(np.pi * np.minimum(away, 1.0)))
+        X[inside] -= step[:, None] * bilayer.radial[inside]
+        return X
+
+    def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:
+        """The node of the pial surface nearest to each point, so that every mesh has one at the full depth."""
+        found = []
+        for point in self._at:
+            apart = np.linalg.norm(pial - point[self._axes], axis=1)
+            if apart.min() > farthest:
+                raise ValueError(
+                    f"effects.notch.at: {point.tolist()} lies {apart.min():.3g} mm from the pial surface; give a point "
+                    "of it."
+                )
+            found.append(pial[np.argmin(apart)])
+        return found
+
+
+def _distance(at: Array, start: Array, end: Array) -> Array:
+    """Distance (P,) of points (P, D) from the straight line between two points."""
+    along = end - start
+    share = np.clip((at - start) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
+    return np.linalg.norm(at - start - share[:, None] * along, axis=1)
