@@ -1,11 +1,11 @@
-"""How far a body is from rest at its present growth, told by its own motion: it costs nothing.
+"""How far a body is from rest at its present growth, told by its own motion: it costs next to nothing.
 
-What moves a damped body slowly is its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its distance
-from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2 left to go. How soft
-the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of its accelerations,
-w^2 = -dx.m da / dx.m dx. It is never taken to be stiffer than the softest modes of folded bodies are (``SOFT``): a body that
-shakes is so seen to drift as well. Held against K^-1 f with the exact stiffness of octants at rest, the distance is right within a
-factor of three, and rather too large (docs/solver.md, section 4). A mode that is driven away from rest is seen as soon as it moves.
+What moves a damped body slowly is its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its
+distance from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2 left
+to go. How soft the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of its
+accelerations, w^2 = -dx.m da / dx.m dx. It is never taken for stiffer than the softest modes of folded bodies
+(``SOFT``), which may hide in what is seen to drift. Held against K^-1 f with the exact stiffness of octants in folds,
+the distance is right within a factor of three or rather too large (docs/solver.md, section 4).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Balance:
     Attributes
     ----------
     w2 : float
-        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where the motion is driven
-        away from rest, 0 where nothing moves and before ``LONG``.
+        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where the motion is
+        driven away from rest, 0 where nothing moves and before ``LONG``.
     distance : float
         From rest, rms over the nodes [mm]; 0 before ``LONG``.
     calm : int
@@ -51,7 +51,7 @@ class Balance:
     def __init__(self, tick: float, X: Array, near: float):
         self._tick, self._X, self._near = tick, X, near
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
-        self._step = np.full(2, -1)                                     # of two states before, the older first, -1: none,
+        self._step = np.full(2, -1)                                     # of two states before, the older first; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))     # their positions and accelerations
 
     @property

@@ -172,7 +172,7 @@ class Factor:
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_Pivot] = []
-        with threadpool_limits(1, user_api="blas"):                     # fronts are small: threads take five times as long
+        with threadpool_limits(1, user_api="blas"):                     # fronts are small: threads slow them down
             self._eliminate(matrix)
         self.negative = sum(pivot.negative for pivot in self._pivots)
 

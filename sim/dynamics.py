@@ -148,9 +148,9 @@ class Dynamics:
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
-        A motion slower than that of folds is damped critically (Underwood 1983, Dynamic relaxation, section 5). It ends
-        after ``PATIENCE``, too, times as much as the motion is softer than folds are, but for ``SLENDER`` at most. Nothing
-        is done where time is real.
+        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983). It ends
+        after ``PATIENCE``, too, times as much as the motion is softer than folds are, but for ``SLENDER`` at most.
+        Nothing is done where time is real.
 
         Returns
         -------

@@ -56,7 +56,8 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         if scene.effects.contact is not None:
             del found["contact"]
         if shape == "mesh":
-            found["finer"], found["hold"] = "give it a finer mesh (geometry.file)", "hold its inner surface (geometry.held)"
+            found["finer"] = "give it a finer mesh (geometry.file)"
+            found["hold"] = "hold its inner surface (geometry.held)"
         elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
             found["finer"] = "refine the mesh (accuracy.edge)"
     return found
@@ -144,8 +145,8 @@ def bending(X: Array, x: Array) -> float:
     Returns
     -------
     float
-        Rms of the quadratic part of the least-squares quadratic map from X to x, over the rms distance of x from its centre.
-        0 for any affine map, and for a sphere whose shells grow unlike; 0.2 or so if a ball becomes a bowl.
+        Rms of the quadratic part of the least-squares quadratic map from X to x, over the rms distance of x from its
+        centre. 0 for any affine map, and for a sphere whose shells grow unlike.
     """
     centred = X - X.mean(axis=0)
     i, j = np.triu_indices(3)
@@ -159,8 +160,8 @@ def bending(X: Array, x: Array) -> float:
 def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:
     """One sentence for each bound that the numbers of a stage break; empty when it is healthy.
 
-    Judged are the numbers that the stage has: one written by an earlier version has fewer, and one that was not told is None.
-    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`. What to change is said of the ``scene``.
+    Judged are the numbers that the stage has: one written by an earlier version has fewer, and None was not measured.
+    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the ``scene``.
     """
     judged = {name: stage[name] for name in BOUNDS if stage.get(name) is not None}
     if "kinetic_over_strain" in judged:

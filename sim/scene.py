@@ -288,8 +288,9 @@ class Accuracy(_Table):
 class Output(_Table):
     """Growth stretches at which the body rests and surfaces are written; the final one is always written.
 
-    ``stability``: count the unstable modes of each stage, by an exact factorisation of the stiffness. It takes as long as half of a
-    run of an octant and far longer for larger bodies: by default it is done for strips alone.
+    ``stability``: count the unstable modes of each stage, by an exact factorisation of the stiffness. That takes as
+    long as half of a run of an octant, far longer for larger bodies, and is done for strips alone unless it is asked
+    for.
     """
 
     stages: Annotated[tuple[Annotated[float, Field(ge=1)], ...], Field(strict=False)] = ()

@@ -1,7 +1,7 @@
 """How many modes a run would leave its state by: negative eigenvalues of the exact stiffness, contact in it.
 
-Residual forces do not tell a state that is stable from one that is not: both are small. The number of negative eigenvalues does,
-which a symmetric factorisation counts exactly (Sylvester's law of inertia).
+Residual forces do not tell a state that is stable from one that is not: both are small. The number of negative
+eigenvalues does, which a symmetric factorisation counts exactly (Sylvester's law of inertia).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 def unstable_modes(run: Dynamics, softer_than: float = -SOFT) -> int:
-    """Modes of the body, and of what its effects press on it, of less stiffness over mass than ``softer_than`` [1/tick^2].
+    """Modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
 
-    By default those that grow e-fold before growth rises by 1/6 or so: what is left of instability after a snap, and modes that
-    contact holds at the edge of its reach, are slower.
+    By default those that grow e-fold before growth would have risen by 1/6 or so. Slower ones are told by no motion:
+    modes that contact holds at the edge of its reach are among them.
 
     Notes
     -----
-    Contact counts with the pairs that press now and the stiffness of its penalty; that its forces turn with the surface is left
-    out. Takes as long as some 200 (strips) to 1,000 steps (octants); memory grows as the number of nodes on the surface, times its
-    logarithm, times the square of the nodes below one.
+    Contact counts with the pairs that press now and the stiffness of its penalty; that its forces turn with the surface
+    is left out. It takes as long as 200 (strips) to 1,500 steps (octants). Memory grows as the number of nodes on the
+    surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
     rows = np.flatnonzero(body.free)
@@ -37,8 +37,8 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT) -> int:
     pressing = sparse.csr_matrix((x.size, x.size))
     for effect in run.effects:
         pressing = pressing + effect.stiffness(body, x)
-    matrix = tangent.at(x) + pressing - sparse.diags(np.repeat(body.mass, 3) * softer_than / body.crossing**2)
-    matrix = sparse.csr_matrix(matrix.tocsr()[rows][:, rows])
+    shift = sparse.diags(np.repeat(body.mass, 3) * softer_than / body.crossing**2)
+    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
     links = sparse.coo_matrix(pressing)
     beside = sparse.csr_matrix((np.ones(links.nnz), (links.row // 3, links.col // 3)), shape=(len(x), len(x)))
     beside.data[:] = 1.0

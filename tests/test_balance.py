@@ -18,8 +18,8 @@ TICK = 20.0             # steps
 
 
 def swinging(w2, damping, left, steps, more=0.0):
-    """The gauge after ``steps`` of nodes in springs, w2 per tick^2 and damping per tick, let go ``left`` from rest; ``more``
-    of them shake with a period of a third of a tick."""
+    """The gauge after ``steps`` of nodes in springs, w2 per tick^2 and damping per tick, let go ``left`` from rest;
+    ``more`` is how far they shake, three times in a tick."""
     mass, stiff = np.linspace(1.0, 2.0, 50), w2 / TICK**2
     way = np.random.default_rng(3).standard_normal((50, 3))
     way /= np.sqrt(np.mean(np.sum(way**2, axis=1)))
@@ -76,8 +76,8 @@ def test_a_gauge_taken_up_goes_on_as_it_would_have(rng):
 
 
 def strip(*settings):
-    scene = load_scene("strip", ["geometry.length=24", "geometry.depth=16", "accuracy.edge=1.0",
-                                 "accuracy.elements_through_cortex=3", "accuracy.precision=double", *settings])  # fmt: skip
+    size = ["geometry.length=24", "geometry.depth=16", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3"]
+    scene = load_scene("strip", [*size, "accuracy.precision=double", *settings])
     effects = build_effects(scene)
     body = build_body(scene, effects)
     return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
@@ -97,7 +97,7 @@ def exact_distance(run):
 
 
 def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_falls_with_it():
-    """Nothing touches. The softest mode of these folds is stiffer than SOFT, so that the distance is rather too large."""
+    """Nothing touches. The softest mode of these folds is stiffer than SOFT: the distance is too large."""
     run = strip("growth.final=1.28")
     run.grow_to(1.28)
     told, exact = [], []

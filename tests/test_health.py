@@ -88,7 +88,7 @@ def test_a_cure_is_one_that_the_scene_takes():
 
 
 def test_bending_is_that_of_the_body_as_a_whole(rng):
-    """Nothing of affine maps, of shells that grow unlike or of folds; a ball bent like a beam is as far off as its bow."""
+    """Nothing of affine maps or of folds; a ball bent like a beam is as far off as its bow."""
     verts, _ = icosphere(5, radius=50.0)
     assert bending(verts, verts @ rng.standard_normal((3, 3)) + 7.0) < 1e-12
     folds = 5.0 * np.cos(0.3 * verts[:, [0]]) * np.cos(0.3 * verts[:, [1]]) * np.cos(0.3 * verts[:, [2]])

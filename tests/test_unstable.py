@@ -52,7 +52,7 @@ def lowest(run, count=12):
 
 
 def test_the_count_is_that_of_all_eigenvalues_of_the_differences_of_forces():
-    run = grown("strip", STRIP, 1.4)                                    # straight still, and far past its first wrinkles
+    run = grown("strip", STRIP, 1.4)                                    # straight still, far past wrinkling
     values = lowest(run)
     for bound in (-0.005, -0.02, 0.02):
         assert unstable_modes(run, bound) == np.count_nonzero(values < bound)

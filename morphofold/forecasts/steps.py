@@ -19,8 +19,8 @@ class Steps:
     ramp : int
         While the cortex grows as fast as its pace lets it.
     resting, waiting : float
-        More of them, in which growth stands still at a stage until the body rests, and in which it waits for balance while
-        folds form; between ``fewest`` and ``most`` were seen of both together.
+        More of them: growth stands still at a stage until the body rests, and waits for balance while folds form;
+        between ``fewest`` and ``most`` were seen of both together.
     awake : float
         Mean over all steps of how far contact has woken, as a share of a step: what it then adds to one.
     """
@@ -78,7 +78,8 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
             awake += REFRESH * folding(growth)
     if not waits:                                                       # real masses: the step shrinks as bricks do
         more = ramp * costs["inertia"]["per_growth"] * (scene.growth.final - 1)
-        return Steps(ramp, 0, more, *(more * waiting[key] for key in ("fewest", "most")), awake / ramp if ramp else 0.0)
+        fewest, most = (more * waiting[key] for key in ("fewest", "most"))
+        return Steps(ramp, 0, more, fewest, most, awake / ramp if ramp else 0.0)
     wrinkled = first_wrinkles(scene).growth
     rests = [crossing * resting["folded" if stage > wrinkled else "smooth"] for stage in scene.stages]
     awake += sum(rest * folding(stage) for rest, stage in zip(rests, scene.stages))
