@@ -51,7 +51,7 @@ class Balance:
     def __init__(self, tick: float, X: Array, near: float):
         self._tick, self._X, self._near = tick, X, near
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
-        self._step = np.full(2, -1)                                     # of two states before, the older first; -1: none
+        self._step = np.full(2, -1)                                    # of two states before, first the older; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))     # their positions and accelerations
 
     @property
