@@ -299,7 +299,7 @@ class Dynamics:
             "strain_energy": strain,
             "kinetic_energy": kinetic,
             "kinetic_over_strain": kinetic / strain if strain > 0 else 0.0,
-            "distance_over_T": self.balance.distance / body.thickness,
+            "distance_over_T": self.balance.distance / body.thickness if self.waits_for_balance else None,
             "dissipated_energy": state.dissipated,
             "min_J": min_J,
             "max_J": float(element["J_max"].max()),

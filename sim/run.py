@@ -213,9 +213,11 @@ class _Run:
         record, stages = state.record, self.scene.stages
         rested = sum(g < state.growth for g in stages) + min(1.0, state.relaxed / (RESTING * self.body.crossing))
         whole = RAMP * (stages[-1] - 1) + RESTING * len(stages)
+        distance = record["distance_over_T"]
         self.progress(
             0.99 * (RAMP * (state.growth - 1) + RESTING * rested) / whole,
-            f"g {state.growth:.3f}, min J {record['min_J']:.2f}, {record['distance_over_T']:.2f} T from rest",
+            f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
+            + ("" if distance is None else f", {distance:.2f} T from rest"),
         )
         last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
         if state.growth - last["growth"] >= LOG_EVERY or state.step - last["step"] >= LOG_STEPS:

@@ -172,3 +172,11 @@ def test_the_energy_that_damping_took_is_what_the_others_lost():
     lost = before - run.state.record["strain_energy"] - run.state.record["kinetic_energy"]
     assert lost > 0.9 * before
     assert run.state.record["dissipated_energy"] == pytest.approx(lost, rel=0.3)    # seen every twelfth step
+
+
+def test_where_time_is_real_nothing_rests_and_no_distance_is_told():
+    run = strip("effects={inertia={}}")
+    run.grow_to(1.05)
+    assert not run.settle()
+    assert run.state.relaxed == 0
+    assert run.state.record["distance_over_T"] is None

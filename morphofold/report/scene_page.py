@@ -88,7 +88,7 @@ MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
     ),
     ("Accuracy", "edge"): ("mm", "largest surface edge, instead of that of the level"),
     ("Accuracy", "precision"): ("", "of the forces of bricks: single is good to 1e-5 and a third faster"),
-    ("Output", "stages"): ("", "growth stretches at which the body rests and is written, the final one too; 0.01 apart"),
+    ("Output", "stages"): ("", "growth stretches where the body rests and is written, the final one too; 0.01 apart"),
     ("Output", "volume"): ("", "write the body of each stage as VTK too"),
     ("Output", "stability"): ("", "count the unstable modes of each stage; by default of strips alone: it takes long"),
     ("Output", "checkpoint_minutes"): ("min", "between checkpoints"),
