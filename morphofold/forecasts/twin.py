@@ -146,7 +146,8 @@ def coarser(scene: Scene) -> Scene:
 
 def twins(scene: Scene) -> dict[str, Scene]:
     """The twins of a scene by their folders: :func:`coarser`, and the same at half of ``growth.rate``, unless time is
-    real (inertia) or no pace is as slow; raises as :func:`coarser`."""
+    real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first wrinkles at one pace, where
+    ``slow_growth`` holds it down whatever the rate."""
     from morphofold.sim.scene import SLOWEST_RATE
     from morphofold.sim.scene_file import load_scene
 
@@ -261,7 +262,7 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
             "it: the mesh has its say in the pattern on such edges. Take a shorter one."
         )
     if pace is not None and pace["pial distance"] > ALIKE:
-        doubts.append("At half the pace it folded into another pattern: folds hang on the pace. Lower growth.rate.")
+        doubts.append("The slower twin folded into another pattern than the coarser: folds hang on the pace of growth.")
     T = scene.thinnest
     unlike = not_studied(scene, mine.edge / T)
     if unlike:
