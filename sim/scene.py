@@ -15,6 +15,7 @@ Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
 COARSE = 0.5            # edge over thickness beyond which the time of a third element through the cortex goes elsewhere
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
+SLOWEST_RATE = 1e-3     # of growth.rate
 
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
@@ -184,7 +185,7 @@ class Growth(_Table):
 
     law: Literal["isotropic", "tangential"] = "isotropic"
     final: Annotated[float, Field(ge=1, le=4)] = 2.0
-    rate: Annotated[float, Field(ge=1e-3, le=4)] = 1.0
+    rate: Annotated[float, Field(ge=SLOWEST_RATE, le=4)] = 1.0
 
 
 class Contact(_Table):

@@ -1,6 +1,7 @@
 """The error of a run by its coarser twin: exact where it is known, none between two patterns; nothing is lost."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -14,11 +15,11 @@ from morphofold.forecasts import estimate_error
 from morphofold.forecasts import twin as twin_module
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, table
-from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside
+from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside, twins
 from morphofold.forecasts.words import called, percent
 from morphofold.report.costs import costs
 from morphofold.shapes import icosphere
-from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.dynamics import NEAR, UnstableError
 from morphofold.sim.folder_check import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene_file import load_scene
@@ -77,6 +78,50 @@ def test_an_open_body_has_no_index():
     assert set(found.errors) == {"pial distance"}
     assert found.not_studied == ("shape",)
     assert len(found.doubts) == 1
+
+
+def test_what_the_pace_changes_is_told_as_it_stands():
+    mine, twin, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
+    scene = load_scene("fig6-thick")
+    found = between(scene, mine, twin, slow)
+    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (twin, slow))
+    assert found.pace == {
+        "gyrification index": pytest.approx((here - there) / here), "pial distance": distance(twin.pial, slow.pial) / 3
+    }  # fmt: skip
+    without = between(scene, mine, twin)
+    assert without.pace is None
+    assert (found.errors, found.doubts) == (without.errors, without.doubts)
+    for change in found.pace.values():
+        assert percent(change) in found.words.removeprefix(without.words.removesuffix("."))
+    assert set(between(load_scene("patch", ["growth.final=2"]), mine, twin, slow).pace) == {"pial distance"}
+
+
+def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_mesh():
+    twin = made(3.0, height=2.8)
+    turned = Grown(Surface(twin.pial.verts * [1, -1, -1], twin.pial.faces), 3.0, ["not calm"])
+    found = between(load_scene("fig6-thick"), made(2.0), twin, turned)
+    assert found.pace["pial distance"] > ALIKE
+    assert found.errors == between(load_scene("fig6-thick"), made(2.0), twin).errors
+    ill, pattern = found.doubts
+    assert "slower twin isn't healthy: not calm" in ill
+    assert "folds hang on the pace" in pattern
+
+
+def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
+    scene = load_scene("ellipsoid", ["growth.rate=0.3"])
+    found = twins(scene)
+    assert found["coarser"] == coarser(scene)
+    assert found["slower"].growth.rate == 0.15
+    assert load_scene(found["slower"], ["growth.rate=0.3"]) == coarser(scene)
+
+
+@pytest.mark.parametrize(
+    ("setting", "slower"),
+    [("growth.rate=1e-3", False), ("growth.rate=1.9e-3", False), ("growth.rate=2e-3", True),
+     ("effects.inertia={}", False)],
+)  # fmt: skip
+def test_no_slower_twin_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
+    assert ("slower" in twins(load_scene("fig6-thick", [setting]))) is slower
 
 
 def test_a_run_or_a_twin_that_is_not_healthy_is_told():
@@ -143,9 +188,12 @@ def test_a_forecast_counts_the_twin_beside_the_run(capsys):
     argv = ["simulate", "fig6-thick", *settings, "--dry-run", "--estimate", "--threads", "1"]
     assert main([*argv, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
-    twin = content["coarser"]
+    twin, slower = content["coarser"], content["slower"]
     assert twin["elements"] < content["elements"] / 1.5
-    assert (twin["errors"], twin["not_studied"], twin["doubts"]) == ({}, [], [])
+    assert slower["elements"] == twin["elements"]
+    assert twin["steps"] < slower["steps"] < 2 * twin["steps"]
+    for other in (twin, slower):
+        assert (other["errors"], other["not_studied"], other["doubts"]) == ({}, [], [])
     assert content["errors"]
     assert main(argv) == 0
     run, _, twin = capsys.readouterr().out.partition("its coarser twin, fig6-thick: forecast")
@@ -170,16 +218,23 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     written = (run.path / "error.json").read_bytes()
     stage = next((run.path / "stages").glob("*/stage.json"))
     assert estimate_beside(stage) == whole
-    assert json.loads(written, parse_constant=pytest.fail)["not_studied"] == ["edge", "growth"]
-
-    def stopped(share, text):
-        if share > 0.3:
-            raise KeyboardInterrupt
+    content = json.loads(written, parse_constant=pytest.fail)
+    assert content["not_studied"] == ["edge", "growth"]
+    assert content["pace"] == whole.pace
+    assert whole.pace["gyrification index"] < 1e-3                      # a smooth body at rest forgets its pace,
+    assert 0 < whole.pace["pial distance"] < NEAR / 10                  # as far as it is at rest: within NEAR, over T
 
     again = simulate(load_scene("fig6-thick", SMALL), "again", threads=1)
-    with pytest.raises(KeyboardInterrupt):
-        estimate_error(again, threads=1, progress=stopped)
-    assert not (again.path / "error.json").exists()
+    for most, coarser_is_done in ((0.15, False), (0.8, True)):
+        def stopped(share, text, most=most):
+            if share > most:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            estimate_error(again, threads=1, progress=stopped)
+        assert not (again.path / "error.json").exists()
+        assert (again.path / "coarser" / "health.json").exists() is coarser_is_done
+    of_the_coarser = (again.path / "coarser" / "health.json").read_bytes()
     settings = [word for setting in SMALL for word in ("--set", setting)]
     argv = ["simulate", "fig6-thick", "-o", "again", *settings, "--threads", "1", "-q", "--estimate"]
     assert main([*argv, "--resume"]) == 0
@@ -187,13 +242,27 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert {**json.loads((again.path / "error.json").read_text()), "health_sha256": ""} == {
         **json.loads(written), "health_sha256": "",
     }  # fmt: skip
+    assert (again.path / "coarser" / "health.json").read_bytes() == of_the_coarser
+    of_the_slower = (run.path / "slower" / "health.json").read_bytes()
     assert main(["simulate", "run/scene.toml", "-o", "run", "--resume", "--estimate", "--json", "-q"]) == 0
-    assert json.loads(capsys.readouterr().out)["estimate"]["ratio"] == whole.ratio
+    estimate = json.loads(capsys.readouterr().out)["estimate"]
+    assert (estimate["ratio"], estimate["pace"]) == (whole.ratio, whole.pace)
+    assert (run.path / "slower" / "health.json").read_bytes() == of_the_slower
 
     entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
     rows = [row for row in costs([entry])[0]["errors"] if "from a coarser twin of this run" in row[-1]]
     told = [(called(name), percent(e.error)) for name, e in whole.errors.items()]
     assert [(name, error) for name, error, *_ in rows] == told
+    rows = [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
+    assert [(name, change) for name, change, *_ in rows] == [(called(n), percent(c)) for n, c in whole.pace.items()]
+
+    for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
+        (run.path / "error.json").write_text(json.dumps(before))
+        assert estimate_beside(stage) == replace(whole, pace=None)      # of a scene without a slower twin; an early one
+        assert not [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
+    (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
+    assert estimate_beside(stage) is None
+    (run.path / "error.json").write_bytes(written)
 
     health = run.path / "health.json"
     health.write_text(health.read_text().replace('"seconds"', '"seconds "'))    # another run's estimate isn't shown

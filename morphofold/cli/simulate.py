@@ -46,7 +46,8 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--estimate", action="store_true",
-        help="then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both",
+        help="then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
+        "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
     )  # fmt: skip
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
     parser.add_argument(
@@ -68,9 +69,9 @@ def run(args: argparse.Namespace) -> int:
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
-        from morphofold.forecasts.twin import coarser
+        from morphofold.forecasts.twin import twins
 
-        coarser(scene)                                                  # or refuses, before anything is grown
+        twins(scene)                                                    # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, chosen, args)
     from morphofold.simulation import simulate
@@ -142,7 +143,7 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
     from morphofold.forecasts.twin import estimate_error
 
-    with progress(f"{simulation.scene.name}, coarser", args.quiet) as tell:
+    with progress(f"{simulation.scene.name}, twins", args.quiet) as tell:
         return estimate_error(simulation, threads=args.threads, progress=tell)
 
 
@@ -156,16 +157,15 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
         found = forecast(scene, args.threads)
     else:
         found = chosen.forecast
-    twin = None
+    others = {}
     if args.estimate:
-        from morphofold.forecasts.twin import twin_forecast
+        from morphofold.forecasts.twin import twin_forecasts
 
-        twin = twin_forecast(scene, args.threads)
+        others = twin_forecasts(scene, args.threads)
     if args.json:
-        content = found.as_dict() if twin is None else {**found.as_dict(), "coarser": twin.as_dict()}
-        print(strict_json(content).rstrip())
+        print(strict_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}}).rstrip())
     else:
-        print(table_of(found) if twin is None else f"{table_of(found)}\n\nits coarser twin, {table_of(twin)}")
+        print("\n\n".join([table_of(found), *(f"its {name} twin, {table_of(twin)}" for name, twin in others.items())]))
     return 0
 
 

@@ -1,4 +1,5 @@
-"""How wrong a finished run is, estimated from the run itself: against a twin of the same scene with longer edges."""
+"""How wrong a finished run is, estimated from the run itself: against a twin of the same scene with longer edges, and
+that twin against one that grows at half the pace."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ LONGER = 1.5            # edges of the twin over those of the run: it takes abou
 LEAST = 1.2             # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
 ALIKE = 0.5             # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
                         # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
-FOLDER, FILE = "coarser", "error.json"          # in the folder of the run
+COARSER, SLOWER, FILE = "coarser", "slower", "error.json"      # in the folder of the run
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,9 @@ class Estimate:
     doubts : tuple of str
     not_studied : tuple of str
         What of the scene is unlike those whose powers are taken (:func:`morphofold.forecasts.table.not_studied`).
+    pace : mapping, optional
+        Quantity to how much it changes, as it stands, if the coarser twin grows at half the pace; None of a scene that
+        has no slower twin (:func:`twins`), and of estimates that knew of none.
     """
 
     growth: float
@@ -62,13 +66,16 @@ class Estimate:
     how: str
     doubts: tuple[str, ...]
     not_studied: tuple[str, ...] = ()
+    pace: Mapping[str, float] | None = None
 
     @property
     def words(self) -> str:
         """All errors in a line, and why not to trust them."""
-        told = [f"{name} {percent(e.error)}" for name, e in self.errors.items() if e.error is not None]
-        errors = ", ".join(told) or "can't be told"
-        return " ".join([f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}.", *self.doubts])
+        errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "can't be told"
+        said = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
+        if self.pace is not None:
+            said.append(f"Half the pace of growth changes the coarser twin by: {_listed(self.pace)} of T.")
+        return " ".join([*said, *self.doubts])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -93,6 +100,7 @@ class ErrorFile(Record):
     how: str
     doubts: list[str]
     not_studied: list[str] = []
+    pace: dict[str, Amount] | None = None
     health_sha256: str
 
 
@@ -136,13 +144,26 @@ def coarser(scene: Scene) -> Scene:
     return twin
 
 
-def twin_forecast(scene: Scene, threads: int | None = None) -> Forecast:
-    """What the twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
+def twins(scene: Scene) -> dict[str, Scene]:
+    """The twins of a scene by their folders: :func:`coarser`, and the same at half of ``growth.rate``, unless time is
+    real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first wrinkles at one pace, where
+    ``slow_growth`` holds it down whatever the rate."""
+    from morphofold.sim.scene import SLOWEST_RATE
+    from morphofold.sim.scene_file import load_scene
+
+    found, rate = {COARSER: coarser(scene)}, scene.growth.rate / 2
+    if scene.effects.inertia is None and rate >= SLOWEST_RATE:
+        found[SLOWER] = load_scene(found[COARSER], [f"growth.rate={rate!r}"])
+    return found
+
+
+def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
+    """What each twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
     from morphofold.forecasts.forecasting import forecast
 
-    found = forecast(coarser(scene), threads)
-    how = {what: words for what, words in found.how.items() if what != "errors"}
-    return replace(found, errors={}, not_studied=(), how=how, doubts=())
+    found = {folder: forecast(twin, threads) for folder, twin in twins(scene).items()}
+    how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
+    return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
 
 
 def estimate_error(
@@ -153,7 +174,8 @@ def estimate_error(
     Parameters
     ----------
     run : Simulation
-        Finished. Its twin is grown in the folder ``coarser`` within, gone on with if it was stopped, or read.
+        Finished. Its twins are grown in the folders ``coarser`` and ``slower`` within, gone on with if they were
+        stopped, or read.
     threads : int, optional
         As of :func:`morphofold.simulate`.
     progress : callable
@@ -171,7 +193,7 @@ def estimate_error(
     FileExistsError
         If another process writes into the run's folder.
     UnstableError
-        If the twin leaves its bounds; the run is none the worse.
+        If a twin leaves its bounds; the run is none the worse.
 
     Notes
     -----
@@ -190,13 +212,15 @@ def estimate_error(
             f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
             "twin of it can be grown."
         )
-    other = coarser(run.scene)
-    mine = _grown(run)
-    try:
-        twin = simulate(other, run.path / FOLDER, resume=True, threads=threads, progress=progress)
-    except UnstableError as error:
-        raise UnstableError(f"{run.path / FOLDER}: {error} The run beside it is whole.", error.sound) from error
-    found = between(run.scene, mine, _grown(twin))
+    others = twins(run.scene)
+    grown = [_grown(run)]
+    for done, (folder, twin) in enumerate(others.items()):
+        tell = lambda share, text, done=done: progress((done + share) / len(others), text)
+        try:
+            grown.append(_grown(simulate(twin, run.path / folder, resume=True, threads=threads, progress=tell)))
+        except UnstableError as error:
+            raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
+    found = between(run.scene, *grown)
     with alone(run.path):
         sweep(run.path)                                                 # a run that is finished doesn't any more
         with atomic_file(run.path / FILE) as temporary:
@@ -214,34 +238,31 @@ def estimate_beside(stage: Path) -> Estimate | None:
         errors = {name: Estimated(row["change"], row["power"], row["error"]) for name, row in content["errors"].items()}
         told = {key: content[key] for key in ("growth", "edge_over_T", "ratio", "how")}
         unlike = tuple(content.get("not_studied", ()))                  # an earlier version's has none
-        return Estimate(**told, errors=errors, doubts=tuple(content["doubts"]), not_studied=unlike)
+        doubts, pace = tuple(content["doubts"]), content.get("pace")
+        return Estimate(**told, errors=errors, doubts=doubts, not_studied=unlike, pace=pace)
     except (OSError, ValueError):
         return None
 
 
-def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
-    """The estimate from the last stages of both."""
-    from morphofold import analysis
-    from morphofold.accuracy.folds import distance
-
-    apart = distance(mine.pial, twin.pial) / scene.geometry.cortex_thickness
-    changes = {"pial distance": apart}
-    if scene.geometry.shape in ("sphere", "ellipsoid"):
-        here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, twin))
-        changes = {"gyrification index": abs(there / here - 1), **changes}
+def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -> Estimate:
+    """The estimate from the last stages of the run, of its coarser twin and, if there is one, of its slower twin."""
+    changes = _changes(scene, mine, twin)
+    apart, pace = changes["pial distance"], None if slow is None else _changes(scene, twin, slow)
     ratio, laws = twin.edge / mine.edge, table()["errors"]
     errors = {}
     for name, change in changes.items():
         power = laws["quantities"][name]["power_of_three_elements"]     # the twin has as many as the run
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
-    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in (("run", mine), ("coarser twin", twin))
+    all_grown = {"run": mine, "coarser twin": twin, "slower twin": slow}
+    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in all_grown.items() if grown
               for warning in grown.warnings]  # fmt: skip
     if apart > ALIKE:
-        told = ", ".join(f"{name} {percent(change)}" for name, change in changes.items())
         doubts.append(
-            f"The twin folded into another pattern (they differ by: {told} of T), so no error follows from it: the "
-            "mesh has its say in the pattern on such edges. Take a shorter one."
+            f"The twin folded into another pattern (they differ by: {_listed(changes)} of T), so no error follows from "
+            "it: the mesh has its say in the pattern on such edges. Take a shorter one."
         )
+    if pace is not None and pace["pial distance"] > ALIKE:
+        doubts.append("The slower twin folded into another pattern than the coarser: folds hang on the pace of growth.")
     T = scene.thinnest
     unlike = not_studied(scene, mine.edge / T)
     if unlike:
@@ -249,8 +270,24 @@ def between(scene: Scene, mine: Grown, twin: Grown) -> Estimate:
     return Estimate(
         scene.growth.final, mine.edge / T, ratio, errors,
         f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {laws['subject']}, three elements through the cortex", tuple(doubts), unlike,
+        f"of {laws['subject']}, three elements through the cortex", tuple(doubts), unlike, pace,
     )  # fmt: skip
+
+
+def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
+    """By how much the last stages of two runs differ: quantities and units as those of ``Estimate.errors``."""
+    from morphofold import analysis
+    from morphofold.accuracy.folds import distance
+
+    changes = {"pial distance": distance(one.pial, other.pial) / scene.geometry.cortex_thickness}
+    if scene.geometry.shape in ("sphere", "ellipsoid"):
+        here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (one, other))
+        changes = {"gyrification index": abs(there / here - 1), **changes}
+    return changes
+
+
+def _listed(shares: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {percent(share)}" for name, share in shares.items())
 
 
 def _grown(run: Simulation) -> Grown:

@@ -84,10 +84,13 @@ def _beside(expected: Expected) -> str:
 
 
 def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
-    """Errors from a coarser twin below those of the table, with what they leave open."""
+    """Errors from a coarser twin below those of the table, what the pace changes, and what they leave open."""
     if estimate is not None:
         said["errors"] = [*said["errors"], *(
             (called(name), percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})")
             for name, e in estimate.errors.items() if e.error is not None
+        ), *(
+            (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser twin at half the pace")
+            for name, change in (estimate.pace or {}).items()
         )]  # fmt: skip
         said["doubts"] = (*said["doubts"], *estimate.doubts)
