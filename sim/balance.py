@@ -89,6 +89,10 @@ class Balance:
             self._step[k], self._x[k], self._a[k] = step, x, a
         self.seen = step
 
+    def forget(self) -> None:
+        """Take no motion of before for one from now on: growth stands still."""
+        self._step[:], self.w2, self.calm = -1, 0.0, 0
+
     def save(self) -> dict[str, NDArray[np.generic]]:
         """Arrays for a checkpoint; ``load`` takes them back."""
         scalars = {key: np.array(getattr(self, key)) for key in SCALARS}

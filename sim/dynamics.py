@@ -2,8 +2,8 @@
 
 The step is one unit of time. What is measured is the mass: each node gets the least mass that keeps that step
 stable for the present stiffness of its elements, renewed every ``REFRESH`` steps, so that squeezed elements can
-never outrun the step. Mass is fictitious; the result is a path of near-equilibria, and the ratio of kinetic
-to strain energy says how near.
+never outrun the step. Mass is fictitious; the result is a path of near-equilibria, which rests at the stages of a
+scene; :mod:`morphofold.sim.balance` says how near it is.
 """
 
 from __future__ import annotations
@@ -38,11 +38,14 @@ FIRST_PACE = 0.1        # and what it starts from
 NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
 CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all, [ticks]
 SLENDER = 6.0           # times as long as that, where the body is so slow
+RINGING = 1.0           # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
+RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
+MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
 SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J", "dissipated")  # of a state, beside its arrays
 
 
 class UnstableError(RuntimeError):
-    """The run left its bounds; ``sound`` holds what ``Dynamics.save`` gave at the last state within them."""
+    """The run left its bounds; ``sound`` holds the last state within them, as ``Dynamics.save`` gives it."""
 
     def __init__(self, message: str, sound: dict[str, NDArray]):
         super().__init__(message)
@@ -131,13 +134,16 @@ class Dynamics:
         """
         if not 0 < g < math.inf:
             raise ValueError(f"the growth stretch must be a positive number, got {g:g}.")
-        if self.state.growth != g:
-            self.state.relaxed = 0
+        if self.state.growth == g:
+            return
+        self.state.relaxed = 0
         while self.state.growth != g:
             increment = self.rate * REFRESH * self._pace()
             left = g - self.state.growth
             last = abs(left) <= 1.5 * increment
             self._run(REFRESH, g if last else self.state.growth + math.copysign(increment, left))
+            if last:
+                self.balance.forget()                                   # its motion was that of growth
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
@@ -148,21 +154,22 @@ class Dynamics:
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
-        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983). It ends
-        after ``PATIENCE``, too, times as much as the motion is softer than folds are, but for ``SLENDER`` at most.
-        Nothing is done where time is real.
+        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
+        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too, times as much as the motion
+        is softer than folds are, but for ``SLENDER`` at most. Nothing is done where time is real.
 
         Returns
         -------
         bool
             Whether the body is at rest.
         """
-        tick, full, balance = self.body.crossing, self.damping, self.balance
+        tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         while self.waits_for_balance and balance.calm < CALM * tick:
-            if self.state.relaxed >= PATIENCE * tick * min(SLENDER, SOFT / balance.soft):
+            if state.relaxed >= PATIENCE * tick * min(SLENDER, SOFT / balance.soft):
                 break
-            if 0 < balance.w2 < (0.5 * full) ** 2:
-                self.damping = 2 * math.sqrt(balance.w2)
+            rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick
+            if rings or 0 < balance.w2 < (0.5 * full) ** 2:
+                self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
             self._hold(after)
             self.damping = full
         return balance.calm >= CALM * tick
@@ -172,13 +179,14 @@ class Dynamics:
         self.state.relaxed += REFRESH
         after(self.state)
 
-    def save(self) -> dict[str, NDArray]:
-        """The run as arrays, enough to go on bitwise the same."""
+    def save(self, gauge: bool = True) -> dict[str, NDArray]:
+        """The run as arrays, enough to go on bitwise the same; without its ``gauge`` of balance, to look at."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in SCALARS}
         for name, part in self._parts():
-            arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
+            if gauge or part is not self.balance:
+                arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
         return arrays
 
     def _parts(self) -> list[tuple[str, Any]]:
@@ -307,7 +315,7 @@ class Dynamics:
             "mean_volume_ratio": float(np.mean(element["volume_ratio"])),
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
-        self._sound = self.save()
+        self._sound = self.save(gauge=False)
         clock.lap("measure")
 
 

@@ -1,4 +1,4 @@
-"""Independent checks of a result: does the pial surface pass through itself, does the cortex keep its grown volume."""
+"""What is asked of every stage: rest, volume, no crossings, the shape as a whole; by checks of their own."""
 
 from __future__ import annotations
 
@@ -49,17 +49,20 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         "contact": "add [effects.contact]",
         "finer": "refine the mesh (accuracy.level)",
         "kappa": "raise material.kappa_ratio",
-        "hold": "hold its inner surface (geometry.held), or cut it by symmetry planes (geometry.portion)",
+        "hold": "cut it by symmetry planes (geometry.portion)",
     }
-    if scene is not None:
-        shape = scene.geometry.shape
-        if scene.effects.contact is not None:
-            del found["contact"]
-        if shape == "mesh":
-            found["finer"] = "give it a finer mesh (geometry.file)"
-            found["hold"] = "hold its inner surface (geometry.held)"
-        elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
-            found["finer"] = "refine the mesh (accuracy.edge)"
+    if scene is None:
+        return found
+    if scene.effects.contact is not None:
+        del found["contact"]
+    if scene.effects.inertia is not None:
+        found["slower"] = "slow the growth down (effects.inertia.duration)"
+        del found["stages"]
+    if scene.geometry.shape == "mesh":
+        found["finer"] = "give it a finer mesh (geometry.file)"
+        found["hold"] = "hold its inner surface (geometry.held)"
+    elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
+        found["finer"] = "refine the mesh (accuracy.edge)"
     return found
 
 

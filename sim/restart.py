@@ -85,6 +85,8 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
         )
     x, v, X, _ = _read(file)
     check_mesh(file, X, body.X, scene)
+    if scene.effects.inertia is not None:                               # velocities are per step, of another length
+        v[:] = 0.0
     return State(x, v, growth=restart["growth"])
 
 
@@ -114,6 +116,7 @@ def _read(file: Path) -> tuple[Array, Array, Array, float]:
                 if sum(entry.file_size for entry in arrays.zip.infolist()) > file.stat().st_size:
                     raise ValueError("it is packed")                    # no run packs it
                 x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
+                v *= "inertia.dt" not in arrays.files                   # real ones are per step of its own length
                 growth = float(arrays["growth"].item())
         if not (x.ndim == 2 and x.shape[1] == 3 and x.shape == v.shape == X.shape):
             raise ValueError(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")

@@ -47,7 +47,7 @@ RESTING = 45.0          # ticks that a stage rests, or so,
 RAMP = 250.0            # of those that growth by 1 takes, for the share of the work that is done
 LOG_EVERY = 0.01        # growth between two lines of the log,
 LOG_STEPS = 100         # or steps
-TOLD = (
+STAGE_NUMBERS = (
     "step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "dissipated_energy", "distance_over_T", "min_J",
 )  # fmt: skip
 
@@ -287,7 +287,7 @@ class _Run:
         found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
         numbers = {
             "growth": g,
-            **{name: state.record[name] for name in TOLD},
+            **{name: state.record[name] for name in STAGE_NUMBERS},
             "lowest_J": state.lowest_J,
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
@@ -304,13 +304,17 @@ class _Run:
         return numbers
 
     def _unstable_modes(self) -> int | None:
-        """Of the present state, where that is asked for; of a strip unless it is not."""
+        """Of the present state, where that is asked for; of a strip unless it is not. None where it can't be told."""
         asked = self.scene.output.stability
-        if not (isinstance(self.scene.geometry, Strip) if asked is None else asked):
+        wanted = isinstance(self.scene.geometry, Strip) if asked is None else asked
+        if not wanted or not self.dynamics.waits_for_balance:
             return None
         from morphofold.sim.unstable import unstable_modes
 
-        return unstable_modes(self.dynamics)
+        try:
+            return unstable_modes(self.dynamics)
+        except (MemoryError, ZeroDivisionError):                        # too large, or a mode without any stiffness
+            return None
 
     def _cortex_volume(self) -> float:
         """Present volume of the elements of the cortex [mm^3]."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def unstable_modes(run: Dynamics, softer_than: float = -SOFT) -> int:
     """Modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
 
-    By default those that grow e-fold before growth would have risen by 1/6 or so. Slower ones are told by no motion:
+    By default those that grow e-fold within 36 ticks, in which growth would rise by 0.2. Slower ones are left out:
     modes that contact holds at the edge of its reach are among them.
 
     Notes

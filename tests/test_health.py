@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from morphofold.sim.health import (
     cover,
     cures,
 )
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene_file import load_scene, scene_names
 from morphofold.surface import Surface
 
 SOUND = {
@@ -85,6 +86,18 @@ def test_a_cure_is_one_that_the_scene_takes():
     assert "geometry.file" in told
     (told,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("mesh"))
     assert "portion" not in told
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_every_key_that_advice_names_is_one_that_the_scene_takes(name):
+    scene = load_scene(name)
+    for advice in cures(scene).values():
+        table, key = re.search(r"(\w+(?:\.\w+)*)\.(\w+)|$", advice).groups()
+        if table is not None:
+            part = scene
+            for word in table.split("."):
+                part = getattr(part, word)
+            assert key in type(part).model_fields or scene.geometry.shape in ("radial", "patch", "strip")
 
 
 def test_bending_is_that_of_the_body_as_a_whole(rng):

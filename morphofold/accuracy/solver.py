@@ -30,7 +30,7 @@ THEORY, INCOMPRESSIBLE = "theory", "incompressible theory"
 def smooth_points(setting: Setting) -> list[Point]:
     """Radius and hoop stress of the smooth body at g = 1.15, grown by the dynamics, against theory.
 
-    The body rests at the end for as long as the scene's own run does. Theory is the radial equilibrium of the same
+    The body comes to rest at the end as it does at a stage of a scene. Theory is the radial equilibrium of the same
     kappa/mu; the radius is also held against the incompressible one (Razavi et al. 2015, Eq. 11).
     """
     seconds: list[float] = []

@@ -19,6 +19,7 @@ REST = "rest"
 PHASES = {
     "elements": "forces of the elements",
     "advance": "nodal sums, velocities and positions",
+    "balance": "how far the body is from rest, every twelve steps",
     "measure": "masses, energies and health, every twelve steps",
     "grow": "growth of the elements",
     "filter": "forces of the surface filter",

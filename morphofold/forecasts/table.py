@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 HEADLINE = ("gyrification index", "wavelength")
 ROUNDED = 0.05          # share of an edge within which two of them are alike: cells are whole and even
 #: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
-#: thicknesses (T/C) down to half of that, the paper's thinnest
+#: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
 EFFECTS = ("contact", "perturbation")
 

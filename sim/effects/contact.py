@@ -295,20 +295,22 @@ class Contact(Effect):
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         if self._partner.max() >= 0:
-            press(x, v, body.X, self._N, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
-                  APART * body.bilayer.edge, self.per_mass, self._push, self._weight, self._depth,
-                  self._energy)  # fmt: skip
+            self._press(body, x, v, self._push, self._weight, self._depth, self._energy)
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
 
+    def _press(self, body: Body, x: Array, v: Array, push: Array, weight: Array, depth: Array, energy: Array) -> None:
+        press(x, v, body.X, self._N, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
+              APART * body.bilayer.edge, self.per_mass, push, weight, depth, energy)  # fmt: skip
+
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Of the pairs that press: a spring along each one's normal."""
-        node = np.flatnonzero((self._partner >= 0) & (self._depth > 0))
+        """Of the pairs that press at x, none moving: a spring along each one's normal."""
+        push, share, depth = np.zeros_like(self._push), np.zeros_like(self._weight), np.zeros_like(self._depth)
+        self._press(body, x, np.zeros_like(x), push, share, depth, np.zeros_like(depth))
+        node = np.flatnonzero(depth > 0)
         corners = self._tri[self._partner[node]]
-        nodes, share = np.column_stack([node, corners]), np.column_stack([np.ones(len(node)), -self._weight[node]])
-        a, b, c = (x[corners[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        along = (share[:, :, None] * normal[:, None, :]).reshape(-1, 12)
+        nodes, weight = np.column_stack([node, corners]), np.column_stack([np.ones(len(node)), -share[node]])
+        normal = push[node] / np.linalg.norm(push[node], axis=1)[:, None]
+        along = (weight[:, :, None] * normal[:, None, :]).reshape(-1, 12)
         springs = self.per_mass * body.mass[nodes].min(axis=1)
         entries = springs[:, None, None] * along[:, :, None] * along[:, None, :]
         at = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)

@@ -78,7 +78,7 @@ class Notch(Effect):
             if apart.min() > farthest:
                 raise ValueError(
                     f"effects.notch.at: {point.tolist()} lies {apart.min():.3g} mm from the pial surface; give a point "
-                    "of it."
+                    "of the part of it that is simulated (geometry.portion)."
                 )
             found.append(pial[np.argmin(apart)])
         return found

@@ -79,7 +79,7 @@ class Bricks:
             bad = np.flatnonzero(det.min(axis=1) <= 0)
             raise ValueError(
                 f"at least {len(bad)} of {self.n:,} bricks are inside out before anything grows, the first is "
-                f"{tind[bad[0]]}; make effects.perturbation.amplitude smaller."
+                f"{tind[bad[0]]}; make effects.perturbation.amplitude or effects.notch.depth smaller."
             )
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)           # 4: parent brick [-1, 1]^3

@@ -191,8 +191,9 @@ def no_filter(patch):
 
 
 def no_waiting(patch):
-    """Growth never slows down."""
+    """Growth never slows down, nor stands still at a stage."""
     patch.setattr(Dynamics, "_pace", lambda self: 1.0)
+    patch.setattr(Dynamics, "settle", lambda self, after=None: False)
 
 
 def no_contact(patch):
