@@ -1,11 +1,11 @@
 """How far a body is from rest at its present growth, told by its own motion: it costs next to nothing.
 
-What moves a damped body slowly is its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its
-distance from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2 left
-to go. How soft the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of its
-accelerations, w^2 = -dx.m da / dx.m dx. It is never taken for stiffer than the softest modes of folded bodies
-(``SOFT``), which may hide in what is seen to drift. Held against K^-1 f with the exact stiffness of octants in folds,
-the distance is right within a factor of three or rather too large (docs/solver.md, section 4).
+What moves a damped body slowly is its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of
+its distance from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2
+left to go. How soft the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of
+its accelerations, w^2 = -dx.m da / dx.m dx. For a drift it is never taken for stiffer than the softest modes of folds
+(``SOFT``), which may hide in it. Held against K^-1 f with the exact stiffness of octants in folds, the distance is
+right within a factor of three, or too large (docs/solver.md, section 3).
 """
 
 from __future__ import annotations

@@ -184,6 +184,8 @@ def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     said = doubts(scene, sizes.edge / scene.thinnest)
     if "inertia" in scene.effects.named:
         said.append("The step of real masses shrinks as elements are squeezed, by how much was seen in one run only.")
+    if scene.output.stability:
+        said.append("Counting the unstable modes of the stages comes on top, in time and memory (output.stability).")
     if found.slowest > UNEVEN * found.fastest:
         said.append(
             f"Steps took up to {found.slowest / found.fastest:.1f} times as long as others just now: this machine has "
