@@ -37,7 +37,8 @@ SOFT_START = 0.02       # growth over which the pace rises to its full value, so
 FIRST_PACE = 0.1        # and what it starts from
 NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
 CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all, [ticks]
-SLENDER = 6.0           # times as long as that, where the body is so slow
+AWAY = 0.25             # but not beyond such a distance, on the way to other folds,
+SLENDER = 6.0           # nor where the body is slow: then after so many times as long
 RINGING = 1.0           # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
 RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
 MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
@@ -155,8 +156,9 @@ class Dynamics:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
-        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too, times as much as the motion
-        is softer than folds are, but for ``SLENDER`` at most. Nothing is done where time is real.
+        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too: times as much as the motion
+        is softer than that of folds, but ``SLENDER`` at most, and as much as that while the body is beyond ``AWAY``.
+        Nothing is done where time is real.
 
         Returns
         -------
@@ -165,7 +167,8 @@ class Dynamics:
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         while self.waits_for_balance and balance.calm < CALM * tick:
-            if state.relaxed >= PATIENCE * tick * min(SLENDER, SOFT / balance.soft):
+            slow = min(SLENDER, SOFT / balance.soft)
+            if state.relaxed >= PATIENCE * tick * (slow if balance.distance < AWAY * self.body.thickness else SLENDER):
                 break
             rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick
             if rings or 0 < balance.w2 < (0.5 * full) ** 2:

@@ -12,7 +12,7 @@ from morphofold.crossings.boxes import box_tree
 from morphofold.crossings.intersection import self_intersections
 from morphofold.crossings.rays import ray_hits
 from morphofold.shapes import even_directions
-from morphofold.sim.dynamics import restlessness
+from morphofold.sim.dynamics import AWAY, restlessness
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ CROSSING_TOLERANCE = 0.1
 
 #: greatest values that a healthy stage has, and what can be changed beyond them: keys of ``cures``
 BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
-    "distance_over_T": (0.25, ("slower", "stages")),
+    "distance_over_T": (AWAY, ("slower", "stages")),
     "kinetic_over_strain": (1e-2, ("slower",)),
     "overlap": (2e-3, ("contact", "finer")),
     "winding_max": (1, ("contact", "slower")),
