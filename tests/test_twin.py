@@ -271,16 +271,16 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_path):
-    """Measured by hand: 0.7 to 1.3 times the true one at g = 1.5, edges of 0.27 to 0.59 T (docs/accuracy.md)."""
+    """0.77 times the true one was seen. Later or on coarser meshes the twin folds into another pattern."""
 
     def grown(edge):
-        settings = (*SMALL, "growth.final=1.5", f"accuracy.edge={3 * edge}", "accuracy.elements_through_cortex=3")
+        settings = (*SMALL, "growth.final=1.35", f"accuracy.edge={3 * edge}", "accuracy.elements_through_cortex=3")
         return simulate(load_scene("fig6-thick", settings), tmp_path / f"{edge}", threads=1)
 
-    run, fine = grown(0.6), grown(0.3)
+    run, fine = grown(0.45), grown(0.27)
     index = estimate_error(run, threads=1).errors["gyrification index"]
     here, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
     true = abs(here / there - 1)
-    against_the_finer = index.error * (1 - 0.5**index.power)                # whose own error isn't seen against it
+    against_the_finer = index.error * (1 - 0.6**index.power)                # whose own error isn't seen against it
     assert true > 0.02
     assert true / 2 < against_the_finer < 2 * true

@@ -13,7 +13,7 @@ from morphofold.sim.scene_file import load_scene, scene_names
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scene_names())
 def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
-    settings = [] if name == "mesh" else ["accuracy.level=draft"]       # a file has the mesh that it has
+    settings = [] if name in ("mesh", "crease") else ["accuracy.level=draft"]   # a file's mesh, and that of a crease
     simulation = mf.simulate(name, tmp_path / name, settings=settings)
     health = simulation.health
     balance = ("distance_over_T", "unstable_modes")                     # a stage may be about to snap, and says so
