@@ -29,23 +29,23 @@ class Balance:
     ----------
     tick : float
         Steps in which a shear wave crosses the cortex (``Body.crossing``).
-    nodes : int
-        Of the body.
-
-    Attributes
-    ----------
+    X : (N, 3) float64
+        Reference positions [mm].
     near : float
-        Distance from rest below which the body is calm [mm].
+        Distance from rest below which the body is calm [mm]; where it moves more softly than folds do, as a slender
+        body that bends, it is to be within ``NEAR_SHARE`` of its way from X, too.
 
     Attributes
     ----------
     w2 : float
-        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where the motion is
-        driven away from rest, 0 where nothing moves and before ``LONG``.
+        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where that leads away
+        from rest, 0 where nothing moves and before ``LONG``.
     distance : float
         From rest, rms over the nodes [mm]; 0 before ``LONG``.
     calm : int
         Steps since the body was not calm.
+    seen : int
+        Step of the last look.
     """
 
     def __init__(self, tick: float, X: Array, near: float):
