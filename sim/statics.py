@@ -188,8 +188,8 @@ def bifurcation_of_body(
         look(*seen[-1])
         if found.negative:
             high = path.growth
-        elif mode is not None and _turned(np.array(seen)):
-            return _found(body, _zero(np.array(seen[:-1])), True, mode, np.array(seen), stable.x)
+        elif mode is not None and len(falling := _before_turn(np.array(seen))):
+            return _found(body, _zero(falling), True, mode, np.array(seen), stable.x)
         else:
             stable, mode = path, found.mode
         g = _next(np.array(seen), stable.growth, high, stable.growth + step)
@@ -227,12 +227,16 @@ def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array
     return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, float(degree), history, x)
 
 
-def _turned(seen: Array) -> bool:
-    """Whether the eigenvalue of stable states seen (K, 2) has fallen, by half at least, and now rises."""
-    eigenvalue = seen[np.argsort(seen[:, 0]), 1]
-    if len(seen) < 3 or not (eigenvalue > 0).all():
-        return False
-    return bool(eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2] < 0.5 * eigenvalue.max())
+def _before_turn(seen: Array) -> Array:
+    """Of the states seen (K, 2) the stable ones but the last, if their eigenvalue fell by half and rises there; else none.
+
+    An unstable state beyond is then one that a long step reached on another path.
+    """
+    stable = seen[seen[:, 1] > 0]
+    stable = stable[np.argsort(stable[:, 0])]
+    eigenvalue = stable[:, 1]
+    turned = len(stable) > 2 and eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2]
+    return stable[:-1] if turned and eigenvalue[-2] < 0.5 * eigenvalue.max() else stable[:0]
 
 
 def _next(seen: Array, low: float, high: float, furthest: float) -> float:

