@@ -228,7 +228,7 @@ def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array
 
 
 def _before_turn(seen: Array) -> Array:
-    """The stable ones of the states seen (K, 2) but the last, if their eigenvalue fell by half and rises there; or none.
+    """The stable ones of the states seen (K, 2) but the last, if the eigenvalue fell by half and rises there; or none.
 
     An unstable state beyond is then one that a long step reached on another path.
     """
