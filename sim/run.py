@@ -92,8 +92,9 @@ def simulate(
         Not in one dimension.
     restart_from : str or Path, optional
         Folder of another run, or of one of its stages, to begin at: at its positions and growth, and those velocities
-        that a checkpoint has. The mesh must be the same, all else may differ; what effects had in memory is not taken.
-        Stages of a smaller growth are not written. A resumed run knows where it began. Not in one dimension.
+        that a checkpoint has, unless either has inertia. The mesh must be the same, all else may differ; what effects
+        had in memory is not taken. Stages of a smaller growth are not written. A resumed run knows where it began. Not
+        in one dimension.
 
     Returns
     -------

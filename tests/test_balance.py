@@ -6,7 +6,8 @@ from made_bodies import beam, curvature, timoshenko
 from scipy.sparse.linalg import spsolve
 
 from morphofold.sim.balance import SOFT, Balance
-from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, Dynamics
+from morphofold.sim.body import Body
+from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLENDER, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import bilayer_patch
@@ -161,8 +162,6 @@ def test_growth_goes_on_at_the_full_damping_and_counts_its_rest_anew():
 def test_the_energy_that_damping_took_is_what_the_others_lost():
     """A block between planes, let go from a stretch: nothing else takes energy."""
     block = bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0)
-    from morphofold.sim.body import Body
-
     body = Body(block, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     run = Dynamics(body, steps_per_unit=1000)
     run.state.x[:, 2] *= 1.02
@@ -194,3 +193,14 @@ def test_a_smooth_body_at_rest_has_the_stress_of_one_that_rests_far_longer():
     run.relax(run.state.relaxed + int(100 * body.crossing))
     later = cauchy_stress(body, run.state.x)
     assert np.linalg.norm(soon - later) < 2e-3 * np.linalg.norm(later)
+
+
+@pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE), (0.3, PATIENCE * SLENDER)])
+def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nearly_there(distance, longest):
+    """What the gauge tells is made up here; how long growth then stands still is not."""
+    body = Body(bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    run = Dynamics(body, steps_per_unit=1000)
+    run.balance.look = lambda *state: None
+    run.balance.distance = distance * body.thickness
+    assert not run.settle()
+    assert 0 <= run.state.relaxed - longest * body.crossing < REFRESH
