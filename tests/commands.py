@@ -4,7 +4,7 @@ from morphofold.cli import main
 
 
 def refused(capsys, argv, *words):
-    """The command ends with 2, says all the words in few lines, and shows no traceback."""
+    """The line of a command that ends with 2; it says all the words and shows no traceback."""
     assert main(argv) == 2
     told = capsys.readouterr()
     assert told.out == ""
@@ -12,3 +12,10 @@ def refused(capsys, argv, *words):
     for word in words:
         assert word in told.err
     assert "Traceback" not in told.err
+    assert "defect" not in told.err
+    return told.err
+
+
+def refused_run(capsys, *words, scene, settings):
+    """What ``simulate`` into the folder ``run`` says where it is refused."""
+    return refused(capsys, ["simulate", scene, "-o", "run", "-q", *(w for s in settings for w in ("--set", s)), *words])

@@ -16,6 +16,10 @@ from morphofold.surface import Surface
 LEVEL = 4           # 2,562 vertices
 
 
+class Stop(Exception):
+    """Raised by a test from within a run, as if that was stopped."""
+
+
 def harmonic(verts, l, m):
     """Real harmonic of degree l and order m > 0 at vertices around the origin, mean square 1."""
     direction = verts / np.linalg.norm(verts, axis=1)[:, None]

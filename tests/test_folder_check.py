@@ -9,6 +9,8 @@ from contextlib import nullcontext
 import meshio
 import numpy as np
 import pytest
+from commands import refused_run
+from made_simulations import Stop
 from test_meshfile import ball, write
 
 from morphofold.cli import main
@@ -20,10 +22,6 @@ TINY = [
     "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]",
     "output.checkpoint_minutes=1e-6",
 ]  # fmt: skip
-
-
-class Stop(Exception):
-    pass
 
 
 @pytest.fixture(scope="module")
@@ -61,13 +59,7 @@ def at(tmp_path, monkeypatch):
 
 def resumed(capsys, *words, scene="demo", settings=TINY):
     """What ``simulate --resume`` says where it is refused: one line, exit code 2, nothing written."""
-    argv = ["simulate", scene, "-o", "run", "-q", *(word for s in settings for word in ("--set", s)), *words]
-    assert main(argv) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.splitlines()) == 1, told.err
-    assert "defect" not in told.err
-    return told.err
+    return refused_run(capsys, *words, scene=scene, settings=settings)
 
 
 def contents(folder):

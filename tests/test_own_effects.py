@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from made_simulations import Stop
 
 import morphofold as mf
 from morphofold.cli import main
@@ -18,10 +19,6 @@ from morphofold.sim.volume import read_volume
 TINY = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]"]
 OFTEN = [*TINY, "output.checkpoint_minutes=1e-6"]
 SWELLING = "effects.core_growth={final = 1.05}"
-
-
-class Stop(Exception):
-    pass
 
 
 class Breath(Effect):

@@ -5,6 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
+from commands import refused_run
+from made_simulations import Stop
 
 import morphofold as mf
 from morphofold.cli import main
@@ -20,10 +22,6 @@ TINY = [
     "effects.perturbation.wavelength=20", "output.checkpoint_minutes=1e-6",
 ]  # fmt: skip
 FURTHER = [*TINY, "growth.final=1.25", "output.stages=[1.05, 1.1, 1.15, 1.2]"]
-
-
-class Stop(Exception):
-    pass
 
 
 class Look(Effect):
@@ -161,13 +159,7 @@ def test_a_run_is_not_resumed_as_one_that_began_elsewhere(other, tmp_path):
 
 def refused(capsys, *words, settings=FURTHER, scene="demo"):
     """What the command says where it is refused: one line, exit code 2."""
-    argv = ["simulate", scene, "-o", "run", "-q", *(word for s in settings for word in ("--set", s)), *words]
-    assert main(argv) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.splitlines()) == 1, told.err
-    assert "defect" not in told.err
-    return told.err
+    return refused_run(capsys, *words, scene=scene, settings=settings)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pytest
 import pyvista
+from made_simulations import Stop
 
 from morphofold.cli import main
 from morphofold.sim.folder_check import clear_run, files_of_run
@@ -17,10 +18,6 @@ TINY = [
     "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1, 1.125]",
     "output.checkpoint_minutes=1e-6",
 ]  # fmt: skip
-
-
-class Stop(Exception):
-    pass
 
 
 @pytest.fixture
