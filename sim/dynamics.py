@@ -12,7 +12,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,10 @@ from morphofold.sim.balance import SOFT, Balance
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import kernels
-from morphofold.sim.wrinkles import Slow
+from morphofold.sim.wrinkles import Slow, slow_growth
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -122,6 +125,12 @@ class Dynamics:
             self.state = start
             body.grow(start.growth)
         self._measure()
+
+    @classmethod
+    def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
+        """A run of a scene's body at the pace that the scene asks for."""
+        steps = scene.steps_per_unit(body.crossing)
+        return cls(body, effects, steps_per_unit=steps, slow=slow_growth(scene), start=start)
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
         """Raise the growth stretch to ``g``, or let it fall to it; ``after`` is called every ``REFRESH`` steps.

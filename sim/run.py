@@ -153,17 +153,13 @@ class _Run:
         from morphofold.sim.dynamics import Dynamics
         from morphofold.sim.effects import build_effects
         from morphofold.sim.geometry import build_body
-        from morphofold.sim.wrinkles import slow_growth
 
         self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
         self.started, self.look = working_seconds(), look
         effects = [*build_effects(scene), *effects]
         self.body = build_body(scene, effects)
         start = None if writer.restart is None or writer.checkpoint else state_of(writer.restart, self.body, scene)
-        steps_per_unit = scene.steps_per_unit(self.body.crossing)
-        self.dynamics = Dynamics(
-            self.body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene), start=start
-        )
+        self.dynamics = Dynamics.of(scene, self.body, effects, start)
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 

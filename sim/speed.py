@@ -196,7 +196,7 @@ def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     scene = effect_scene(effects)
     built = build_effects(scene)
     body = build_body(scene, built)
-    run = Dynamics(body, built, steps_per_unit=scene.steps_per_unit(body.crossing))
+    run = Dynamics.of(scene, body, built)
     run.grow_to(g)
     run.seconds.clear()
     first = run.state.step

@@ -61,7 +61,7 @@ def test_the_first_wrinkles_of_a_strip_come_when_and_as_long_as_theory_says(mu_r
     want = first_wrinkles(scene)
     effects = build_effects(scene)
     body = build_body(scene, effects)
-    run = Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing), slow=slow_growth(scene))
+    run = Dynamics.of(scene, body, effects)
     line = np.flatnonzero(body.X[: body.n_surface, 1] == 0)
     along = body.X[line, 0]
     order = np.argsort(along)

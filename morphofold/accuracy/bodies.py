@@ -105,7 +105,7 @@ class Setting:
             if isinstance(effect, Contact):
                 effect.per_mass = self.contact * STIFFNESS
         body = build_body(scene, effects, self.bilayer())
-        return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
+        return Dynamics.of(scene, body, effects)
 
 
 def axes() -> dict[str, list[Setting]]:

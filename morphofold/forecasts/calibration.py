@@ -89,7 +89,7 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
         started = working_seconds()
         effects = build_effects(small)
         body = build_body(small, effects)
-        run = Dynamics(body, effects, steps_per_unit=small.steps_per_unit(body.crossing))
+        run = Dynamics.of(small, body, effects)
         setting_up = working_seconds() - started
         per_unit = float(1 / run.rate)
         phases, fastest, slowest = _time_steps(run)

@@ -11,13 +11,13 @@ from morphofold.sim.geometry import build_body
 from morphofold.sim.health import BOUNDS
 from morphofold.sim.scene_file import load_scene
 from morphofold.sim.surfaces import whole_surfaces
-from morphofold.sim.wrinkles import first_wrinkles, slow_growth
+from morphofold.sim.wrinkles import first_wrinkles
 
 
 def run_of(scene):
     effects = build_effects(scene)
     body = build_body(scene, effects)
-    return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing), slow=slow_growth(scene))
+    return Dynamics.of(scene, body, effects)
 
 
 def folds(seed, rate):
