@@ -39,13 +39,15 @@ EARLY = 0.2             # below this growth strain the kinetic energy is held ag
 SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
 FIRST_PACE = 0.1        # and what it starts from
 NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
-CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all, [ticks]
+CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all [ticks],
+BRIEF, SHARE = 10.0, 4 / 3      # or sooner where growth took less since the last rest: that share of it, or so long,
 AWAY = 0.25             # but not beyond such a distance, on the way to other folds,
 SLENDER = 6.0           # nor where the body is slow: then after so many times as long
 RINGING = 1.0           # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
 RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
 MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
-SCALARS = ("step", "growth", "relaxed", "lowest_J", "before_J", "dissipated")  # of a state, beside its arrays
+#: of a state, beside its arrays
+SCALARS = ("step", "growth", "relaxed", "rested", "slender", "lowest_J", "before_J", "dissipated")
 
 
 class UnstableError(RuntimeError):
@@ -59,14 +61,16 @@ class UnstableError(RuntimeError):
 @dataclass
 class State:
     """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
-    all and at this growth, the smallest J of any element: so far, and at the measurement before the last; and the
-    energy that damping took so far."""
+    all and at this growth, and when it last rested, whether it was seen to move far more softly than folds do, the
+    smallest J of any element: so far, and at the measurement before the last; and the energy that damping took."""
 
     x: Array
     v: Array
     step: int = 0
     growth: float = 1.0
     relaxed: int = 0
+    rested: int = 0
+    slender: bool = False
     lowest_J: float = 1.0
     before_J: float = 1.0
     dissipated: float = 0.0
@@ -165,9 +169,10 @@ class Dynamics:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
-        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too: times as much as the motion
+        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too, times as much as the motion
         is softer than that of folds, but ``SLENDER`` at most, and as much as that while the body is beyond ``AWAY``.
-        Nothing is done where time is real.
+        Where it grew little since the last rest it ends sooner: there is little to catch up with, and many stages take
+        no longer than a few; but of a slender body softer motion is seen late. Nothing is done where time is real.
 
         Returns
         -------
@@ -175,15 +180,22 @@ class Dynamics:
             Whether the body is at rest.
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
+        grown = (state.step - state.relaxed - state.rested) / tick
         while self.waits_for_balance and balance.calm < CALM * tick:
-            slow = min(SLENDER, SOFT / balance.soft)
-            if state.relaxed >= PATIENCE * tick * (slow if balance.distance < AWAY * self.body.thickness else SLENDER):
+            slow = SOFT / balance.soft
+            state.slender = state.slender or slow > SLENDER
+            patience = PATIENCE if state.slender or not state.rested else min(PATIENCE, max(BRIEF, SHARE * grown))
+            patience *= min(slow, SLENDER)
+            if balance.distance >= AWAY * self.body.thickness:
+                patience = PATIENCE * SLENDER
+            if state.relaxed >= patience * tick:
                 break
             rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick
             if rings or 0 < balance.w2 < (0.5 * full) ** 2:
                 self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
             self._hold(after)
             self.damping = full
+        state.rested = state.step
         return balance.calm >= CALM * tick
 
     def _hold(self, after: Callable[[State], None]) -> None:

@@ -7,7 +7,7 @@ from scipy.sparse.linalg import spsolve
 
 from morphofold.sim.balance import SOFT, Balance
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLENDER, Dynamics
+from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLENDER, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import bilayer_patch
@@ -202,5 +202,24 @@ def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nea
     run = Dynamics(body, steps_per_unit=1000)
     run.balance.look = lambda *state: None
     run.balance.distance = distance * body.thickness
+    run.state.step = round(PATIENCE * body.crossing)                    # as if it had grown for so long
     assert not run.settle()
     assert 0 <= run.state.relaxed - longest * body.crossing < REFRESH
+
+
+def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
+    """At most 4/3 of the time that growth took since the last rest, and that is counted in ticks: so of any pace."""
+    run = strip()
+    run.grow_to(1.1)
+    run.settle()
+    run.balance.look = lambda *state: None
+    run.balance.distance = 0.2 * run.body.thickness
+    tick, before = run.body.crossing, run.state.step
+    run.grow_to(1.2)
+    grown = run.state.step - before
+    assert BRIEF < SHARE * grown / tick < PATIENCE
+    assert not run.settle()
+    assert 0 <= run.state.relaxed - SHARE * grown < REFRESH
+    run.grow_to(1.201)
+    assert not run.settle()
+    assert 0 <= run.state.relaxed - BRIEF * tick < REFRESH
