@@ -90,6 +90,14 @@ def soft_start(growth: float) -> float:
     return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
 
 
+def patience(grown: float | None = None) -> float:
+    """Ticks at a stage after which growth goes on, at rest or not, where a body moves no more softly than folds do.
+
+    ``grown``: ticks of growth since it last rested; None: it has not rested yet, or is slender.
+    """
+    return PATIENCE if grown is None else min(PATIENCE, max(BRIEF, SHARE * grown))
+
+
 class Dynamics:
     """Grow a body step by step.
 
@@ -169,10 +177,10 @@ class Dynamics:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
-        one that rings, since growth has stopped at once. It ends after ``PATIENCE``, too, times as much as the motion
-        is softer than that of folds, but ``SLENDER`` at most, and as much as that while the body is beyond ``AWAY``.
-        Where it grew little since the last rest it ends sooner: there is little to catch up with, and many stages take
-        no longer than a few; but of a slender body softer motion is seen late. Nothing is done where time is real.
+        one that rings, since growth has stopped at once. A body that does not rest goes on after its :func:`patience`:
+        times as much as its motion is softer than that of folds, ``SLENDER`` at most. Beyond ``AWAY`` it is given
+        ``PATIENCE`` times ``SLENDER``. After little growth patience is short, for there is little to catch up with, but
+        not for a slender body, whose soft motion shows late. Nothing is done where time is real.
 
         Returns
         -------
@@ -184,11 +192,10 @@ class Dynamics:
         while self.waits_for_balance and balance.calm < CALM * tick:
             slow = SOFT / balance.soft
             state.slender = state.slender or slow > SLENDER
-            patience = PATIENCE if state.slender or not state.rested else min(PATIENCE, max(BRIEF, SHARE * grown))
-            patience *= min(slow, SLENDER)
+            longest = patience(None if state.slender or not state.rested else grown) * min(slow, SLENDER)
             if balance.distance >= AWAY * self.body.thickness:
-                patience = PATIENCE * SLENDER
-            if state.relaxed >= patience * tick:
+                longest = PATIENCE * SLENDER
+            if state.relaxed >= longest * tick:
                 break
             rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick
             if rings or 0 < balance.w2 < (0.5 * full) ** 2:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +44,8 @@ __all__ = ["Progress", "Simulation", "simulate"]
 Progress = Callable[[float, str], None]
 Look = Callable[["Dynamics"], None]
 
-RESTING = 45.0          # ticks that a stage rests, or so,
-RAMP = 250.0            # of those that growth by 1 takes, for the share of the work that is done
+RESTING = 0.75          # of its patience that a body rests at a stage, or so, and
+RAMP = 250.0            # ticks that growth by 1 takes, for the share of the work that is done
 LOG_EVERY = 0.01        # growth between two lines of the log,
 LOG_STEPS = 100         # or steps
 STAGE_NUMBERS = (
@@ -205,14 +206,22 @@ class _Run:
         (self.writer.out / "checkpoint.npz").unlink(missing_ok=True)
         self.progress(1.0, "done")
 
+    def _share(self, state: Any) -> float:
+        """Share of the ticks of a run that are done, of growth and of rest."""
+        from morphofold.sim.dynamics import patience
+
+        stages, per_unit = self.scene.stages, RAMP / self.scene.growth.rate
+        rests = [patience()] + [patience(per_unit * (b - a)) for a, b in pairwise(stages)]
+        whole = per_unit * (stages[-1] - 1) + RESTING * sum(rests)
+        done = sum(RESTING * rest for rest, g in zip(rests, stages) if g < state.growth)
+        now = sum(RESTING * rest for rest, g in zip(rests, stages) if g == state.growth)
+        return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
+
     def _after(self, state: Any) -> None:
         """Between steps: progress, log, checkpoint."""
-        record, stages = state.record, self.scene.stages
-        rested = sum(g < state.growth for g in stages) + min(1.0, state.relaxed / (RESTING * self.body.crossing))
-        whole = RAMP * (stages[-1] - 1) + RESTING * len(stages)
-        distance = record["distance_over_T"]
+        record, distance = state.record, state.record["distance_over_T"]
         self.progress(
-            0.99 * (RAMP * (state.growth - 1) + RESTING * rested) / whole,
+            0.99 * self._share(state),
             f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
             + ("" if distance is None else f", {distance:.2f} T from rest"),
         )

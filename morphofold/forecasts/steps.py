@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     costs : mapping
         The table's ``costs``: how long runs rested and waited, and what contact took.
     """
-    from morphofold.sim.dynamics import REFRESH, SLOWEST, soft_start
+    from morphofold.sim.dynamics import REFRESH, SLOWEST, patience, soft_start
     from morphofold.sim.effects import ramp as ramps
     from morphofold.sim.wrinkles import first_wrinkles, slow_growth
 
@@ -65,7 +66,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     folding = lambda g: max(0.0, g - contact["from"]) * touching
     shape = None if scene.effects.ramp is None else ramps.build(scene.effects.ramp, scene)
     waits, slow = scene.effects.inertia is None, slow_growth(scene)
-    ramp, awake, growth = 0, 0.0, 1.0
+    ramp, awake, growth, ramps_to = 0, 0.0, 1.0, [0]
     for stage in scene.stages:
         while growth < stage:                                           # as Dynamics.grow_to does
             pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
@@ -76,12 +77,18 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
             growth = stage if stage - growth <= 1.5 * increment else growth + increment
             ramp += REFRESH
             awake += REFRESH * folding(growth)
+        ramps_to.append(ramp)
     if not waits:                                                       # real masses: the step shrinks as bricks do
         more = ramp * costs["inertia"]["per_growth"] * (scene.growth.final - 1)
         fewest, most = (more * waiting[key] for key in ("fewest", "most"))
         return Steps(ramp, 0, more, fewest, most, awake / ramp if ramp else 0.0)
     wrinkled = first_wrinkles(scene).growth
-    rests = [crossing * resting["folded" if stage > wrinkled else "smooth"] for stage in scene.stages]
+    grown = [(b - a) / crossing for a, b in pairwise(ramps_to)]         # ticks up to each stage
+    longest = [patience(), *map(patience, grown[1:])]
+    rests = [
+        crossing * (min(most, resting["folded"]) if stage > wrinkled else resting["smooth"])
+        for most, stage in zip(longest, scene.stages)
+    ]
     awake += sum(rest * folding(stage) for rest, stage in zip(rests, scene.stages))
     folded = (scene.growth.final - waiting["from"]) / (waiting["to"] - waiting["from"])
     ticks = waiting["ticks"] * scene.material.mu_ratio ** waiting["stiffness_power"] * scene.growth.rate
