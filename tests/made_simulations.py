@@ -32,7 +32,8 @@ def three_mm(cortex):
 
 
 def made_simulation(
-    out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=(), describe=three_mm
+    out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=(), describe=three_mm,
+    log=({"growth": 1.0, "effects": {}},),
 ):
     """A sphere whose pial surface lies ``height(g, verts)`` [mm] outside of 50 mm at growth g, white 2 mm below."""
     scene = load_scene(scene, settings)
@@ -51,6 +52,7 @@ def made_simulation(
             g, Surface(pial * 0.96, faces, name="lh.white"), Surface(pial, faces, name="lh.pial"), portion=0.5,
             reference_radius=scene.geometry.radius, numbers=numbers, warnings=[],
         )  # fmt: skip
+    writer.log(list(log))
     writer.health(stages, list(warnings), elements=len(faces), steps=7, seconds=1.5)
     return Simulation(out, scene)
 

@@ -77,6 +77,19 @@ def test_numbers_of_the_surface_are_those_of_the_measuring_room(rows, tmp_path):
     assert rows[-1]["gyral_thickness_mm"] == across.median or rows[-1]["note"] == across.reason
 
 
+def test_walls_touch_first_where_the_log_has_a_pair_or_a_node_at_a_plane(rows, tmp_path):
+    def seen(name, *lines):
+        log = [{"growth": g, "effects": effects} for g, effects in lines]
+        made = made_simulation(tmp_path / name, "fig5", ["output.stages=[1.0, 1.1]", "growth.final=1.1"], log=log)
+        return fold_tables.fold_rows(made)[0]["first_contact_g"]
+
+    apart = {"contact": {"pairs": 0}, "symmetry": {"pressed": 0}}
+    assert rows[0]["first_contact_g"] is None
+    assert seen("free", (1.01, {}), (1.02, apart)) is None
+    assert seen("pair", (1.01, apart), (1.02, {"contact": {"pairs": 2}}), (1.03, {"contact": {"pairs": 3}})) == 1.02
+    assert seen("plane", (1.01, apart), (1.04, {**apart, "symmetry": {"pressed": 1}})) == 1.04
+
+
 def test_theory_stands_beside_at_the_compressibility_of_the_scene(rows):
     found = theory.bifurcation(2 / 50, 2.0, "isotropic", 50.0)
     for row in rows:

@@ -6,6 +6,7 @@ that overhang or touch don't matter. All numbers are of the whole sphere, the mi
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from functools import lru_cache
@@ -14,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from morphofold import analysis
+from morphofold.io.files import decoding, existing_file
+from morphofold.sim.folder_check import ANEW
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import Bifurcation, bifurcation
@@ -42,6 +45,7 @@ COLUMNS = {
     "theory_degree": "degree of those first wrinkles",
     "theory_wavelength_mm": "their wavelength, as wavelength_mm",
     "film_wavelength_mm": "2 pi T (mu ratio / 3)^(1/3), of a stiff film on a soft flat ground (Sec. IV of the paper)",
+    "first_contact_g": "growth from which on walls of folds touched, to 0.01; n/a: never",
     "crossings": "edges and vertices that passed through the pial surface by more than health allows",
 }
 
@@ -53,7 +57,7 @@ def fold_rows(simulation: Simulation, progress: Callable[[float, str], None] = l
     and ``note`` says why.
     """
     scene = simulation.scene
-    reference, theory = simulation.cortex(1.0), expected(scene)
+    reference, theory = simulation.cortex(1.0), {**expected(scene), "first_contact_g": first_contact(simulation)}
     stages = [g for g in simulation.stages if g > 1]
     rows = []
     for k, g in enumerate(stages):
@@ -93,6 +97,17 @@ def measured(reference: Cortex, cortex: Cortex) -> Row:
         "height_skewness": float(np.average((about / waves.rms) ** 3, weights=area)),
         "note": gyral.reason or None,
     }
+
+
+def first_contact(simulation: Simulation) -> float | None:
+    """Growth at which walls of the pial surface, or one and its mirror image, first touched; None if never."""
+    path = simulation.path / "log.jsonl"
+    with decoding(path, "the log of a run", f"Delete {simulation.path} {ANEW}."):
+        for line in map(json.loads, existing_file(path, "log").read_text("utf-8").splitlines()):
+            touching = line["effects"]
+            if touching.get("contact", {}).get("pairs") or touching.get("symmetry", {}).get("pressed"):
+                return float(line["growth"])
+    return None
 
 
 def _body(scene: Scene) -> Row:

@@ -160,17 +160,17 @@ def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> Table:
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
-    heads = ["", "first picture, g", "wrinkles by theory, g", "degree", "by theory", "wavelength / T", "by theory",
-             "by the film formula"]  # fmt: skip
+    heads = ["", "first picture, g", "wrinkles by theory, g", "walls touch, g", "degree", "by theory",
+             "wavelength / T", "by theory", "by the film formula"]  # fmt: skip
     lines = []
     for column in columns:
         row = _at(rows, column, 0)
         T = row["thickness_mm"]
         numbers = (
-            row["growth"], row["theory_g"], row["degree"], row["theory_degree"],
+            row["growth"], row["theory_g"], row["first_contact_g"], row["degree"], row["theory_degree"],
             *(row[key] and row[key] / T for key in ("wavelength_mm", "theory_wavelength_mm", "film_wavelength_mm")),
         )  # fmt: skip
-        how = ("{:.2f}", "{:.3f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
+        how = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
         lines.append([column.title, *(number(x, h) for h, x in zip(how, numbers))])
     return Table(heads, lines)
 
