@@ -4,21 +4,30 @@ What moves a damped body slowly is its softest modes. Such a mode, of stiffness 
 its distance from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2
 left to go. How soft the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of
 its accelerations, w^2 = -dx.m da / dx.m dx. For a drift it is never taken for stiffer than the softest modes of folds
-(``SOFT``), which may hide in it. Held against K^-1 f with the exact stiffness of octants in folds, the distance is
-right within a factor of three, or too large (docs/solver.md, section 3).
+(``SOFT``), which may hide in it, nor than the one in which a slender body bends (:func:`softest`). Held against
+K^-1 f with the exact stiffness of octants in folds, the distance is right within a factor of three, or too large
+(docs/solver.md, section 3).
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
 
 Array = NDArray[np.float64]
 
 SOFT = 0.005            # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
 NEAR_SHARE = 0.01       # of the way that a slender body has moved at all: how near to rest it has to be
 LONG = 2.0              # least time over which a motion is looked at [ticks]: faster ones shake and go nowhere
+SMALL = 1e-3            # displacements by which a body is tried, over its size,
+RIGID = 1e-6            # and stiffness over mass, per tick^2, below which they are of a body that floats
 SCALARS = ("w2", "distance", "calm", "seen")
 
 
@@ -34,9 +43,13 @@ class Balance:
     near : float
         Distance from rest below which the body is calm [mm]; where it moves more softly than folds do, as a slender
         body that bends, it is to be within ``NEAR_SHARE`` of its way from X, too.
+    softest : float
+        Stiffness over mass of its softest mode, where that is softer than those of folds [1/tick^2].
 
     Attributes
     ----------
+    slender : bool
+        Whether it has such a mode.
     w2 : float
         Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where that leads away
         from rest, 0 where nothing moves and before ``LONG``.
@@ -48,8 +61,9 @@ class Balance:
         Step of the last look.
     """
 
-    def __init__(self, tick: float, X: Array, near: float):
-        self._tick, self._X, self._near = tick, X, near
+    def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT):
+        self._tick, self._X, self._near, self._softest = tick, X, near, min(SOFT, softest)
+        self.slender = softest < SOFT
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
         self._step = np.full(2, -1)                                    # of two states before, first the older; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))     # their positions and accelerations
@@ -58,7 +72,7 @@ class Balance:
     def soft(self) -> float:
         """Stiffness over mass of the softest mode that may be moving [1/tick^2]."""
         w2 = self.w2 * self._tick**2
-        return min(w2, SOFT) if w2 > 0 else SOFT
+        return min(w2, self._softest) if w2 > 0 else self._softest
 
     def look(self, step: int, x: Array, a: Array, mass: Array, damping: float) -> None:
         """Take a state of the run.
@@ -103,6 +117,43 @@ class Balance:
         for key in SCALARS:
             setattr(self, key, arrays[key].item())
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
+
+
+def softest(body: Body) -> float:
+    """Bound from above on the stiffness over mass of a body's softest mode before it grows [1/tick^2].
+
+    By Ritz's method: displacements that are polynomials of second degree in position, as those of a bent beam, 0 where
+    nothing may move; with the body's own forces. Motions that cost nothing are left out: the body floats.
+    """
+    X, free, growth = body.X, body.free, body.growth
+    if growth != 1:
+        body.grow(1.0)
+    size = 0.5 * float(np.ptp(X, axis=0).max())
+    at = (X - X.mean(axis=0)) / size
+    fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
+    K, M = np.zeros((2, 30, 30))
+    with threadpool_limits(1, user_api="blas"):                         # sums of one order for any number of threads
+        for r in range(3):
+            mine = fields * free[:, r]
+            M[10 * r : 10 * r + 10, 10 * r : 10 * r + 10] = (mine * body.mass) @ mine.T
+            for k, field in enumerate(mine):
+                step = np.zeros_like(X)
+                step[:, r] = SMALL * size * field
+                pull = (_forces(body, X - step) - _forces(body, X + step)) / (2 * SMALL * size)
+                K[10 * r + k] = (fields @ (pull * free)).T.ravel()
+        heavy, modes = np.linalg.eigh(M)
+        modes = modes[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
+        found = np.linalg.eigvalsh(modes.T @ (K + K.T) @ modes) / 2 * body.crossing**2
+    if growth != 1:
+        body.grow(growth)
+    return float(np.min(found, where=found > RIGID, initial=np.inf))
+
+
+def _forces(body: Body, x: Array) -> Array:
+    """Of elements and surface filter (N, 3), where a run begins: the body has not grown."""
+    forces = body.forces(x)
+    forces[: body.n_surface] += body.filter.forces(x)
+    return forces
 
 
 @njit(cache=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.clock import working_seconds
-from morphofold.sim.balance import SOFT, Balance
+from morphofold.sim.balance import SOFT, Balance, softest
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import kernels
@@ -47,7 +47,7 @@ RINGING = 1.0           # stiffness over mass from which on a motion rings and d
 RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
 MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
 #: of a state, beside its arrays
-SCALARS = ("step", "growth", "relaxed", "rested", "slender", "lowest_J", "before_J", "dissipated")
+SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
 
 
 class UnstableError(RuntimeError):
@@ -61,8 +61,8 @@ class UnstableError(RuntimeError):
 @dataclass
 class State:
     """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
-    all and at this growth, and when it last rested, whether it was seen to move far more softly than folds do, the
-    smallest J of any element: so far, and at the measurement before the last; and the energy that damping took."""
+    all and at this growth, and when it last rested, the smallest J of any element: so far, and at the measurement
+    before the last; and the energy that damping took so far."""
 
     x: Array
     v: Array
@@ -70,7 +70,6 @@ class State:
     growth: float = 1.0
     relaxed: int = 0
     rested: int = 0
-    slender: bool = False
     lowest_J: float = 1.0
     before_J: float = 1.0
     dissipated: float = 0.0
@@ -125,7 +124,7 @@ class Dynamics:
         self.slow = slow
         self.waits_for_balance = True                                   # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
-        self.balance = Balance(body.crossing, body.X, NEAR * body.thickness)
+        self.balance = Balance(body.crossing, body.X, NEAR * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
         self._with = {hook: overriding(self.effects, hook) for hook in hooks}
@@ -180,7 +179,7 @@ class Dynamics:
         one that rings, since growth has stopped at once. A body that does not rest goes on after its :func:`patience`:
         times as much as its motion is softer than that of folds, ``SLENDER`` at most. Beyond ``AWAY`` it is given
         ``PATIENCE`` times ``SLENDER``. After little growth patience is short, for there is little to catch up with, but
-        not for a slender body, whose soft motion shows late. Nothing is done where time is real.
+        not of a slender body, which bends slowly. Nothing is done where time is real.
 
         Returns
         -------
@@ -190,9 +189,8 @@ class Dynamics:
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
         while self.waits_for_balance and balance.calm < CALM * tick:
-            slow = SOFT / balance.soft
-            state.slender = state.slender or slow > SLENDER
-            longest = patience(None if state.slender or not state.rested else grown) * min(slow, SLENDER)
+            longest = patience(None if balance.slender or not state.rested else grown)
+            longest *= min(SOFT / balance.soft, SLENDER)
             if balance.distance >= AWAY * self.body.thickness:
                 longest = PATIENCE * SLENDER
             if state.relaxed >= longest * tick:

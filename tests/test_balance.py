@@ -1,11 +1,15 @@
 """How far from rest a run is told to be, and that it gets there."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from made_bodies import beam, curvature, timoshenko
-from scipy.sparse.linalg import spsolve
+from scipy import sparse
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh, spsolve
 
-from morphofold.sim.balance import SOFT, Balance
+from morphofold.sim.balance import SOFT, Balance, softest
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLENDER, Dynamics
 from morphofold.sim.effects import build_effects
@@ -123,6 +127,39 @@ def test_a_free_beam_of_two_layers_bends_as_theory_says_at_the_default_pace():
     assert early < 0.1 * timoshenko(1.02)
     assert curvature(body, run.state.x) == pytest.approx(timoshenko(1.02), rel=0.03)
     assert curvature(body, run.state.x) == pytest.approx(curvature(body, equilibrium(body, 1.02)), rel=0.02)
+
+
+def test_a_beam_rests_at_every_stage_of_a_row_however_little_it_grew_in_between():
+    """What it shakes after a stop is stiff, and over before its bow moves: the body knows its softest mode."""
+    body = beam(edge=1.0)
+    run = Dynamics(body, steps_per_unit=180 * body.crossing)
+    for g in (1.02, 1.022, 1.03):
+        run.grow_to(g)
+        assert run.settle()
+        bent = curvature(body, run.state.x)
+        assert bent == pytest.approx(curvature(body, equilibrium(beam(edge=1.0), g)), rel=0.02)
+
+
+def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as_soft():
+    body = beam(edge=1.0)
+    rows = np.flatnonzero(body.free)
+    K, mass = Tangent(body).at(body.X)[rows][:, rows], sparse.diags(np.repeat(body.mass, 3)[rows])
+    exact = eigsh(K, 1, mass, sigma=0.0, which="LM", return_eigenvectors=False)[0] * body.crossing**2
+    assert exact <= softest(body) < 2 * exact < SOFT
+    body.grow(1.3)
+    assert softest(body) == softest(beam(edge=1.0))
+    assert body.growth == 1.3
+    assert softest(build_body(load_scene("fig6-thick", ["geometry.portion=octant", "accuracy.edge=3.6"]))) > SOFT
+
+
+def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softest_mode():
+    block = bilayer_patch((8.0, 8.0), 8.0, 1.0, 1.0)
+    free = dataclasses.replace(block, planes=(), held=np.array([], dtype=np.int64))
+    floating = Body(free, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    K, mass = Tangent(floating).at(floating.X), np.repeat(floating.mass, 3)
+    values = eigh(K.toarray(), np.diag(mass), eigvals_only=True, subset_by_index=[0, 8]) * floating.crossing**2
+    assert np.abs(values[:6]).max() < 1e-9
+    assert values[6] <= softest(floating) < 2 * values[6]
 
 
 def test_a_run_that_does_not_rest_goes_on_after_its_patience_and_says_how_far_it_is():

@@ -44,7 +44,7 @@ def apart(one, other, g):
     return np.linalg.norm(positions(one.path, g) - positions(other.path, g), axis=1).max()
 
 
-def stopping(out, share=0.7):
+def stopping(out, share=0.85):
     def stop(done, text):
         if done > share and (out / "checkpoint.npz").exists():
             raise Stop
@@ -52,7 +52,7 @@ def stopping(out, share=0.7):
     return stop
 
 
-def stop(out, share=0.7, settings=TINY, **given):
+def stop(out, share=0.85, settings=TINY, **given):
     with pytest.raises(Stop):
         simulate("demo", out, settings=settings, progress=stopping(out, share), **given)
     return out
