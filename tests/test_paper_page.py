@@ -87,7 +87,7 @@ def test_a_table_has_the_growths_of_the_pictures(out, page):
 
 def test_the_first_picture_stands_beside_theory(out, page):
     paper_page.write_page(out, page)
-    begin = "| thick, T/C = 3/50 | 1.35 | 1.000 "
+    begin = "| thick, T/C = 3/50 | 1.25 | 1.000 "
     (line,) = [line for line in part(page, "fig6").splitlines() if line.startswith(begin)]
     assert line.split(" | ")[6:8] == ["9.00", "8.00"]
 

@@ -1,7 +1,7 @@
 """Figs. 5, 6 and 7 of Razavi et al. (2015) from simulations: pictures of the folds, and the table of their numbers.
 
 The paper prints neither the growth of its pictures nor their scale. Ours have one scale per figure, and growths of our
-own, the first between 0.02 and 0.14 beyond that of the first wrinkles by linear stability.
+own, the first at most 0.05 beyond that of the first wrinkles by linear stability.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class Column:
 
 
 FIG6 = (
-    Column("fig6-thin", "thin, T/C = 1/50", (1.35, 1.6, 2.0)),
-    Column("fig5", "normal, T/C = 2/50", (1.35, 1.6, 2.0)),
-    Column("fig6-thick", "thick, T/C = 3/50", (1.35, 1.6, 2.0)),
+    Column("fig6-thin", "thin, T/C = 1/50", (1.25, 1.6, 2.0)),
+    Column("fig5", "normal, T/C = 2/50", (1.25, 1.6, 2.0)),
+    Column("fig6-thick", "thick, T/C = 3/50", (1.25, 1.6, 2.0)),
 )
 FIG7 = (
-    Column("fig7-ratio1", "cortex : core = 1 : 1", (1.4, 1.6, 2.0)),
-    Column("fig5", "2 : 1", (1.3, 1.6, 2.0)),
-    Column("fig7-ratio4", "4 : 1", (1.25, 1.6, 2.0)),
+    Column("fig7-ratio1", "cortex : core = 1 : 1", (1.35, 1.6, 2.0)),
+    Column("fig5", "2 : 1", (1.25, 1.6, 2.0)),
+    Column("fig7-ratio4", "4 : 1", (1.2, 1.6, 2.0)),
 )
 
 
