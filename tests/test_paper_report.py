@@ -20,7 +20,8 @@ def fold(T=2.0, mu=2.0, g=2.0, **more):
     numbers = {"scene": "x", "T_over_C": T / 50, "law": "isotropic", "height_rms_mm": 1.8,
                "thickness_mm": T, "mu_ratio": mu, "growth": g, "wavelength_mm": 9 * T, "theory_wavelength_mm": 8 * T,
                "film_wavelength_mm": 5 * T, "theory_g": 1.2, "theory_degree": 17.0, "degree": 18.0, "sulci": 100 / T,
-               "gyral_thickness_mm": 5 * T, "gyrification_index": g, "height_skewness": -1 / mu}  # fmt: skip
+               "gyral_thickness_mm": 5 * T, "gyrification_index": g, "height_skewness": -1 / mu,
+               "first_contact_g": 1.25}  # fmt: skip
     return {**numbers, **more}
 
 
@@ -66,6 +67,8 @@ SAID = [
     ("fig6", bodies(gyral_thickness_mm=None), [UNFOLDED]),
     ("fig7", soft_to_stiff((-1, -0.5, -0.2)), ["As in the paper", "−1.00, −0.50 and −0.20 at ratios 1, 2 and 4"]),
     ("fig7", soft_to_stiff((-1, -0.5, -0.2)), ["1.20, 1.20 and 1.20, all before the creases"]),
+    ("fig7", soft_to_stiff((-1, -0.5, -0.2), first_contact_g=1.3), ["touch 0.10, 0.10 and 0.10 of growth after"]),
+    ("fig7", soft_to_stiff((-1, -0.5, -0.2), first_contact_g=None), ["come first at small ratios."]),
     ("fig7", soft_to_stiff((-1, -0.5, -0.2), theory_g=1.5), ["not all before the creases of Eq. (12) at 1.43"]),
     ("fig7", soft_to_stiff((-1, -1.5, -0.2)), ["Not as in the paper"]),
     ("fig7", {"fig7.tsv": [fold(mu=2.0, scene="fig5", g=FIRST["fig5"])]}, [UNFOLDED]),

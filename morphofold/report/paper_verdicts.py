@@ -88,13 +88,17 @@ def _fig7(tables: Tables) -> str:
     skewed, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
     crease = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
     before = "all" if max(wrinkles) < crease else "not all"
+    touching = ""
+    if all(row["first_contact_g"] is not None for row in rows):
+        later = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
+        touching = f" Walls of folds first touch {_listed(later, '{:.2f}')} of growth after those wrinkles."
     return (
         f"{_as(_falls(skewed[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
         f"where folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the height is skewed by "
         f"{_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
         f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability has wrinkles at g = "
         f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}, which the paper has "
-        "come first at small ratios."
+        f"come first at small ratios.{touching}"
     )
 
 
