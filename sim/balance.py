@@ -44,12 +44,12 @@ class Balance:
         Distance from rest below which the body is calm [mm]; where it moves more softly than folds do, as a slender
         body that bends, it is to be within ``NEAR_SHARE`` of its way from X, too.
     softest : float
-        Stiffness over mass of its softest mode, where that is softer than those of folds [1/tick^2].
+        Stiffness over mass of the softest mode in which growth bends it, as :func:`softest` finds it [1/tick^2].
 
     Attributes
     ----------
     slender : bool
-        Whether it has such a mode.
+        Whether that is softer than folds are.
     w2 : float
         Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where that leads away
         from rest, 0 where nothing moves and before ``LONG``.
@@ -62,8 +62,9 @@ class Balance:
     """
 
     def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT):
-        self._tick, self._X, self._near, self._softest = tick, X, near, min(SOFT, softest)
+        self._tick, self._X, self._near = tick, X, near
         self.slender = softest < SOFT
+        self._softest = min(softest, SOFT)
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
         self._step = np.full(2, -1)                                    # of two states before, first the older; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))     # their positions and accelerations
@@ -120,37 +121,45 @@ class Balance:
 
 
 def softest(body: Body) -> float:
-    """Bound from above on the stiffness over mass of a body's softest mode before it grows [1/tick^2].
+    """Stiffness over mass [1/tick^2] of the softest mode by which growth bends a body as a whole; inf if none does.
 
-    By Ritz's method: displacements that are polynomials of second degree in position, as those of a bent beam, 0 where
-    nothing may move; with the body's own forces. Motions that cost nothing are left out: the body floats.
+    By Ritz's method, before the body grows: displacements that are polynomials of second degree in position, as those
+    of a bent beam, 0 where nothing may move, with the body's own forces; so it is a bound from above. A mode counts
+    where growth by 1 would move the body by more than the thickness of the cortex. A body that floats has motions that
+    cost nothing, which don't.
     """
     X, free, growth = body.X, body.free, body.growth
-    if growth != 1:
-        body.grow(1.0)
     size = 0.5 * float(np.ptp(X, axis=0).max())
     at = (X - X.mean(axis=0)) / size
     fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
-    K, M = np.zeros((2, 30, 30))
+    K, M, gram = np.zeros((3, 30, 30))
+    body.grow(1.0)
     with threadpool_limits(1, user_api="blas"):                         # sums of one order for any number of threads
         for r in range(3):
-            mine = fields * free[:, r]
-            M[10 * r : 10 * r + 10, 10 * r : 10 * r + 10] = (mine * body.mass) @ mine.T
+            mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
+            M[own, own], gram[own, own] = (mine * body.mass) @ mine.T, mine @ mine.T / len(X)
             for k, field in enumerate(mine):
                 step = np.zeros_like(X)
                 step[:, r] = SMALL * size * field
                 pull = (_forces(body, X - step) - _forces(body, X + step)) / (2 * SMALL * size)
                 K[10 * r + k] = (fields @ (pull * free)).T.ravel()
-        heavy, modes = np.linalg.eigh(M)
-        modes = modes[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
-        found = np.linalg.eigvalsh(modes.T @ (K + K.T) @ modes) / 2 * body.crossing**2
-    if growth != 1:
-        body.grow(growth)
-    return float(np.min(found, where=found > RIGID, initial=np.inf))
+        body.grow(1.0 + SMALL)
+        load = (fields @ (body.forces(X) * free)).T.ravel() / SMALL
+        heavy, basis = np.linalg.eigh(M)
+        basis = basis[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
+        w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
+        modes = basis @ modes
+        bends = w2 * body.crossing**2 > RIGID
+        moved = modes * np.divide(modes.T @ load, w2, out=np.zeros_like(w2), where=bends)
+        bends &= np.sqrt(np.einsum("ik,ij,jk->k", moved, gram, moved)) > body.thickness
+    body.grow(growth)
+    if growth == 1:
+        body.find_rest()
+    return float(np.min(w2 * body.crossing**2, where=bends, initial=np.inf))
 
 
 def _forces(body: Body, x: Array) -> Array:
-    """Of elements and surface filter (N, 3), where a run begins: the body has not grown."""
+    """Of elements and surface filter (N, 3)."""
     forces = body.forces(x)
     forces[: body.n_surface] += body.filter.forces(x)
     return forces

@@ -108,8 +108,7 @@ class Body:
         self.core_share = 0.0
         self.growth = 1.0
         self.viscosity = 0.0
-        self.rest = np.zeros(self.X.shape)
-        self.rest = self.forces(self.X)                                # round-off only; see kernels.advance
+        self.find_rest()
         area = surface_area(self.X, bilayer.faces)
         self.filter = SurfaceFilter(bilayer, self.X, FILTER[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area))
         self.update_state(self.X)
@@ -134,6 +133,11 @@ class Body:
         self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
         self.filter.grow(float(np.mean(stretch)))
         self.growth = g
+
+    def find_rest(self) -> None:
+        """Measure ``rest``, the forces of the elements before growth: round-off only (see ``kernels.advance``)."""
+        self.rest = np.zeros(self.X.shape)
+        self.rest = self.forces(self.X)
 
     def _stretch(self, g: float) -> Array:
         """Growth stretch of each element of the cortex."""

@@ -42,7 +42,7 @@ NEAR = 0.05             # distance from rest at which growth goes on from a stag
 CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all [ticks],
 BRIEF, SHARE = 10.0, 4 / 3      # or sooner where growth took less since the last rest: that share of it, or so long,
 AWAY = 0.25             # but not beyond such a distance, on the way to other folds,
-SLENDER = 6.0           # nor where the body is slow: then after so many times as long
+SLOW = 6.0           # nor where the body is slow: then after so many times as long
 RINGING = 1.0           # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
 RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
 MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
@@ -177,8 +177,8 @@ class Dynamics:
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
         one that rings, since growth has stopped at once. A body that does not rest goes on after its :func:`patience`:
-        times as much as its motion is softer than that of folds, ``SLENDER`` at most. Beyond ``AWAY`` it is given
-        ``PATIENCE`` times ``SLENDER``. After little growth patience is short, for there is little to catch up with, but
+        times as much as its motion is softer than that of folds, ``SLOW`` at most. Beyond ``AWAY`` it is given
+        ``PATIENCE`` times ``SLOW``. After little growth patience is short, for there is little to catch up with, but
         not of a slender body, which bends slowly. Nothing is done where time is real.
 
         Returns
@@ -190,9 +190,9 @@ class Dynamics:
         grown = (state.step - state.relaxed - state.rested) / tick
         while self.waits_for_balance and balance.calm < CALM * tick:
             longest = patience(None if balance.slender or not state.rested else grown)
-            longest *= min(SOFT / balance.soft, SLENDER)
+            longest *= min(SOFT / balance.soft, SLOW)
             if balance.distance >= AWAY * self.body.thickness:
-                longest = PATIENCE * SLENDER
+                longest = PATIENCE * SLOW
             if state.relaxed >= longest * tick:
                 break
             rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick

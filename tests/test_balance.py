@@ -11,7 +11,7 @@ from scipy.sparse.linalg import eigsh, spsolve
 
 from morphofold.sim.balance import SOFT, Balance, softest
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLENDER, Dynamics
+from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLOW, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.geometry import build_body
 from morphofold.sim.meshes.bilayer import bilayer_patch
@@ -145,21 +145,22 @@ def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as
     rows = np.flatnonzero(body.free)
     K, mass = Tangent(body).at(body.X)[rows][:, rows], sparse.diags(np.repeat(body.mass, 3)[rows])
     exact = eigsh(K, 1, mass, sigma=0.0, which="LM", return_eigenvectors=False)[0] * body.crossing**2
-    assert exact <= softest(body) < 2 * exact < SOFT
+    assert exact <= softest(body) < SOFT / 3
     body.grow(1.3)
     assert softest(body) == pytest.approx(softest(beam(edge=1.0)), rel=1e-6)
     assert body.growth == 1.3
-    assert softest(build_body(load_scene("fig6-thick", ["geometry.portion=octant", "accuracy.edge=3.6"]))) > SOFT
+    for settings in (["geometry.portion=octant"], ["material.mu_ratio=10"]):
+        assert softest(build_body(load_scene("fig6-thick", ["accuracy.edge=3.6", *settings]))) > 10 * SOFT
 
 
 def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softest_mode():
-    block = bilayer_patch((8.0, 8.0), 8.0, 1.0, 1.0)
+    block = bilayer_patch((20.0, 4.0), 4.0, 1.0, 1.0)
     free = dataclasses.replace(block, planes=(), held=np.array([], dtype=np.int64))
     floating = Body(free, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     K, mass = Tangent(floating).at(floating.X), np.repeat(floating.mass, 3)
     values = eigh(K.toarray(), np.diag(mass), eigvals_only=True, subset_by_index=[0, 8]) * floating.crossing**2
     assert np.abs(values[:6]).max() < 1e-9
-    assert values[6] <= softest(floating) < 2 * values[6]
+    assert values[6] <= softest(floating) < 3 * values[6]
 
 
 def test_a_run_that_does_not_rest_goes_on_after_its_patience_and_says_how_far_it_is():
@@ -232,7 +233,7 @@ def test_a_smooth_body_at_rest_has_the_stress_of_one_that_rests_far_longer():
     assert np.linalg.norm(soon - later) < 2e-3 * np.linalg.norm(later)
 
 
-@pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE), (0.3, PATIENCE * SLENDER)])
+@pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE), (0.3, PATIENCE * SLOW)])
 def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nearly_there(distance, longest):
     """What the gauge tells is made up here; how long growth then stands still is not."""
     body = Body(bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
