@@ -35,7 +35,7 @@ def stopped(tmp_path_factory):
     out = tmp_path_factory.mktemp("folder") / "run"
 
     def stop(share, text):
-        if share > 0.7 and (out / "checkpoint.npz").exists():
+        if share > 0.85 and (out / "checkpoint.npz").exists():
             raise Stop
 
     with pytest.raises(Stop):
@@ -263,7 +263,7 @@ def of_another_seed(tmp_path_factory):
     out = tmp_path_factory.mktemp("folder") / "run"
 
     def stop(share, text):
-        if share > 0.7 and (out / "checkpoint.npz").exists():
+        if share > 0.85 and (out / "checkpoint.npz").exists():
             raise Stop
 
     with pytest.raises(Stop):

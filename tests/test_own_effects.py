@@ -59,7 +59,7 @@ def contents(folder):
 
 def stopping(out):
     def stop(share, text):
-        if share > 0.7 and (out / "checkpoint.npz").exists():
+        if share > 0.85 and (out / "checkpoint.npz").exists():
             raise Stop
 
     return stop
