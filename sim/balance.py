@@ -125,8 +125,9 @@ def softest(body: Body) -> float:
 
     By Ritz's method, before the body grows: displacements that are polynomials of second degree in position, as those
     of a bent beam, 0 where nothing may move, with the body's own forces; so it is a bound from above. A mode counts
-    where growth by 1 would move the body by more than the thickness of the cortex. A body that floats has motions that
-    cost nothing, which don't.
+    where growth by 1 would move the body by more than the thickness of the cortex: a sphere shifts on its hole more
+    softly than it folds, but growth does not shift it. A body that floats has motions that cost nothing, which don't
+    count. The body is grown for it, and left as it was; ``rest`` is measured anew.
     """
     X, free, growth = body.X, body.free, body.growth
     size = 0.5 * float(np.ptp(X, axis=0).max())
