@@ -23,8 +23,8 @@ TASKS = {
     "accuracy": [
         ["morphofold", "bench", "accuracy", "-o", "accuracy"],
         [
-            *["python", "-m", "morphofold.report.accuracy_page", "accuracy", "docs/accuracy.md"],
-            *["--readme", "README.md", "--table", "morphofold/forecasts/table.json"],
+            *["python", "-m", "morphofold.studies.accuracy.page", "accuracy", "docs/accuracy.md"],
+            *["--readme", "README.md", "--table", "morphofold/forecast/table.json"],
         ],
     ],
     "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],

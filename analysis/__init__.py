@@ -1,7 +1,7 @@
 """The measuring room: one set of measures for simulated and real cortices.
 
 Public names load on first use. No file here may bear the name of one of them: Python would put the module in the
-function's place as soon as anything imported it (hence ``_curvature.py``).
+function's place as soon as anything imported it (hence ``curvatures.py``).
 """
 
 from __future__ import annotations
@@ -15,64 +15,64 @@ if __name__ != "morphofold.analysis":
     )
 
 if TYPE_CHECKING:
-    from morphofold.analysis._curvature import Curvature, curvature
-    from morphofold.analysis._mesh import euler_characteristic, vertex_areas, vertex_normals
-    from morphofold.analysis.altitude import wavelength
-    from morphofold.analysis.closing import local_gyrification_index
-    from morphofold.analysis.crest import CrestLine, CrestLines, crest_lines
-    from morphofold.analysis.depth import sulcal_depth
-    from morphofold.analysis.folding import FoldingIndices, folding_indices
-    from morphofold.analysis.fractal import fractal_dimension
-    from morphofold.analysis.gyral_net import GyralScales
-    from morphofold.analysis.gyri import gyral_graph
-    from morphofold.analysis.gyrification import gyrification_index
-    from morphofold.analysis.hinge_table import Arm, Hinge, hinges
+    from morphofold.analysis.crests import CrestLine, CrestLines, crest_lines
+    from morphofold.analysis.curvatures import Curvature, curvature
+    from morphofold.analysis.graph.crest_net import GyralScales
+    from morphofold.analysis.graph.depth_potential import wavelength
+    from morphofold.analysis.graph.gyral_graph import gyral_graph
+    from morphofold.analysis.graph.hinge_shapes import HingeShapes, hinge_shapes
+    from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
+    from morphofold.analysis.graph.prominence import prominent_peaks
+    from morphofold.analysis.graph.sensitivity import hinge_sensitivity
+    from morphofold.analysis.gyrification.depth import sulcal_depth
+    from morphofold.analysis.gyrification.folding import FoldingIndices, folding_indices
+    from morphofold.analysis.gyrification.fractal import fractal_dimension
+    from morphofold.analysis.gyrification.hull import gyrification_index
+    from morphofold.analysis.gyrification.local import local_gyrification_index
+    from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms
+    from morphofold.analysis.gyrification.spectrum import Spectrum, power_spectrum
     from morphofold.analysis.measures import Measures, measure
-    from morphofold.analysis.patterns import HingeShapes, hinge_shapes
-    from morphofold.analysis.prominence import prominent_peaks
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
-    from morphofold.analysis.scaling import ShapeTerms, shape_terms
-    from morphofold.analysis.sensitivity import hinge_sensitivity
-    from morphofold.analysis.spectrum import Spectrum, power_spectrum
-    from morphofold.analysis.thickness import cortical_thickness
+    from morphofold.analysis.thickness.cortical import cortical_thickness
+    from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
 
 _PUBLIC = {
-    "Arm": "hinge_table",
-    "CrestLine": "crest",
-    "CrestLines": "crest",
-    "Curvature": "_curvature",
-    "FoldingIndices": "folding",
-    "GyralScales": "gyral_net",
-    "GyralThickness": "chord",
-    "Hinge": "hinge_table",
-    "HingeShapes": "patterns",
-    "Measures": "measures",
-    "ShapeTerms": "scaling",
-    "Spectrum": "spectrum",
-    "cortical_thickness": "thickness",
-    "crest_lines": "crest",
-    "curvature": "_curvature",
-    "euler_characteristic": "_mesh",
-    "folding_indices": "folding",
-    "fractal_dimension": "fractal",
-    "gyral_graph": "gyri",
-    "gyral_thickness": "chord",
-    "gyrification_index": "gyrification",
-    "hinge_sensitivity": "sensitivity",
-    "hinge_shapes": "patterns",
-    "hinges": "hinge_table",
-    "local_gyrification_index": "closing",
-    "measure": "measures",
-    "power_spectrum": "spectrum",
-    "prominent_peaks": "prominence",
-    "gray_volumes": "regions",
-    "region_table": "regions",
-    "wide_table": "regions",
-    "shape_terms": "scaling",
-    "sulcal_depth": "depth",
-    "vertex_areas": "_mesh",
-    "vertex_normals": "_mesh",
-    "wavelength": "altitude",
+    "Arm": "analysis.graph.hinges",
+    "CrestLine": "analysis.crests",
+    "CrestLines": "analysis.crests",
+    "Curvature": "analysis.curvatures",
+    "FoldingIndices": "analysis.gyrification.folding",
+    "GyralScales": "analysis.graph.crest_net",
+    "GyralThickness": "analysis.thickness.gyral",
+    "Hinge": "analysis.graph.hinges",
+    "HingeShapes": "analysis.graph.hinge_shapes",
+    "Measures": "analysis.measures",
+    "ShapeTerms": "analysis.gyrification.scaling",
+    "Spectrum": "analysis.gyrification.spectrum",
+    "cortical_thickness": "analysis.thickness.cortical",
+    "crest_lines": "analysis.crests",
+    "curvature": "analysis.curvatures",
+    "euler_characteristic": "geometry",
+    "folding_indices": "analysis.gyrification.folding",
+    "fractal_dimension": "analysis.gyrification.fractal",
+    "gyral_graph": "analysis.graph.gyral_graph",
+    "gyral_thickness": "analysis.thickness.gyral",
+    "gyrification_index": "analysis.gyrification.hull",
+    "hinge_sensitivity": "analysis.graph.sensitivity",
+    "hinge_shapes": "analysis.graph.hinge_shapes",
+    "hinges": "analysis.graph.hinges",
+    "local_gyrification_index": "analysis.gyrification.local",
+    "measure": "analysis.measures",
+    "power_spectrum": "analysis.gyrification.spectrum",
+    "prominent_peaks": "analysis.graph.prominence",
+    "gray_volumes": "analysis.regions",
+    "region_table": "analysis.regions",
+    "wide_table": "analysis.regions",
+    "shape_terms": "analysis.gyrification.scaling",
+    "sulcal_depth": "analysis.gyrification.depth",
+    "vertex_areas": "geometry",
+    "vertex_normals": "geometry",
+    "wavelength": "analysis.graph.depth_potential",
 }
 __all__ = [
     "Arm", "CrestLine", "CrestLines", "Curvature", "FoldingIndices", "GyralScales", "GyralThickness", "Hinge",
@@ -87,7 +87,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'morphofold.analysis' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"morphofold.analysis.{_PUBLIC[name]}"), name)
+    value = getattr(importlib.import_module(f"morphofold.{_PUBLIC[name]}"), name)
     globals()[name] = value
     return value
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
 
-    from morphofold.analysis.chord import GyralThickness
-    from morphofold.analysis.line import Line
+    from morphofold.analysis.thickness.gyral import GyralThickness
+    from morphofold.analysis.thickness.robust_slope import Line
 
 LINE = (
     "gyral_to_cortical_slope", "gyral_to_cortical_r", "gyral_to_cortical_slope_robust", "gyral_to_cortical_slope_low",
@@ -162,25 +162,18 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold.analysis import (
-        _mesh,
-        checks,
-        copies,
-        depth,
-        faults,
-        gyrification,
-        mending,
-        notes,
-        plausibility,
-        regions,
-    )
-    from morphofold.analysis._curvature import curvature
-    from morphofold.analysis.folding import folding_indices
-    from morphofold.analysis.gyral_tables import gyral_tables
-    from morphofold.analysis.line import through_regions
+    from morphofold import geometry
+    from morphofold.analysis import notes, regions, resampling
+    from morphofold.analysis.curvatures import curvature
+    from morphofold.analysis.graph.tables import gyral_tables
+    from morphofold.analysis.gyrification import depth, hull
+    from morphofold.analysis.gyrification.folding import folding_indices
+    from morphofold.analysis.mesh_quality import checks, defects, plausibility
+    from morphofold.analysis.mesh_quality import repair as mending
+    from morphofold.analysis.thickness.robust_slope import through_regions
 
     check_kind(cortex, Cortex, "measure: cortex")
-    chosen = copies.accuracy_of(accuracy)
+    chosen = resampling.accuracy_of(accuracy)
     tell = progress or (lambda what, share: None)
     tell("areas", 0.0)
     mend = mending.measurable(cortex, repair=repair)
@@ -190,13 +183,13 @@ def measure(
     on_cortex = lambda values: np.where(mask, values, np.nan)
     maps: dict[str, PerVertex] = {}
     scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex) | mend.notes | faults.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
+    said = notes.of_input(cortex) | mend.notes | defects.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
 
-    closed, pieces = _mesh.is_closed(faces), _mesh.components(cortex.n_vertices, faces)[0]
-    crossing, crossed = faults.self_crossings(cortex, mask)
+    closed, pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
+    crossing, crossed = defects.self_crossings(cortex, mask)
     said |= crossing
-    euler = _mesh.euler_characteristic(faces)
-    area_white, area_pial = (_mesh.vertex_areas(s.verts, faces) for s in (white, pial))
+    euler = geometry.euler_characteristic(faces)
+    area_white, area_pial = (geometry.vertex_areas(s.verts, faces) for s in (white, pial))
     maps["area"] = area_white
     scalars.update(
         n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
@@ -209,18 +202,18 @@ def measure(
     maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
     scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)
     if closed and pieces == 1:
-        scalars["gyrification_index"] = gyrification.gyrification_index(pial.verts, faces)
+        scalars["gyrification_index"] = hull.gyrification_index(pial.verts, faces)
     said |= notes.of_gyrification(closed, pieces)
 
     tell("cortical thickness", 0.05)
-    copy = copies.copied(cortex, chosen)
+    copy = resampling.copied(cortex, chosen)
     maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=thickness_cap))
     scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
     both = area_white + area_pial
     scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(maps["cortical_thickness"], both)
     said |= plausibility.at_cap(maps["cortical_thickness"], thickness_cap)
     if "thickness" in cortex.maps:
-        maps["thickness_file"], gaps = faults.given_thickness(cortex, mask)
+        maps["thickness_file"], gaps = defects.given_thickness(cortex, mask)
         said |= gaps | plausibility.against_file(maps["thickness_file"], maps["cortical_thickness"])
     said |= notes.of_thickness(thickness_cap, "thickness" in cortex.maps)
 
@@ -264,7 +257,7 @@ def measure(
     said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
     tell("done", 1.0)
     scales = (scale, smooth)
-    parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | copies.parameters(accuracy, copy)
+    parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | resampling.parameters(accuracy, copy)
     return mend.back(Measures(
         cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
     ))  # fmt: skip
@@ -275,7 +268,7 @@ def _parameters(
     graph: nx.MultiGraph,
 ) -> dict[str, Any]:  # fmt: skip
     """Scales and options that the numbers depend on."""
-    from morphofold.analysis.checks import cortex_label
+    from morphofold.analysis.mesh_quality.checks import cortex_label
 
     scales = graph.graph["scales"]
     return {
@@ -301,12 +294,12 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     ValueError
         If it does not fit the mesh.
     """
-    from morphofold.analysis import _mesh
-    from morphofold.analysis._curvature import check_scale, largest_scale
+    from morphofold import geometry
+    from morphofold.analysis.curvatures import check_scale, largest_scale
 
     surfaces = (cortex.white, cortex.pial)
-    edge = max(_mesh.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
-    area = min(float(_mesh.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
+    edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
+    area = min(float(geometry.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
     size = float(np.sqrt(area / (4 * np.pi)))
     usual = _usual_scale(size)
     most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
@@ -323,11 +316,11 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
-    from morphofold.analysis import _mesh
+    from morphofold import geometry
 
     verts, faces = cortex.white.verts, cortex.faces
-    size = float(np.sqrt(_mesh.face_areas(verts, faces).sum() / (4 * np.pi)))
-    return min(scale, max(_usual_scale(size), SMOOTHED * _mesh.mean_edge_length(verts, faces)))
+    size = float(np.sqrt(geometry.face_areas(verts, faces).sum() / (4 * np.pi)))
+    return min(scale, max(_usual_scale(size), SMOOTHED * geometry.mean_edge_length(verts, faces)))
 
 
 def _usual_scale(size: float) -> float:
@@ -340,8 +333,8 @@ def _local_gyrification(
     cortex: Cortex, closed: bool, pieces: int, voxels: float
 ) -> tuple[PerVertex | None, str]:
     """The index (N,) of so many voxels in the radius of the closing, or why there is none."""
-    from morphofold.analysis._mesh import face_areas
-    from morphofold.analysis.closing import CLOSING, local_gyrification_index
+    from morphofold.analysis.gyrification.local import CLOSING, local_gyrification_index
+    from morphofold.geometry import face_areas
 
     pial = cortex.pial
     if not closed or pieces != 1:

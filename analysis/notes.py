@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from morphofold.analysis.checks import cortex_label
-from morphofold.analysis.hinge_table import DOUBTFUL, SURE
+from morphofold.analysis.graph.hinges import DOUBTFUL, SURE
+from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.analysis.chord import GyralThickness
-    from morphofold.analysis.folding import FoldingIndices
+    from morphofold.analysis.gyrification.folding import FoldingIndices
+    from morphofold.analysis.thickness.gyral import GyralThickness
 
 Notes = dict[str, str]
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis._mesh import vertex_areas
-from morphofold.analysis.checks import is_no_cortex
-from morphofold.analysis.gyral_tables import region_columns
+from morphofold.analysis.graph.tables import region_columns
+from morphofold.analysis.mesh_quality.checks import is_no_cortex
+from morphofold.geometry import vertex_areas
 from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.analysis.chord import GyralThickness
+    from morphofold.analysis.thickness.gyral import GyralThickness
 
 COLUMNS = (
     "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 __version__ = "0.1.0"
 
-# In a checkout the rooms sim/ and analysis/ lie beside this folder. The tracked symlinks already lead
+# In a checkout the rooms sim/, analysis/ and studies/ lie beside this folder. The tracked symlinks already lead
 # there; this line covers checkouts without symlinks. It never fires in an installed wheel.
 _root = Path(__file__).resolve().parent.parent
 if (_root / "pyproject.toml").is_file() and (_root / "sim" / "__init__.py").is_file():
@@ -23,8 +23,8 @@ _PUBLIC = {
     "Measures": "morphofold.analysis.measures",
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
-    "forecast": "morphofold.forecasts",
-    "estimate_error": "morphofold.forecasts",
+    "forecast": "morphofold.forecast",
+    "estimate_error": "morphofold.forecast",
 }
 __all__ = ["__version__", *_PUBLIC]
 

@@ -25,8 +25,8 @@ def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
     over the area; area [mm^2]: a third of the white triangles around each vertex.
     """
     from morphofold import analysis
-    from morphofold.analysis._mesh import vertex_areas
-    from morphofold.analysis.smooth import relief
+    from morphofold.analysis.relief import relief
+    from morphofold.geometry import vertex_areas
     from morphofold.io import flip_curvature_sign
 
     white, faces = cortex.white.verts, cortex.faces

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.records import shown
+from morphofold.provenance import shown
 
 MISSING = "n/a"
 

@@ -1,7 +1,7 @@
 """The growth room: scene in, folded stages out.
 
-``scene`` says what grows, ``geometry`` makes its ``body``, ``dynamics`` grows it, ``run`` writes it down and
-``health`` checks it. What is known without growing: ``theory``, ``statics``, ``onset``.
+``scene`` says what grows, ``build`` makes its ``body``, ``dynamics`` grows it, ``run`` writes it down and
+``health`` checks it. What is known without growing: ``theory``, ``equilibrium``.
 """
 
 if __name__ != "morphofold.sim":

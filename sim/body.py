@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from skfem import MeshHex
 
 from morphofold.sim.elements.blocks import Blocks
+from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
-from morphofold.sim.meshes.bilayer import Bilayer
-from morphofold.sim.surface_filter import SurfaceFilter
+from morphofold.sim.mesh.bilayer import Bilayer
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 The step is one unit of time. What is measured is the mass: each node gets the least mass that keeps that step
 stable for the present stiffness of its elements, renewed every ``REFRESH`` steps, so that squeezed elements can
 never outrun the step. Mass is fictitious; the result is a path of near-equilibria, which rests at the stages of a
-scene; :mod:`morphofold.sim.balance` says how near it is.
+scene; :mod:`morphofold.sim.equilibrium.rest` says how near it is.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.clock import working_seconds
-from morphofold.sim.balance import SOFT, Balance, softest
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
-from morphofold.sim.elements import kernels
-from morphofold.sim.wrinkles import Slow, slow_growth
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
+from morphofold.sim.equilibrium.wrinkles import Slow, slow_growth
+from morphofold.timing import working_seconds
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -110,7 +110,7 @@ class Dynamics:
     damping : float, optional
         Share of the velocity lost per step; by DAMPING unless given.
     slow : Slow, optional
-        Growth at which the pace is held down (:func:`morphofold.sim.wrinkles.slow_growth`).
+        Growth at which the pace is held down (:func:`morphofold.sim.equilibrium.wrinkles.slow_growth`).
     start : State, optional
         Where to begin; at rest and ungrown unless given.
     """
@@ -271,7 +271,7 @@ class Dynamics:
                 effect.add_forces(body, state.x, state.v, self._extra)
                 clock.lap(effect.name)
             before = state.v.copy() if k == steps - 1 else state.v
-            lost = kernels.advance(
+            lost = brick_kernels.advance(
                 state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
                 1.0 - self.damping,
             )  # fmt: skip

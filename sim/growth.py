@@ -1,4 +1,4 @@
-"""Growth tensors, as the equations have them; the kernels fold them into the point data (kernels.grow)."""
+"""Growth tensors, as the equations have them; the kernels fold them into the point data (brick_kernels.grow)."""
 
 from __future__ import annotations
 

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from morphofold.crossings.boxes import box_tree
-from morphofold.crossings.intersection import self_intersections
-from morphofold.crossings.rays import ray_hits
+from morphofold.intersections.boxes import box_tree
+from morphofold.intersections.intersection import self_intersections
+from morphofold.intersections.rays import ray_hits
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY, restlessness
 from morphofold.surface import Surface
@@ -103,7 +103,7 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
 
     Rays start at the centroid of the vertices in directions of a Fibonacci lattice. A ray that meets an edge or a
     vertex counts as turned by next to nothing, the same way for all faces
-    (:func:`morphofold.crossings.rays.ray_hits`), and a stretch shorter than 1e-9 of the ray, as between walls that
+    (:func:`morphofold.intersections.rays.ray_hits`), and a stretch shorter than 1e-9 of the ray, as between walls that
     touch, isn't counted.
 
     Raises

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.sim.elements.kernels import J_MIN
+from morphofold.sim.elements.brick_kernels import J_MIN
 from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED
 
 Array = NDArray[np.float64]

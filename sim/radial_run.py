@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from morphofold.shapes import icosphere
 from morphofold.sim.effects import build_effects
-from morphofold.sim.folder import FolderWriter
 from morphofold.sim.growth import volume as det_G
+from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene import Radial, Scene
-from morphofold.sim.smooth.radial_statics import LAYERS, RadialState, radial_equilibrium
+from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
 
 Array = NDArray[np.float64]

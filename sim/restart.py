@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.io.files import decoding, existing_file
-from morphofold.records import sha256_of
-from morphofold.sim.folder_check import begun_with, read_stage, scene_digest, stage_folder
+from morphofold.provenance import sha256_of
+from morphofold.sim.output.folder_check import begun_with, read_stage, scene_digest, stage_folder
+from morphofold.sim.output.volume import VOLUME, read_volume, stages_with_volume
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.volume import VOLUME, read_volume, stages_with_volume
+from morphofold.sim.scene.files import load_scene
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
-from morphofold.clock import peak_memory, working_seconds
 from morphofold.io.files import decoding
+from morphofold.io.locks import alone
 from morphofold.sim.effects import own_effects
-from morphofold.sim.folder import Describe, FolderWriter, Simulation, is_finished
-from morphofold.sim.folder_check import (
+from morphofold.sim.interrupt import deferred_interrupt
+from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
+from morphofold.sim.output.folder_check import (
     ANEW,
     as_bytes,
     as_lines,
@@ -27,13 +28,12 @@ from morphofold.sim.folder_check import (
     scene_digest,
     written_stages,
 )
-from morphofold.sim.folder_lock import alone
-from morphofold.sim.interrupt import deferred_interrupt
+from morphofold.sim.output.volume import write_series, write_volume
 from morphofold.sim.restart import check_mesh, restart_of, state_of
 from morphofold.sim.scene import Radial, Scene, Strip
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.volume import write_series, write_volume
+from morphofold.sim.scene.files import load_scene
 from morphofold.threads import set_threads
+from morphofold.timing import peak_memory, working_seconds
 
 if TYPE_CHECKING:
     from morphofold.sim.dynamics import Dynamics
@@ -151,9 +151,9 @@ class _Run:
         self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool],
         effects: Sequence[Effect] = (), look: Look | None = None,
     ):  # fmt: skip
+        from morphofold.sim.build import build_body
         from morphofold.sim.dynamics import Dynamics
         from morphofold.sim.effects import build_effects
-        from morphofold.sim.geometry import build_body
 
         self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
         self.started, self.look = working_seconds(), look
@@ -280,7 +280,7 @@ class _Run:
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
         from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
-        from morphofold.sim.surfaces import whole_surfaces
+        from morphofold.sim.output.surfaces import whole_surfaces
 
         before = self.writer.health_of(g)
         if before is not None:                                          # written before a stop
@@ -315,7 +315,7 @@ class _Run:
         wanted = isinstance(self.scene.geometry, Strip) if asked is None else asked
         if not wanted or not self.dynamics.waits_for_balance:
             return None
-        from morphofold.sim.unstable import unstable_modes
+        from morphofold.sim.equilibrium.unstable import unstable_modes
 
         try:
             return unstable_modes(self.dynamics)

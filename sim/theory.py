@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.sim.growth import check_law, volume
-from morphofold.sim.smooth.radial import stress_primitive
-from morphofold.sim.smooth.stability import CREASE, Bifurcation, bifurcation
+from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
+from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
 
 __all__ = [
     "BIOT", "CREASE", "Bifurcation", "Stresses", "bifurcation",

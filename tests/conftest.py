@@ -11,7 +11,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the co
 import numpy as np
 import pytest
 
-from morphofold.report import figures
+from morphofold.report.pictures import surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -34,9 +34,9 @@ def plain_pictures():
     """Pictures are drawn without a graphics card, the same everywhere."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MORPHOFOLD_RENDERER", "raster")
-        figures.renderer.cache_clear()
+        surfaces.renderer.cache_clear()
         yield
-    figures.renderer.cache_clear()
+    surfaces.renderer.cache_clear()
 
 
 @pytest.fixture

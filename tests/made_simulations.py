@@ -8,9 +8,9 @@ import numpy as np
 import reference
 
 from morphofold.shapes import icosphere
-from morphofold.sim.folder import FolderWriter, Simulation
+from morphofold.sim.output.folder import FolderWriter, Simulation
 from morphofold.sim.radial_run import RadialRun
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 
 LEVEL = 4           # 2,562 vertices

@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from morphofold.crossings.signs import ASIDE
+from morphofold.intersections.signs import ASIDE
 
 
 def fractions(point):

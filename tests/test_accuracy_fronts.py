@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from morphofold.accuracy.fronts import better_than, grouped, halving, law
-from morphofold.accuracy.points import FIELDS, Point, timed
+from morphofold.studies.accuracy.fronts import better_than, grouped, halving, law
+from morphofold.studies.accuracy.points import FIELDS, Point, timed
 
 
 def point(seconds, error, **others):

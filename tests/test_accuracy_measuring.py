@@ -9,14 +9,14 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold.accuracy import measuring, measuring_folds, measuring_person
-from morphofold.accuracy import points as timing
-from morphofold.accuracy.measuring import GAP, H, K, bumpy, relative_rms
-from morphofold.accuracy.peers import Peer
-from morphofold.analysis import copies, curvature, measure, vertex_areas
-from morphofold.analysis.speed import folded_ball
-from morphofold.ridges import irregular_net
+from morphofold.analysis import curvature, measure, resampling, vertex_areas
 from morphofold.shapes import bumpy_sphere, torus
+from morphofold.shapes.ridges import irregular_net
+from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
+from morphofold.studies.accuracy import points as timing
+from morphofold.studies.accuracy.measuring import GAP, H, K, bumpy, relative_rms
+from morphofold.studies.accuracy.peers import Peer
+from morphofold.studies.speed.measures import folded_ball
 
 
 def by(points, **wanted):
@@ -162,7 +162,7 @@ def test_two_hinges_found_at_one_are_one_hit():
 
 @pytest.mark.slow
 def test_folds_are_better_known_on_finer_meshes_and_the_fine_accuracy_is_a_finer_mesh(monkeypatch):
-    monkeypatch.setitem(copies.ACCURACIES, "fine", copies.Accuracy(0, 2001, 12.0))
+    monkeypatch.setitem(resampling.ACCURACIES, "fine", resampling.Accuracy(0, 2001, 12.0))
     points = measuring_folds.net_over_meshes((2000, 8000))
     coarse, finer = by(points, axis="mesh", quantity="crest lines")
     assert finer.error < coarse.error / 2
@@ -184,7 +184,7 @@ def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds()
 
 @pytest.mark.slow
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
-    monkeypatch.setitem(copies.ACCURACIES, "fine", copies.Accuracy(0, 2501, 12.0))
+    monkeypatch.setitem(resampling.ACCURACIES, "fine", resampling.Accuracy(0, 2501, 12.0))
     cortex = replace(folded_ball(2500), units="cm")     # has no local index
     points = measuring_person.measures_of_person((2000,), cortex)
     truth, plain = measure(measuring_person.split(cortex)), measure(cortex)

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from morphofold.accuracy.assembly import SKFEM, assembly_points
-from morphofold.accuracy.bodies import FINEST, Setting, axes
-from morphofold.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown, pairs
-from morphofold.accuracy.points import OURS
-from morphofold.accuracy.solver import (
+from morphofold.shapes import icosphere
+from morphofold.sim import theory
+from morphofold.sim.scene import LEVELS
+from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
+from morphofold.studies.accuracy.bodies import FINEST, Setting, axes
+from morphofold.studies.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown, pairs
+from morphofold.studies.accuracy.points import OURS
+from morphofold.studies.accuracy.solver import (
     INCOMPRESSIBLE,
     SMOOTH,
     radius_error,
@@ -16,9 +19,6 @@ from morphofold.accuracy.solver import (
     theory_of,
     theory_points,
 )
-from morphofold.shapes import icosphere
-from morphofold.sim import theory
-from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
 COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import morphofold.sim
-from morphofold.accuracy import study as study_module
-from morphofold.accuracy.bodies import FINEST
-from morphofold.accuracy.folds import MESH, grown
-from morphofold.accuracy.points import OURS, Case, Point
-from morphofold.accuracy.study import Kept, circumstances
-from morphofold.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.cli import main
-from morphofold.report.accuracy_page import PARTS, read_study, text_answers, write_page
-from morphofold.report.accuracy_page import main as write
-from morphofold.report.accuracy_report import SHOWS, expected_errors, write_study
+from morphofold.studies.accuracy import study as study_module
+from morphofold.studies.accuracy.bodies import FINEST
+from morphofold.studies.accuracy.folds import MESH, grown
+from morphofold.studies.accuracy.page import PARTS, read_study, text_answers, write_page
+from morphofold.studies.accuracy.page import main as write
+from morphofold.studies.accuracy.points import OURS, Case, Point
+from morphofold.studies.accuracy.report import SHOWS, expected_errors, write_study
+from morphofold.studies.accuracy.study import Kept, circumstances
+from morphofold.studies.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
 PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}

@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from morphofold.analysis._mesh import vertex_areas
-from morphofold.analysis.altitude import RELATIVE, Altimeter, persistence, wavelength
-from morphofold.ridges import regular_net, ridged_net
+from morphofold.analysis.graph.depth_potential import RELATIVE, Altimeter, persistence, wavelength
+from morphofold.geometry import vertex_areas
 from morphofold.shapes import bumpy_sphere, icosphere, sphere
+from morphofold.shapes.ridges import regular_net, ridged_net
 
 
 def bumpy(amplitude, degree=6, radius=50.0, level=5):

@@ -9,15 +9,15 @@ import numba
 import pytest
 
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.speed import folded_ball
 from morphofold.cli import main
-from morphofold.clock import Stages
-from morphofold.forecasts.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
-from morphofold.forecasts.measured import measured_errors
-from morphofold.forecasts.table import table
-from morphofold.forecasts.words import percent
+from morphofold.forecast.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
+from morphofold.forecast.measured import measured_errors
+from morphofold.forecast.table import table
+from morphofold.forecast.text import percent
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
+from morphofold.studies.speed.measures import folded_ball
+from morphofold.timing import Stages
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsy
 
 def test_times_of_both_hemispheres_are_added(monkeypatch):
     now = iter(float(t * t) for t in range(100))
-    monkeypatch.setattr("morphofold.clock.working_seconds", lambda: next(now))
+    monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
     for name in (READING, "areas", "curvature", "areas", "curvature", WRITING):
         clock.begin(name)                               # 1, 5, 9, 13, 17 and 21 s: the clock is asked twice at each

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.analysis.copies import ACCURACIES, copied
 from morphofold.analysis.measures import scale_of_curvature
-from morphofold.analysis.speed import folded_ball
+from morphofold.analysis.resampling import ACCURACIES, copied
 from morphofold.cli import main
-from morphofold.forecasts import analysis as before
-from morphofold.forecasts import forecast_analysis
-from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
-from morphofold.forecasts.table import costs
+from morphofold.forecast import forecast_analysis
+from morphofold.forecast import measuring as before
+from morphofold.forecast.analysis_cost import PAGE, STAGES, WRITING
+from morphofold.forecast.table import costs
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
+from morphofold.studies.speed.measures import folded_ball
 from morphofold.surface import Surface
 
 MEASURING = [name for name in STAGES if name not in ("reading", WRITING, PAGE)]

@@ -9,15 +9,15 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh, spsolve
 
-from morphofold.sim.balance import SOFT, Balance, softest
 from morphofold.sim.body import Body
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLOW, Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.geometry import build_body
-from morphofold.sim.meshes.bilayer import bilayer_patch
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.statics import equilibrium
-from morphofold.sim.tangent import Tangent, cauchy_stress
+from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
+from morphofold.sim.equilibrium.statics import equilibrium
+from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
+from morphofold.sim.mesh.bilayer import bilayer_patch
+from morphofold.sim.scene.files import load_scene
 
 TICK = 20.0             # steps
 

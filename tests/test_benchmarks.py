@@ -14,11 +14,9 @@ from browser import BROWSER, needs_browser, opened
 from made_measures import large_pair
 
 from morphofold import analysis, forecast, simulate
-from morphofold.analysis.speed import folded_ball
-from morphofold.clock import Stages
 from morphofold.comparison import compare
-from morphofold.forecasts import forecast_analysis
-from morphofold.forecasts.analysis_cost import READING
+from morphofold.forecast import forecast_analysis
+from morphofold.forecast.analysis_cost import READING
 from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
@@ -27,9 +25,11 @@ from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
-from morphofold.sim.meshes.bilayer import bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth.radial import smooth_state
+from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
+from morphofold.studies.speed.measures import folded_ball
+from morphofold.timing import Stages
 
 
 @pytest.fixture(params=[1, 2])

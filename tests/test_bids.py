@@ -19,7 +19,7 @@ from morphofold.analysis import gyral_graph
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import main
 from morphofold.io import read_cortex, read_surface, sample_path
-from morphofold.report.quantities import COLUMN_WORDS, SCALAR_WORDS
+from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
 from morphofold.results.bids import IGNORED, read_subject
 

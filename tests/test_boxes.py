@@ -3,7 +3,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from morphofold.crossings.boxes import BLOCK, box_tree, following, meets, meets_ray
+from morphofold.intersections.boxes import BLOCK, box_tree, following, meets, meets_ray
 from morphofold.shapes import icosphere
 
 

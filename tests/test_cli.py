@@ -15,7 +15,7 @@ from morphofold.cli import COMMANDS, main, parser
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 
@@ -342,7 +342,7 @@ def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(here, cap
 
 
 def test_bench_speed_prints_positive_speeds(capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.sim.speed.SIZES", {"brick": (8,), "tet": (6,)})
+    monkeypatch.setattr("morphofold.studies.speed.solver.SIZES", {"brick": (8,), "tet": (6,)})
     assert main(["bench", "speed", "--seconds", "0.01", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert all(r["median"] > 0 and np.isfinite(r["best"]) for r in rows)

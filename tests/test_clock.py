@@ -9,7 +9,7 @@ import pytest
 from numba import njit
 
 from morphofold.cli.progress import COMPILING, progress, time_left
-from morphofold.clock import Stages, peak_memory, telling_of_compiling, working_seconds
+from morphofold.timing import Stages, peak_memory, telling_of_compiling, working_seconds
 
 
 def new_kernel():
@@ -56,7 +56,7 @@ def test_a_kernel_that_can_not_be_compiled_does_not_stop_the_clock():
 
 def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeypatch):
     now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 7.0, 20.0, 28.0])
-    monkeypatch.setattr("morphofold.clock.working_seconds", lambda: next(now))
+    monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
     clock.begin("reading")                              # 0 to 1
     clock.at("areas", 0.0)                              # 1 to 3
@@ -96,7 +96,7 @@ def test_what_is_left_is_said_in_words(seconds, share, words):
 
 def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():
     child = (
-        "import numpy as np; from morphofold.clock import peak_memory as peak\n"
+        "import numpy as np; from morphofold.timing import peak_memory as peak\n"
         "a = peak(); held = np.ones(2**25); b = peak(); del held; print(a, b, peak())"
     )
     parent = f"import subprocess as s, sys; held = b'1' * 2**30; s.run([sys.executable, '-c', {child!r}], check=True)"
@@ -111,7 +111,7 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
 def test_peak_memory_knows_the_unit_of_each_system(platform, told, monkeypatch):
     usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=told))
     with monkeypatch.context() as patch:
-        patch.setattr("morphofold.clock.Path.exists", lambda path: False)                # no /proc
+        patch.setattr("morphofold.timing.Path.exists", lambda path: False)                # no /proc
         patch.setattr(sys, "platform", platform)
         patch.setitem(sys.modules, "resource", usage)
         assert peak_memory() == 3.0

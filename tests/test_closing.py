@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyrification_index, local_gyrification_index
-from morphofold.analysis._mesh import face_areas, vertex_areas
-from morphofold.analysis.closing import envelope
+from morphofold.analysis.gyrification.local import envelope
+from morphofold.geometry import face_areas, vertex_areas
 from morphofold.shapes import ellipsoid, ridged_sphere, sphere
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from morphofold.quantities import common_limits, quantity
 from morphofold.report import colours
-from morphofold.report.quantities import common_limits, quantity
 
 
 def lightness(rgb):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_patterns import made, mirrored, turned
 
-from morphofold.analysis.patterns import HingeShapes
+from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison.hinges import compare_hinges, examples, median_difference
 
 

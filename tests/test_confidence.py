@@ -6,14 +6,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from test_hinge_table import WIDTH, star
 
-from morphofold.analysis.confidence import label_hinges
-from morphofold.analysis.gyral_net import Ground
-from morphofold.analysis.gyri import gyral_graph
-from morphofold.analysis.hinge_table import DOUBTFUL, SURE, counts, hinges
+from morphofold.analysis.graph.confidence import label_hinges
+from morphofold.analysis.graph.crest_net import Ground
+from morphofold.analysis.graph.gyral_graph import gyral_graph
+from morphofold.analysis.graph.hinge_shapes import hinge_shapes
+from morphofold.analysis.graph.hinges import DOUBTFUL, SURE, counts, hinges
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.patterns import hinge_shapes
 from morphofold.io import read_cortex, sample_path
-from morphofold.ridges import SOLIDS, SphericalNet, irregular_net, regular_net, ridged_net
+from morphofold.shapes.ridges import SOLIDS, SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0

@@ -7,12 +7,13 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import _mesh, copies, measure
-from morphofold.analysis.copies import Accuracy, copied
-from morphofold.analysis.speed import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
+from morphofold import geometry
+from morphofold.analysis import measure, resampling
+from morphofold.analysis.resampling import Accuracy, copied
 from morphofold.io import read_cortex, sample_path
-from morphofold.ridges import irregular_net
 from morphofold.shapes import icosphere, ridged_sphere
+from morphofold.shapes.ridges import irregular_net
+from morphofold.studies.speed.measures import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
 from morphofold.surface import Cortex, Regions, Surface
 
 THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 2600, 12.0)
@@ -34,22 +35,22 @@ def shell(level=4, gap=3.0, **more):
 
 
 def test_splitting_keeps_the_surface_its_vertices_and_which_triangle_came_from_which(rough):
-    verts, faces = _mesh.split(rough.verts, rough.faces)
+    verts, faces = geometry.split(rough.verts, rough.faces)
     n, m = len(rough.verts), len(rough.faces)
-    assert (len(verts), len(faces)) == (n + len(_mesh.edges(rough.faces)), 4 * m)
+    assert (len(verts), len(faces)) == (n + len(geometry.edges(rough.faces)), 4 * m)
     np.testing.assert_array_equal(verts[:n], rough.verts)
-    parents = _mesh.face_areas(rough.verts, rough.faces)
-    np.testing.assert_allclose(_mesh.face_areas(verts, faces).reshape(4, m), np.tile(parents / 4, (4, 1)))
-    normals = _mesh.face_normals(rough.verts, rough.faces)
-    found = _mesh.face_normals(verts, faces).reshape(4, m, 3)
+    parents = geometry.face_areas(rough.verts, rough.faces)
+    np.testing.assert_allclose(geometry.face_areas(verts, faces).reshape(4, m), np.tile(parents / 4, (4, 1)))
+    normals = geometry.face_normals(rough.verts, rough.faces)
+    found = geometry.face_normals(verts, faces).reshape(4, m, 3)
     np.testing.assert_allclose(found, np.tile(normals, (4, 1, 1)), atol=1e-9)
-    assert _mesh.is_closed(faces)
-    assert _mesh.euler_characteristic(faces) == 2
+    assert geometry.is_closed(faces)
+    assert geometry.euler_characteristic(faces) == 2
 
 
 def test_a_mesh_that_is_fine_enough_and_not_too_fine_is_no_copy_at_all():
     cortex = shell()
-    for accuracy in (Accuracy(2562, 2562, 12.0), *copies.ACCURACIES.values()):
+    for accuracy in (Accuracy(2562, 2562, 12.0), *resampling.ACCURACIES.values()):
         copy = copied(cortex, replace(accuracy, least=min(accuracy.least, 2562)))
         assert copy.cortex is cortex
         assert not copy.changed
@@ -61,11 +62,11 @@ def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_o
     copy, n = thinned.cortex, thinned.cortex.n_vertices
     assert n == pytest.approx(4000, abs=10)
     np.testing.assert_array_equal(thinned.place[thinned.twin], np.arange(n))
-    edge = _mesh.mean_edge_length(ball.pial.verts, ball.faces)
+    edge = geometry.mean_edge_length(ball.pial.verts, ball.faces)
     for mine, theirs in ((copy.white, ball.white), (copy.pial, ball.pial)):
         assert np.quantile(np.linalg.norm(mine.verts - theirs.verts[thinned.twin], axis=1), 0.99) < edge
-        assert _mesh.face_areas(mine.verts, mine.faces).sum() == pytest.approx(
-            _mesh.face_areas(theirs.verts, theirs.faces).sum(), rel=0.01
+        assert geometry.face_areas(mine.verts, mine.faces).sum() == pytest.approx(
+            geometry.face_areas(theirs.verts, theirs.faces).sum(), rel=0.01
         )
     beside = ball.pial.verts[ball.faces[thinned.triangle]].mean(axis=1) - copy.pial.verts[copy.faces].mean(axis=1)
     assert np.quantile(np.linalg.norm(beside, axis=1), 0.99) < 4 * edge
@@ -77,7 +78,7 @@ def test_thickness_of_a_shell_comes_back_from_its_copy(accuracy):
     copy = copied(cortex, accuracy)
     assert copy.changed
     thickness = copy.cortical_thickness(cap=None)
-    edge = max(_mesh.mean_edge_length(c.pial.verts, c.faces) for c in (cortex, copy.cortex))
+    edge = max(geometry.mean_edge_length(c.pial.verts, c.faces) for c in (cortex, copy.cortex))
     assert thickness.shape == (cortex.n_vertices,)
     assert np.abs(thickness - 3).max() < 3 * edge**2 / 8 / 47              # thrice the sag of an even triangle
 
@@ -90,7 +91,7 @@ def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
     assert found.per_vertex.shape == found.relief.height.shape == (cortex.n_vertices,)
     assert np.nanmedian(found.per_vertex) == pytest.approx(chord, rel=0.05)
     middle = cortex.pial.verts[cortex.faces[found.triangle]].mean(axis=1)
-    edge = _mesh.mean_edge_length(cortex.pial.verts, cortex.faces)
+    edge = geometry.mean_edge_length(cortex.pial.verts, cortex.faces)
     assert np.quantile(np.linalg.norm(middle - found.points, axis=1), 0.99) < 4 * edge
     north = cortex.pial.verts[:, 2] > 0                                     # half of them by symmetry
     assert found.contour_where(north, cortex.faces) == pytest.approx(np.nansum(found.weight) / 2, rel=0.1)
@@ -125,7 +126,7 @@ def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():
 
 @pytest.mark.slow
 def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers(ball, monkeypatch):
-    monkeypatch.setitem(copies.ACCURACIES, "draft", THIN)
+    monkeypatch.setitem(resampling.ACCURACIES, "draft", THIN)
     x = ball.pial.verts[:, 0]
     regions = Regions((x > 0).astype(np.int64), ("left", "right"), np.zeros((2, 3), np.uint8))
     cortex = replace(ball, cortex=ball.pial.verts[:, 2] > -40, regions=regions)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import crest
-from morphofold.analysis._curvature import curvature
-from morphofold.analysis._mesh import mean_edge_length, vertex_normals
-from morphofold.analysis.crest import crest_lines
-from morphofold.analysis.net import resampled
+from morphofold.analysis import crests
+from morphofold.analysis.crests import crest_lines
+from morphofold.analysis.curvatures import curvature
+from morphofold.analysis.graph.net import resampled
+from morphofold.geometry import mean_edge_length, vertex_normals
 from morphofold.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
 
 
@@ -82,7 +82,7 @@ def true_crests(level=7):
         np.add.at(right, i, u * (k[j] - k[i])[:, None])
         e = np.linalg.solve(normal, right[:, :, None])[:, 0]
         beside = 6.0 if kind == "gyral" else -6.0
-        lines = crest._trace(shape.verts, shape.faces, k, other, along, e * along, beside)
+        lines = crests._trace(shape.verts, shape.faces, k, other, along, e * along, beside)
         found[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
     return found
 
@@ -100,7 +100,7 @@ def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, n
     edge = mean_edge_length(shape.verts, shape.faces)
     found = crest_lines(shape.verts, shape.faces, scale=scale)
     away, left = [], []
-    for kind in crest.KINDS:
+    for kind in crests.KINDS:
         own = np.concatenate([resampled(line.points, 0.2) for line in found.of_kind(kind)])
         away.append(cKDTree(exact[kind]).query(own)[0])
         left.append(cKDTree(own).query(exact[kind])[0])

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from morphofold import shapes
 from morphofold.analysis import curvature, vertex_areas, vertex_normals
-from morphofold.analysis._mesh import adjacency, mean_edge_length
+from morphofold.geometry import adjacency, mean_edge_length
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
 

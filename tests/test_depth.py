@@ -8,11 +8,11 @@ from test_gyrification import box_with_a_hole
 
 from morphofold import shapes
 from morphofold.analysis import sulcal_depth
-from morphofold.analysis.gyrification import hull
+from morphofold.analysis.gyrification.hull import hull
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
-from morphofold.ridges import irregular_net, ridged_net
 from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import irregular_net, ridged_net
 
 
 def test_depth_is_zero_on_a_convex_surface(rng):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from morphofold.sim import dissection
-from morphofold.sim.dissection import Dissection, Factor
+from morphofold.sim.equilibrium import sparse_factor
+from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 
 
 def lattice(shape, rng):
@@ -21,7 +21,7 @@ def lattice(shape, rng):
 
 @pytest.fixture
 def small_leaves(monkeypatch):
-    monkeypatch.setattr(dissection, "LEAF", 8)
+    monkeypatch.setattr(sparse_factor, "LEAF", 8)
 
 
 @pytest.mark.parametrize("shape", [(7, 5, 3), (40, 2, 1), (3, 3, 1), (1, 1, 1)])

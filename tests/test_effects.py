@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
-from morphofold.crossings.intersection import self_intersections
+from morphofold.intersections.intersection import self_intersections
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
@@ -24,11 +24,11 @@ from morphofold.sim.effects.ramp import RATES, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import BINARY_CORNERS
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
-from morphofold.sim.surfaces import whole_surfaces
-from morphofold.sim.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 
 def sphere(n=8, **options):

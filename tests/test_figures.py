@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.report import figures
-from morphofold.report.quantities import Quantity
+from morphofold.quantities import Quantity
+from morphofold.report.pictures import surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -23,7 +23,7 @@ GREY = Quantity("t", "Test", "mm")
      ("lh", "top", 2, 1), ("rh", "bottom", 2, -1), ("lh", "front", 1, 1)],
 )  # fmt: skip
 def test_a_view_looks_from_the_side_it_is_named_for(hemi, view, axis, sign):
-    R = figures.camera(view, hemi)
+    R = surfaces.camera(view, hemi)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(R) == pytest.approx(1.0)  # no mirror image
     assert R[2, axis] == sign
@@ -34,36 +34,36 @@ def test_the_camera_of_the_viewer_is_that_of_the_pictures():
     text = resources.files("morphofold.report").joinpath("templates/viewer.js").read_text(encoding="utf-8")
     rh, lh = re.search(r'lateral: \(h\) => h === "rh" \? \[([^\]]+)\] : \[([^\]]+)\]', text).groups()
     for hemi, row in (("rh", rh), ("lh", lh)):
-        np.testing.assert_array_equal([float(v) for v in row.split(",")], figures.camera("lateral", hemi).ravel())
+        np.testing.assert_array_equal([float(v) for v in row.split(",")], surfaces.camera("lateral", hemi).ravel())
     for view in ("top", "bottom", "front"):
         row = re.search(rf"{view}: \(\) => \[([^\]]+)\]", text).group(1)
-        np.testing.assert_array_equal([float(v) for v in row.split(",")], figures.camera(view, "lh").ravel())
+        np.testing.assert_array_equal([float(v) for v in row.split(",")], surfaces.camera(view, "lh").ravel())
 
 
 def marked(hemi):
     """A sphere whose lateral half has value 1, the medial half 0."""
     verts, faces = icosphere(3, radius=20.0)
     outer = verts[:, 0] < 0 if hemi == "lh" else verts[:, 0] > 0
-    return figures.Row("s", Surface(verts, faces), outer.astype(float), hemi)
+    return surfaces.Row("s", Surface(verts, faces), outer.astype(float), hemi)
 
 
 @pytest.mark.parametrize("hemi", ["lh", "rh"])
 def test_a_picture_shows_the_side_it_says(hemi):
     what, views = Quantity("t", "Test", signed=True), ("lateral", "medial")
-    out, inner = figures.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
+    out, inner = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
     middle = lambda p: p[25:35, 25:35].reshape(-1, 3).mean(axis=0)
     assert middle(out)[0] > middle(out)[2] + 60  # orange: +1
     assert np.ptp(middle(inner)) < 12  # grey: 0
-    again = figures.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
+    again = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
     np.testing.assert_array_equal(out, again[0])
 
 
 def test_both_renderers_draw_the_same_picture():
-    if not figures.graphics():
+    if not surfaces.graphics():
         pytest.skip("no GL library here, so pyvista cannot draw")
     m = made_measures("rh", level=4)
-    row = figures.Row("a", m.cortex.pial, m.maps["cortical_thickness"], "rh")
-    pair = [figures.draw(row, figures.VIEWS, GREY, (2, 4), (120, 120), 45.0, b) for b in ("pyvista", "raster")]
+    row = surfaces.Row("a", m.cortex.pial, m.maps["cortical_thickness"], "rh")
+    pair = [surfaces.draw(row, surfaces.VIEWS, GREY, (2, 4), (120, 120), 45.0, b) for b in ("pyvista", "raster")]
     for a, b in zip(*pair):
         assert np.abs(a.astype(float) - b).mean() < 2  # of 255: edges differ by a sample
     assert np.abs(pair[0][0].astype(float) - pair[0][2]).mean() > 3  # and the views are not all one
@@ -77,12 +77,12 @@ def answering(monkeypatch):
 
     def answer(code, text):
         run = lambda args, **kw: commands.append(args) or subprocess.CompletedProcess(args, code, text)
-        monkeypatch.setattr(figures.subprocess, "run", run)
-        figures.renderer.cache_clear(), figures.graphics.cache_clear()
+        monkeypatch.setattr(surfaces.subprocess, "run", run)
+        surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
         return commands
 
     yield answer
-    figures.renderer.cache_clear(), figures.graphics.cache_clear()
+    surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -96,29 +96,29 @@ def answering(monkeypatch):
 )
 def test_a_graphics_card_is_used_where_a_child_process_finds_one(answering, code, text, drawn_by):
     commands = answering(code, text)
-    assert figures.renderer() == drawn_by
-    assert figures.renderer() == drawn_by
+    assert surfaces.renderer() == drawn_by
+    assert surfaces.renderer() == drawn_by
     assert len(commands) == 1
     assert commands[0][0] == sys.executable
 
 
 def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
     rows = [marked("lh"), marked("rh")]
-    one = figures.figure(rows[:1], GREY, (0, 1), width=400, backend="raster")
-    two = figures.figure(rows, GREY, (0, 1), width=400, backend="raster")
+    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400, backend="raster")
+    two = surfaces.figure(rows, GREY, (0, 1), width=400, backend="raster")
     assert one.shape[1] == two.shape[1] == 400
     assert two.shape[0] > one.shape[0] + 40
     with pytest.raises(ValueError, match="view must be one of lateral"):
-        figures.camera("sideways", "lh")
+        surfaces.camera("sideways", "lh")
 
 
 def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     said = []
-    write = figures.write
-    monkeypatch.setattr(figures, "write", lambda c, text, *a, **k: (said.append(text), write(c, text, *a, **k)))
+    write = surfaces.write
+    monkeypatch.setattr(surfaces, "write", lambda c, text, *a, **k: (said.append(text), write(c, text, *a, **k)))
     verts, faces = icosphere(4, radius=20.0)
-    row = figures.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
-    image = figures.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
+    row = surfaces.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
+    image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
     mm = next(float(text.split()[0]) for text in said if re.fullmatch(r"\d+ mm", text))
     ball = image[72 + 30 : -112].min(axis=2) < 240                    # between head and foot of the figure
     columns = np.flatnonzero(ball.any(axis=0))

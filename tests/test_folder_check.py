@@ -14,8 +14,8 @@ from made_simulations import Stop
 from test_meshfile import ball, write
 
 from morphofold.cli import main
-from morphofold.sim.folder_check import clear_run, files_of_run, is_temporary, read_arrays, sweep
-from morphofold.sim.folder_lock import LOCK, alone
+from morphofold.io.locks import LOCK, alone
+from morphofold.sim.output.folder_check import clear_run, files_of_run, is_temporary, read_arrays, sweep
 from morphofold.simulation import simulate
 
 TINY = [
@@ -386,7 +386,7 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
 
 
 def test_a_mesh_file_that_changes_while_the_body_is_built_of_it_is_refused(tmp_path, monkeypatch):
-    from morphofold.sim import geometry
+    from morphofold.sim import build as geometry
 
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "body.vtu", *ball(2))
@@ -478,7 +478,7 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_when_the_run_is_finished_stops_what_follows(tmp_path, monkeypatch, number, capsys):
-    from morphofold.sim.folder import FolderWriter
+    from morphofold.sim.output.folder import FolderWriter
 
     monkeypatch.chdir(tmp_path)
     health = FolderWriter.health

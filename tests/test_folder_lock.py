@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from morphofold.sim import folder_lock
-from morphofold.sim.folder_lock import LOCK, alone
+from morphofold.io import locks
+from morphofold.io.locks import LOCK, alone
 
 
 def test_a_folder_is_held_by_one_and_free_again_afterwards(tmp_path):
@@ -60,7 +60,7 @@ def test_what_is_no_folder_is_told_as_such_and_not_as_held(tmp_path, there):
 def test_a_killed_process_holds_nothing(tmp_path):
     folder = tmp_path / "run"
     code = (
-        "import sys, time, pathlib; from morphofold.sim.folder_lock import alone\n"
+        "import sys, time, pathlib; from morphofold.io.locks import alone\n"
         f"with alone(pathlib.Path({str(folder)!r})):\n    print('held', flush=True); time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
@@ -77,7 +77,7 @@ def test_a_killed_process_holds_nothing(tmp_path):
 
 
 def test_a_lock_whose_file_was_removed_meanwhile_is_taken_on_the_new_file(tmp_path, monkeypatch):
-    folder, lock, removed = tmp_path, folder_lock._try_lock, []
+    folder, lock, removed = tmp_path, locks._try_lock, []
 
     def after_removal(file):
         lock(file)
@@ -85,7 +85,7 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_taken_on_the_new_file(tmp_pa
             removed.append(True)
             (folder / LOCK).unlink()                                    # as its last holder does, just before
 
-    monkeypatch.setattr(folder_lock, "_try_lock", after_removal)
+    monkeypatch.setattr(locks, "_try_lock", after_removal)
     with alone(folder), (folder / LOCK).open("a+") as again:
         with pytest.raises(BlockingIOError):
             fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -95,6 +95,6 @@ def test_a_file_system_without_locks_is_warned_of(tmp_path, monkeypatch):
     def none(file):
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(folder_lock, "_try_lock", none)
+    monkeypatch.setattr(locks, "_try_lock", none)
     with pytest.warns(UserWarning, match="has no locks; let no other run write here"), alone(tmp_path):
         pass

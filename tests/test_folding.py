@@ -6,7 +6,7 @@ from fast_simplification import simplify
 
 from morphofold import shapes
 from morphofold.analysis import folding_indices, vertex_areas
-from morphofold.analysis.folding import angle_defects
+from morphofold.analysis.gyrification.folding import angle_defects
 from morphofold.io import read_cortex, read_surface, sample_path
 
 

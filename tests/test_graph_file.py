@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_graph, hinges
-from morphofold.graph_file import read_graph, write_graph
-from morphofold.ridges import regular_net, ridged_net
+from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import regular_net, ridged_net
 from morphofold.surface import Surface
 
 

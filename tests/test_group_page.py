@@ -19,8 +19,9 @@ from matplotlib.image import imread
 from morphofold.cohort.pooling import pooling
 from morphofold.cohort.tables import write_tables
 from morphofold.cohort.tasks import write_record
-from morphofold.report import group_page, group_pictures
-from morphofold.report.group_page import group_report
+from morphofold.report.pages import group_page
+from morphofold.report.pages.group_page import group_report
+from morphofold.report.pictures import group as group_pictures
 from morphofold.results import write_analysis, write_dataset
 
 NASTY = '<script>alert("x")</script>&"\''
@@ -336,7 +337,7 @@ sys.path.insert(0, sys.argv[2])
 from pathlib import Path
 from made_groups import made_group
 from morphofold.analysis.measures import SCALARS
-from morphofold.report.group_page import group_report
+from morphofold.report.pages.group_page import group_report
 import numpy as np
 
 def peak():

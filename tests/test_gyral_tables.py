@@ -4,8 +4,8 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold.analysis.gyral_net import GyralScales
-from morphofold.analysis.gyral_tables import gyral_tables, region_columns
+from morphofold.analysis.graph.crest_net import GyralScales
+from morphofold.analysis.graph.tables import gyral_tables, region_columns
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
 

@@ -9,14 +9,14 @@ import pytest
 from made_folds import bulged
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import chord as chords
 from morphofold.analysis import cortical_thickness, gyral_thickness
-from morphofold.analysis._mesh import mean_edge_length
-from morphofold.analysis.altitude import Altimeter
-from morphofold.analysis.checks import cortex_mask
-from morphofold.analysis.chord import weighted_quantile
-from morphofold.analysis.contour import mid_height_contour
-from morphofold.analysis.rays import Scanner
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.mesh_quality.checks import cortex_mask
+from morphofold.analysis.thickness import gyral as chords
+from morphofold.analysis.thickness.gyral import weighted_quantile
+from morphofold.analysis.thickness.mid_height import mid_height_contour
+from morphofold.analysis.thickness.rays import Scanner
+from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import corrugated_sheet, ellipsoid, icosphere, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface

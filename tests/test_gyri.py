@@ -10,13 +10,14 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from morphofold.analysis import faults, notes
-from morphofold.analysis.gyral_net import GyralScales
-from morphofold.analysis.gyri import gyral_graph
-from morphofold.analysis.hinge_table import hinges
+from morphofold.analysis import notes
+from morphofold.analysis.graph.crest_net import GyralScales
+from morphofold.analysis.graph.gyral_graph import gyral_graph
+from morphofold.analysis.graph.hinges import hinges
+from morphofold.analysis.mesh_quality import defects
 from morphofold.io import read_cortex, sample_path
-from morphofold.ridges import SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.shapes import icosphere, sphere
+from morphofold.shapes.ridges import SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.surface import Surface
 
 CREST = 54.0            # radius of the crests [mm]
@@ -175,7 +176,7 @@ def test_a_net_of_another_size_than_the_gyri_is_remarked_on():
     graph = gyral_graph(ridged_net(regular_net("cube"), 4, 12.0), width=7.0)
     told = [notes.of_gyral_graph(graph, SimpleNamespace(median=t)).keys() for t in (4.9, 5.1, 19.9, 20.1)]
     assert ["gyral_width" in keys for keys in told] == [True, False, False, True]
-    assert "gyral_width" in faults.WARNINGS
+    assert "gyral_width" in defects.WARNINGS
     assert "gyral_width" not in notes.of_gyral_graph(graph, SimpleNamespace(median=np.nan))
 
 

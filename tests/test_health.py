@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from made_folds import joined, pressed_sphere
 
-from morphofold.crossings.boxes import box_tree
+from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
 from morphofold.sim.effects.contact import GAP
 from morphofold.sim.health import (
@@ -19,7 +19,7 @@ from morphofold.sim.health import (
     cover,
     cures,
 )
-from morphofold.sim.scene_file import load_scene, scene_names
+from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.surface import Surface
 
 SOUND = {

@@ -4,8 +4,8 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold.analysis.gyral_net import GyralScales
-from morphofold.analysis.hinge_table import as_rows, hinges
+from morphofold.analysis.graph.crest_net import GyralScales
+from morphofold.analysis.graph.hinges import as_rows, hinges
 
 WIDTH = 2.0
 

@@ -52,7 +52,7 @@ def imports(name, file):
 
 
 def room(name):
-    """``sim`` of ``morphofold.sim.meshes.bilayer``; empty for other packages and for the front hall itself."""
+    """``sim`` of ``morphofold.sim.mesh.bilayer``; empty for other packages and for the front hall itself."""
     return name.split(".")[1] if name.startswith("morphofold.") else ""
 
 

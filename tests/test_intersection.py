@@ -7,8 +7,8 @@ import pytest
 from made_folds import pressed_sphere, two_spheres
 from reference_signs import displaced, rational_sign
 
-from morphofold.crossings.boxes import box_tree
-from morphofold.crossings.intersection import _crossings, _edges, self_intersections
+from morphofold.intersections.boxes import box_tree
+from morphofold.intersections.intersection import _crossings, _edges, self_intersections
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface

@@ -2,12 +2,12 @@ import numba
 import numpy as np
 import pytest
 
-from morphofold.accuracy.assembly import Twin
 from morphofold.sim.body import SAFETY, Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.perturbation import Perturbation
-from morphofold.sim.elements import kernels
-from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.studies.accuracy.assembly import Twin
 
 
 def make_body(law="isotropic", portion="octant", mu_cortex=2.0, kappa_ratio=50.0, n=6, single=False):
@@ -136,7 +136,7 @@ def test_forces_are_bitwise_equal_for_one_and_two_threads(rng):
 
 def test_inverse_cube_root_is_exact_over_its_range():
     J = np.geomspace(0.1, 8, 500)
-    y = np.array([kernels._inverse_cube_root(v) for v in J])
+    y = np.array([brick_kernels._inverse_cube_root(v) for v in J])
     np.testing.assert_allclose(y, J ** (-1 / 3), rtol=1e-12)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import theilslopes
 
-from morphofold.analysis.line import line, through_regions
+from morphofold.analysis.thickness.robust_slope import line, through_regions
 
 
 def rows(x, y):

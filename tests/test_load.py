@@ -9,10 +9,10 @@ from made_cohort import HereFleet, quick_measure
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import main
-from morphofold.cohort import load
-from morphofold.cohort.load import REGIONS, measure_load, text_table, write_subjects
 from morphofold.cohort.tables import REGION_MEASURES
 from morphofold.io import read_cortex
+from morphofold.studies.speed import cohort
+from morphofold.studies.speed.cohort import REGIONS, measure_load, text_table, write_subjects
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def here_fleet(monkeypatch):
     def open_fleet(**options):
         yield HereFleet()
 
-    monkeypatch.setattr(load, "open_fleet", open_fleet)
+    monkeypatch.setattr(cohort, "open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
 
 

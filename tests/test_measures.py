@@ -10,10 +10,10 @@ import pytest
 
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
-from morphofold.analysis._mesh import split
-from morphofold.analysis.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.notes import of_input
+from morphofold.geometry import split
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
 
@@ -176,7 +176,7 @@ def test_names_load_on_first_use_and_stay_functions():
     """Importing the file that defines a name must not put the module in the name's place."""
     code = (
         "import sys, morphofold.analysis as a; assert 'numba' not in sys.modules and 'scipy' not in sys.modules;"
-        "import morphofold.analysis.measures, morphofold.analysis._curvature, morphofold.analysis.thickness;"
+        "import morphofold.analysis.measures, morphofold.analysis.curvatures, morphofold.analysis.thickness.cortical;"
         "assert all(not isinstance(getattr(a, n), type(sys)) for n in a.__all__);"
         "assert set(a.__all__) == set(a._PUBLIC) == set(dir(a));"
         "a.no_such_name"

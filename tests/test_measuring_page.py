@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_thickness, measure
-from morphofold.analysis._mesh import is_closed
-from morphofold.analysis.speed import THICKNESS, exponent, folded_ball, measuring_speed
 from morphofold.cli import main
-from morphofold.report import measuring_page, section_plot
-from morphofold.report.net_picture import KINDS, crest_figure, crest_row
+from morphofold.geometry import is_closed
+from morphofold.report.pictures.net import KINDS, crest_figure, crest_row
+from morphofold.studies.pages import measuring, section_plot
+from morphofold.studies.speed.measures import THICKNESS, exponent, folded_ball, measuring_speed
 
 
 @pytest.fixture(scope="module")
@@ -115,9 +115,9 @@ def made_pages(folder, **texts):
 
 @pytest.mark.slow
 def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
+    monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
     folder, speed = made_pages(tmp_path / "pages")
-    measuring_page.write_pages(folder, speed, {"ball": ball})
+    measuring.write_pages(folder, speed, {"ball": ball})
     text = (folder / "index.md").read_text()
     assert text.startswith("# By hand\n")
     assert "| seconds | 1,000 vertices | 10,000 vertices | 100,000 vertices | power of n log n |" in text
@@ -156,19 +156,19 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
 
 def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
     with pytest.raises(SystemExit):
-        measuring_page.main(["page.md", "--speed", "speed.json", "S1"])
+        measuring.main(["page.md", "--speed", "speed.json", "S1"])
     assert "'S1' has no name; write it as NAME=CORTEX" in capsys.readouterr().err
-    (_, table) = measuring_page._speed([row for row in made_times() if row["vertices"] == 1000])
+    (_, table) = measuring._speed([row for row in made_times() if row["vertices"] == 1000])
     assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
 
 @pytest.mark.slow
 def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring_page, "hinge_sensitivity", lambda cortex: made_hinges())
+    monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
     folder, speed = made_pages(tmp_path / "pages", gyral_net="none\n")
     before = {path: path.read_text() for path in folder.iterdir()}
     with pytest.raises(ValueError, match="has no one place for sensitivity"):
-        measuring_page.write_pages(folder, speed, {"ball": ball})
+        measuring.write_pages(folder, speed, {"ball": ball})
     assert {path: path.read_text() for path in folder.iterdir()} == before
 
 

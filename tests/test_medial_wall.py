@@ -7,8 +7,8 @@ import pytest
 
 from morphofold import shapes
 from morphofold.analysis import measure
-from morphofold.analysis.checks import cortex_label, cortex_mask
-from morphofold.analysis.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.analysis.mesh_quality.checks import cortex_label, cortex_mask
+from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
 from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface

@@ -8,8 +8,10 @@ import pyvista
 from hard_cases.made_surfaces import changed, clean, with_island
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import _mesh, checks, measure
-from morphofold.analysis.mending import measurable, mended
+from morphofold import geometry
+from morphofold.analysis import measure
+from morphofold.analysis.mesh_quality import checks
+from morphofold.analysis.mesh_quality.repair import measurable, mended
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
@@ -52,7 +54,7 @@ def welded(cortex, pairs):
 
 def path(cortex, start, length):
     """Vertices along edges, each as far from the first as can be."""
-    near, found = _mesh.adjacency(cortex.n_vertices, cortex.faces), [start]
+    near, found = geometry.adjacency(cortex.n_vertices, cortex.faces), [start]
     while len(found) < length:
         ring = near.indices[near.indptr[found[-1]] : near.indptr[found[-1] + 1]]
         away = np.linalg.norm(cortex.pial.verts[ring] - cortex.pial.verts[start], axis=1)
@@ -62,13 +64,13 @@ def path(cortex, start, length):
 
 def neighbours_apart(cortex, vertex):
     """Two neighbours of a vertex on opposite sides of it."""
-    near = _mesh.adjacency(cortex.n_vertices, cortex.faces)
+    near = geometry.adjacency(cortex.n_vertices, cortex.faces)
     ring = near.indices[near.indptr[vertex] : near.indptr[vertex + 1]]
     return next((a, b) for a in ring for b in ring if a < b and not near[a, b])
 
 
 def crowded(cortex):
-    return int((_mesh.edges_and_counts(cortex.faces)[1] > 2).sum())
+    return int((geometry.edges_and_counts(cortex.faces)[1] > 2).sum())
 
 
 FAULTS = {
@@ -168,8 +170,8 @@ def test_sheets_welded_along_edges_are_parted(length):
     mend = measurable(faulty)
     assert mend.numbers == {"repaired_pinched_edges": length - 1}
     assert crowded(mend.cortex) == 0
-    assert _mesh.euler_characteristic(mend.cortex.faces) == 2
-    assert _mesh.is_closed(mend.cortex.faces)
+    assert geometry.euler_characteristic(mend.cortex.faces) == 2
+    assert geometry.is_closed(mend.cortex.faces)
     assert mend.cortex.n_vertices == cortex.n_vertices
     assert sorted(mend.twin.tolist()).count(pairs[0][0]) == 2
 
@@ -183,7 +185,7 @@ def test_a_sphere_that_touches_itself_is_a_sphere_again(pairs):
     alike = np.unique(np.column_stack([cortex.faces.ravel(), mend.cortex.faces.ravel()]), axis=0)
     assert [len(np.unique(column)) for column in alike.T] == [len(alike)] * 2
     assert sum(mend.numbers.values()) == 1
-    assert (_mesh.euler_characteristic(mend.cortex.faces), _mesh.is_closed(mend.cortex.faces)) == (2, True)
+    assert (geometry.euler_characteristic(mend.cortex.faces), geometry.is_closed(mend.cortex.faces)) == (2, True)
 
 
 def test_a_pinch_is_told_and_what_is_measured_has_the_input_s_vertices():
@@ -216,7 +218,7 @@ def test_of_spheres_that_touch_only_a_tiny_one_is_debris(radius, pieces):
     faces, at = icosphere(1)[1], (50.0 + radius) / 50.0 * clean()[0].pial.verts[100]
     two = with_island(clean()[0], at, white=0.9 * radius, pial=radius)
     mend = measurable(welded(two, [(100, clean()[0].n_vertices)]))
-    assert _mesh.components(mend.cortex.n_vertices, mend.cortex.faces)[0] == pieces
+    assert geometry.components(mend.cortex.n_vertices, mend.cortex.faces)[0] == pieces
     assert mend.numbers.get("repaired_debris_triangles", 0) == (len(faces) if pieces == 1 else 0)
 
 
@@ -247,7 +249,7 @@ def test_what_vtk_leaves_of_a_real_surface_is_a_sphere():
     thin = Cortex(*(Surface(s.verts[vertex], faces, s.name) for s in (cortex.white, cortex.pial)))
     assert crowded(thin) > 0
     mend = measurable(thin)
-    assert (_mesh.euler_characteristic(mend.cortex.faces), _mesh.is_closed(mend.cortex.faces)) == (2, True)
+    assert (geometry.euler_characteristic(mend.cortex.faces), geometry.is_closed(mend.cortex.faces)) == (2, True)
 
 
 @pytest.mark.parametrize("turned", [[7], slice(None)], ids=["one", "all"])
@@ -289,6 +291,6 @@ def test_areas_of_what_was_joined_or_parted_sum_up_and_the_inflated_surface_is_m
     for faulty in (torn(clean()[0]), welded(clean()[0], [(i, j)])):
         found = measure(replace(faulty, inflated=faulty.white))
         assert np.nansum(found.maps["area"]) == pytest.approx(found.scalars["area_white_mm2"], rel=1e-12)
-        own = _mesh.vertex_areas(found.cortex.white.verts, found.cortex.faces)
+        own = geometry.vertex_areas(found.cortex.white.verts, found.cortex.faces)
         np.testing.assert_allclose(np.nan_to_num(found.maps["area"]), own, atol=1e-12)
         np.testing.assert_array_equal(found.cortex.inflated.faces, found.cortex.faces)

@@ -4,10 +4,10 @@ import pytest
 from skfem import MeshTet
 
 from morphofold.shapes import icosphere
-from morphofold.sim.meshes import tetmesh
-from morphofold.sim.meshes.descent import _find, descend
-from morphofold.sim.meshes.meshfile import bilayer_from_file
-from morphofold.sim.meshes.tetmesh import read_tets
+from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh.from_file import bilayer_from_file
+from morphofold.sim.mesh.streamlines import _find, descend
+from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 
 R, HOLE, T = 50.0, 25.0, 6.0

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from morphofold.analysis._mesh import edges
-from morphofold.analysis.net import Arc, Net, Node, borders, moved, resampled, smoothed
-from morphofold.ridges import irregular_net, regular_net
+from morphofold.analysis.graph.net import Arc, Net, Node, borders, moved, resampled, smoothed
+from morphofold.geometry import edges
 from morphofold.shapes import cylinder, icosphere
+from morphofold.shapes.ridges import irregular_net, regular_net
 
 
 def made(*lines):

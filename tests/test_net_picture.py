@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.report.colours import BARE
-from morphofold.report.net_picture import ARMS, CREST, DOUBT, LEGEND, net_figure, net_row
-from morphofold.ridges import regular_net, ridged_net
+from morphofold.report.pictures.net import ARMS, CREST, DOUBT, LEGEND, net_figure, net_row
 from morphofold.shapes import sphere
+from morphofold.shapes.ridges import regular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
 

@@ -4,14 +4,14 @@ import numba
 import numpy as np
 import pytest
 
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.notch import Notch
-from morphofold.sim.geometry import build_body
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.speed import cut_bricks
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.scene.files import load_scene
 from morphofold.sim.theory import BIOT, CREASE
+from morphofold.studies.speed.solver import cut_bricks
 
 CREASES, WAVES = CREASE ** (1 / 3), BIOT ** (1 / 3)     # growth at which a held block can crease, and can't be smooth
 SPHERE = bilayer_sphere(50.0, 3.0, 25.0, "octant", 16)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from morphofold.sim import onset, statics, theory
-from morphofold.sim.onset import _late, _least
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim import theory
+from morphofold.sim.equilibrium import statics
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies import onset
+from morphofold.studies.onset import _late, _least
 
 COARSE = ("geometry.length=22.0", "accuracy.edge=1.25", "accuracy.elements_through_cortex=2")
 FINE = ("geometry.length=22.0", "accuracy.edge=0.8", "accuracy.elements_through_cortex=3")

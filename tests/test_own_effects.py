@@ -12,9 +12,9 @@ from morphofold.cli import main
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import PHASES, Effect
 from morphofold.sim.effects.core_growth import build
+from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.volume import read_volume
+from morphofold.sim.scene.files import load_scene
 
 TINY = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]"]
 OFTEN = [*TINY, "output.checkpoint_minutes=1e-6"]

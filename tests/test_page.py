@@ -14,8 +14,9 @@ from made_surfaces import area
 from matplotlib.image import imread
 
 from morphofold.comparison import compare
-from morphofold.report import page, plots
-from morphofold.report.page import analysis_report
+from morphofold.report.pages import page
+from morphofold.report.pages.page import analysis_report
+from morphofold.report.plots import svg
 
 NASTY = '<script>alert("x")</script>&"\''
 
@@ -115,9 +116,9 @@ def config(text):
 def drawn(monkeypatch, tmp_path, plain_pictures):
     """Write a comparison or analysis page; its text, the rows of its pictures and the series of its charts."""
     rows, series = [], []
-    histograms, blank = plots.histograms, np.full((4, 4, 3), 255, np.uint8)
+    histograms, blank = svg.histograms, np.full((4, 4, 3), 255, np.uint8)
     monkeypatch.setattr(page, "figure", lambda r, *a, **k: (rows.extend(r), blank)[1])
-    monkeypatch.setattr(plots, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
+    monkeypatch.setattr(svg, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
 
     def draw(what):
         path = tmp_path / "report.html"
@@ -143,12 +144,12 @@ def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
     del several["b"].maps["sulcal_depth"]
     text, _, series = drawn(several)
     assert [[(s[0], s[4]) for s in chart] for chart in series] == [
-        *[[("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])]] * 3,
-        [("a", plots.DASHES[0]), ("c", plots.DASHES[2])],
-        [("a", plots.DASHES[0]), ("b", plots.DASHES[1]), ("c", plots.DASHES[2])],        # gyral over cortical thickness
+        *[[("a", svg.DASHES[0]), ("b", svg.DASHES[1]), ("c", svg.DASHES[2])]] * 3,
+        [("a", svg.DASHES[0]), ("c", svg.DASHES[2])],
+        [("a", svg.DASHES[0]), ("b", svg.DASHES[1]), ("c", svg.DASHES[2])],        # gyral over cortical thickness
     ]
     keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
-    assert keys == [*plots.DASHES[:3]] * 2                                 # in the legends of fits and of curves
+    assert keys == [*svg.DASHES[:3]] * 2                                 # in the legends of fits and of curves
 
 
 def test_the_page_of_one_surface_speaks_of_one_surface(drawn):

@@ -9,11 +9,9 @@ from made_measures import made_measures
 from made_simulations import MadeRuns, made_simulation
 
 from morphofold.analysis import hinges, measure
-from morphofold.analysis.speed import folded_ball
 from morphofold.comparison.hinges import compare_hinges, examples
-from morphofold.report import hinge_pictures, paper_compare, paper_folds, thickness_plots
-from morphofold.report.figures import draw
-from morphofold.report.hinge_pictures import (
+from morphofold.report.pictures import hinges as hinge_pictures
+from morphofold.report.pictures.hinges import (
     NOTHING,
     PANEL,
     REACH,
@@ -24,9 +22,12 @@ from morphofold.report.hinge_pictures import (
     in_sight,
     pair_of,
 )
-from morphofold.report.markdown import read_rows
-from morphofold.report.paper_parts import WORDS
-from morphofold.sim.scene_file import load_scene
+from morphofold.report.pictures.surfaces import draw
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.markdown import read_rows
+from morphofold.studies.paper import compare, folds, thickness_plots
+from morphofold.studies.paper.parts import WORDS
+from morphofold.studies.speed.measures import folded_ball
 from morphofold.surface import Regions
 
 
@@ -50,7 +51,7 @@ def test_lines_are_those_of_points_on_lines():
         m = made_measures()
         m.scalars.update(mean_cortical_thickness_mm=t, median_gyral_thickness_mm=2.5 * t)
         models[f"T = {t:g}"] = m
-    rows = {(r["surface"], r["points"]): r for r in paper_compare.fit_rows(models, {"avg": brain}, {"S": person})}
+    rows = {(r["surface"], r["points"]): r for r in compare.fit_rows(models, {"avg": brain}, {"S": person})}
     own, file = (rows["avg", f"regions, thickness of its {of}"] for of in ("surfaces", "file"))
     assert (own["slope"], own["intercept_mm"], own["r"], own["n"]) == pytest.approx((3, 1, 1, 3))
     assert (file["slope"], file["intercept_mm"]) == pytest.approx((1.5, 1))
@@ -112,7 +113,7 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
     behind = replace(surface, verts=verts, faces=np.concatenate([surface.faces, [[n, n + 1, n + 2]]]))
     rgb = np.concatenate([patch.rgb, np.full((3, 3), 9, dtype=np.uint8)])
     assert in_sight(replace(patch, surface=behind, rgb=rgb)) < 0.3
-    shapes = paper_compare.hinge_shapes(ball)
+    shapes = compare.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert len(clear_examples(found.matches, {"a": ball, "b": ball})) == 6
     assert clear_examples(found.matches, {"a": ball, "b": replace(ball, graph=None)}) == {}
@@ -121,7 +122,7 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
 
 
 def test_pairs_are_drawn_in_columns(ball):
-    shapes = paper_compare.hinge_shapes(ball)
+    shapes = compare.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
@@ -136,7 +137,7 @@ def test_pairs_are_drawn_in_columns(ball):
 def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     """Beside and under the panels, whatever the names of groups and surfaces."""
     one, other = f"{group} lh", "W" * 60 + " rh" if others.startswith("M") else "B"
-    shapes = paper_compare.hinge_shapes(ball)
+    shapes = compare.hinge_shapes(ball)
     (found,) = compare_hinges({one: shapes, other: shapes}, {group: [one], others: [other]})
     match = replace(examples(found.matches)[0], pose=3)
     patches = pair_of(match, {one: ball, other: ball})
@@ -170,7 +171,7 @@ def test_a_caption_leaves_out_what_its_row_says():
 @pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 2.0))
+    monkeypatch.setattr(folds, "STAGES", (1.0, 2.0))
     grown, asked = {}, []
 
     def grow(name, scene, settings):
@@ -178,15 +179,15 @@ def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
 
     runs = MadeRuns(grow)
     runs.measure = lambda name, cortex: asked.append(name) or ball
-    eight = paper_compare.reproduce_fig8(tmp_path, runs)
-    nine = paper_compare.reproduce_fig9(tmp_path, runs)
+    eight = compare.reproduce_fig8(tmp_path, runs)
+    nine = compare.reproduce_fig9(tmp_path, runs)
     for entry in (eight, nine):
         assert all((tmp_path / file).stat().st_size > 50 for file in entry["files"])
         assert len(entry["simulations"]) == 3
     assert {"T = 1 mm", "T = 2 mm", "T = 3 mm", "S1 lh", "fsaverage5 lh", "fsaverage5 rh"} == set(asked)
     with (tmp_path / "fig9.tsv").open() as file:
         matches = list(csv.DictReader(file, delimiter="\t"))
-    assert len(matches) == 3 * len(paper_compare.hinge_shapes(ball))
+    assert len(matches) == 3 * len(compare.hinge_shapes(ball))
     assert all(float(row["distance"]) < 1e-6 and row["hinge"] == row["other"] for row in matches)
     rows = {name: read_rows(tmp_path / f"fig9-{name}.tsv", WORDS) for name in ("surfaces", "numbers", "nearest")}
     assert {row["per_width_squared"] for row in rows["surfaces"]} == {rows["surfaces"][0]["per_width_squared"]}

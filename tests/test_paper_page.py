@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from morphofold.report import fold_tables, paper_page, paper_parts
-from morphofold.report.paper_folds import FIG5, FIG6, FIG7
-from morphofold.report.png import png_bytes
+from morphofold.report.pictures.png import png_bytes
 from morphofold.sim import theory
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.folds import tables
+from morphofold.studies.paper import page as paper_page
+from morphofold.studies.paper import parts
+from morphofold.studies.paper.folds import FIG5, FIG6, FIG7
 from morphofold.tables import write_table
 
 PAGE = Path(__file__).parent.parent / "docs" / "figures.md"
@@ -19,7 +21,7 @@ TOLD = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, "steps
 
 def fold(scene, g, T=2.0, **more):
     """A row of a table of folds whose wavelength is 9 T, and at g = 2 10 T + 1 mm."""
-    numbers = dict.fromkeys(fold_tables.COLUMNS, 1.0)
+    numbers = dict.fromkeys(tables.COLUMNS, 1.0)
     wavelength = 10 * T + 1 if g == 2 else 9 * T
     return {"scene": scene, "level": "draft", "growth": g, "thickness_mm": T, **numbers, "wavelength_mm": wavelength,
             "theory_wavelength_mm": 8 * T, "note": None, **more}  # fmt: skip
@@ -134,14 +136,14 @@ def test_a_page_without_marks_is_refused_and_stays_as_it_was(out, page, broken):
 
 def test_the_page_of_the_docs_has_a_place_for_every_figure():
     text = PAGE.read_text(encoding="utf-8")
-    for name in set(paper_parts.PARTS) - {"fig4"}:
+    for name in set(parts.PARTS) - {"fig4"}:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
         assert any(PAGE.parent.glob(f"{name}*.png"))                    # test_docs.py follows each link
 
 
 def test_the_tables_of_the_docs_have_the_columns_of_the_code():
     text = PAGE.read_text(encoding="utf-8")
-    heads = f"| {' | '.join(paper_parts.FOLDS)} |"
+    heads = f"| {' | '.join(parts.FOLDS)} |"
     assert heads in text
     assert text.count(heads[2:]) == 3
 
@@ -155,7 +157,7 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
     crease = theory.critical_growth(50 / 48)
     assert f"which are at {g[1]:.3f}; Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
     waves = [b.wavelength * 50 / T for b, T in zip(found, (1, 2, 3))]
-    assert f"gives {fold_tables.film_wavelength(1, 2):.1f} T" in text
+    assert f"gives {tables.film_wavelength(1, 2):.1f} T" in text
     assert f"gives {min(waves):.1f} to {max(waves):.1f} T" in text
 
 

@@ -6,10 +6,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from morphofold.report.paper_folds import FIG7
-from morphofold.report.paper_report import duration, write_paper_report
-from morphofold.report.paper_verdicts import UNFOLDED, VERDICTS
-from morphofold.report.png import png_bytes
+from morphofold.report.pictures.png import png_bytes
+from morphofold.studies.paper.folds import FIG7
+from morphofold.studies.paper.report import duration, write_paper_report
+from morphofold.studies.paper.verdicts import UNFOLDED, VERDICTS
 from morphofold.tables import write_table
 
 SCENES = {1.0: "fig7-ratio1", 2.0: "fig5", 4.0: "fig7-ratio4"}

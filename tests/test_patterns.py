@@ -9,8 +9,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from morphofold.analysis import measure
-from morphofold.analysis.gyri import gyral_graph
-from morphofold.analysis.patterns import (
+from morphofold.analysis.graph.gyral_graph import gyral_graph
+from morphofold.analysis.graph.hinge_shapes import (
     OF_A_NET,
     HingeShapes,
     hinge_shapes,
@@ -18,8 +18,8 @@ from morphofold.analysis.patterns import (
     shape_distance,
     two_sample,
 )
-from morphofold.ridges import irregular_net, ridged_net
 from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
 

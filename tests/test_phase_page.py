@@ -11,8 +11,8 @@ from morphofold.cohort.grid import make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, Found, Phases, Theory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
-from morphofold.report.phase_page import _drawn, _mosaic, missing, phase_report, section, theory_words, verdict
-from morphofold.report.phase_plots import (
+from morphofold.report.pages.phase_page import _drawn, _mosaic, missing, phase_report, section, theory_words, verdict
+from morphofold.report.plots.phase_plots import (
     FLAT,
     SHOWN,
     WAVELENGTH,

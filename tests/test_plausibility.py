@@ -8,8 +8,9 @@ import pytest
 from commands import refused
 
 from morphofold import shapes
-from morphofold.analysis import checks, faults, measure, plausibility
-from morphofold.analysis.checks import check_pair, cortex_mask
+from morphofold.analysis import measure
+from morphofold.analysis.mesh_quality import checks, defects, plausibility
+from morphofold.analysis.mesh_quality.checks import check_pair, cortex_mask
 from morphofold.io import read_cortex, sample_path, write_surface
 from morphofold.surface import Cortex, Surface
 
@@ -31,7 +32,7 @@ def moved(cortex, place, which=("white", "pial")):
 
 
 def told(cortex):
-    return OWN & (plausibility.remarks(cortex).keys() | faults.remarks(cortex, cortex_mask(cortex)).keys())
+    return OWN & (plausibility.remarks(cortex).keys() | defects.remarks(cortex, cortex_mask(cortex)).keys())
 
 
 def turned(degrees):

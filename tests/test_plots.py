@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from morphofold.analysis.scaling import shape_terms
+from morphofold.analysis.gyrification.scaling import shape_terms
 from morphofold.comparison import Point, fit_line
-from morphofold.report import plots
+from morphofold.report.plots import svg as plots
 
 
 def test_ticks_are_round_and_inside():

@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
-from morphofold.report.png import lettering, png_bytes
+from morphofold.report.pictures.png import lettering, png_bytes
 
 
 def decode_png(data):

@@ -11,8 +11,8 @@ from numpy.polynomial import Legendre, Polynomial
 
 from morphofold.sim.growth import LAWS
 from morphofold.sim.material import energy
-from morphofold.sim.smooth import radial_statics
-from morphofold.sim.smooth.radial_statics import (
+from morphofold.sim.sphere_theory import finite_elements
+from morphofold.sim.sphere_theory.finite_elements import (
     ConvergenceError,
     critical_growth_of_degree,
     radial_equilibrium,
@@ -29,7 +29,7 @@ def observed_order(h, error):
 
 def sphere(law="isotropic", kappa_ratio=INF, l=3, *, g=(1.3, 1.1), mu_ratio=2.0, T=0.2, A=0.4, elements=2, order=3):
     """A coarse body, its radial equilibrium and its growth."""
-    body = radial_statics._Sphere(T, mu_ratio, law, kappa_ratio, A, l, elements, order, 1.0)
+    body = finite_elements._Sphere(T, mu_ratio, law, kappa_ratio, A, l, elements, order, 1.0)
     return body, body.grow(g), g
 
 
@@ -346,6 +346,6 @@ def test_a_path_without_end_says_how_far_it_was_followed(monkeypatch):
             raise FloatingPointError("no")
         return x
 
-    monkeypatch.setattr(radial_statics._Sphere, "newton", newton)
+    monkeypatch.setattr(finite_elements._Sphere, "newton", newton)
     with pytest.raises(ConvergenceError, match=r"no radial equilibrium found beyond g = 1\.24\d*, g_core = 1: no"):
         radial_equilibrium(2.0, 0.04)

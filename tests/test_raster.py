@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.report import raster
+from morphofold.report.pictures import raster
 from morphofold.shapes import icosphere
 
 

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from morphofold.records import changed_since, input_records, sha256_of, shown, strict_json
+from morphofold.provenance import changed_since, input_records, sha256_of, shown, strict_json
 from morphofold.tables import cell
 
 

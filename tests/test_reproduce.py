@@ -6,9 +6,10 @@ import pytest
 from made_simulations import harmonic, made_simulation, settle
 
 from morphofold.cli import main
-from morphofold.report import paper, paper_folds, paper_theory
-from morphofold.sim.folder import Simulation
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.output.folder import Simulation
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies import paper
+from morphofold.studies.paper import folds, theory
 
 
 @pytest.fixture
@@ -16,10 +17,10 @@ def here(tmp_path, monkeypatch):
     """An empty working directory, and figures of few stages."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
-    monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 2.0),))
-    monkeypatch.setattr(paper_theory, "RADIAL", dict.fromkeys(paper_theory.RADIAL, (2.0,)))
-    monkeypatch.setattr(paper_theory, "SOLID", (1.0, 1.3))
+    monkeypatch.setattr(folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(folds, "FIG5", ((1.5, 2.0),))
+    monkeypatch.setattr(theory, "RADIAL", dict.fromkeys(theory.RADIAL, (2.0,)))
+    monkeypatch.setattr(theory, "SOLID", (1.0, 1.3))
     return tmp_path
 
 

@@ -10,12 +10,12 @@ from made_simulations import Stop
 
 import morphofold as mf
 from morphofold.cli import main
-from morphofold.forecasts.twin import estimate_error
-from morphofold.records import sha256_of
+from morphofold.forecast.richardson import estimate_error
+from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
-from morphofold.sim.folder_check import scene_digest
+from morphofold.sim.output.folder_check import scene_digest
+from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
-from morphofold.sim.volume import read_volume
 
 TINY = [
     "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.15", "output.stages=[1.1]",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.ridges import SOLIDS, irregular_net, regular_net, ridged_net
+from morphofold.shapes.ridges import SOLIDS, irregular_net, regular_net, ridged_net
 
 DEGREE = {"tetrahedron": 3, "cube": 3, "octahedron": 4, "icosahedron": 5, "dodecahedron": 3}
 

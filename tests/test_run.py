@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import morphofold as mf
-from morphofold.clock import peak_memory
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLOW
-from morphofold.sim.folder_check import as_bytes, as_lines
-from morphofold.sim.geometry import build_body
+from morphofold.sim.output.folder_check import as_bytes, as_lines
 from morphofold.sim.run import simulate
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene.files import load_scene
+from morphofold.timing import peak_memory
 
 SMALL = [
     "geometry.portion=octant", "accuracy.edge=6.55", "growth.final=1.6", "growth.rate=4",

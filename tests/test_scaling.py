@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.analysis.scaling import shape_terms, shape_terms_of
+from morphofold.analysis.gyrification.scaling import shape_terms, shape_terms_of
 
 
 def test_a_family_that_obeys_the_law_has_one_k():

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from morphofold.report import scene_page
 from morphofold.sim.scene import EFFECTS_OF, LEVELS, SHAPES, Effects, Scene
-from morphofold.sim.scene_file import load_scene, scene_names, to_toml, toml_value
+from morphofold.sim.scene.files import load_scene, scene_names, to_toml, toml_value
+from morphofold.studies.pages import scenes
 
 GOOD = """
 name = "mine"
@@ -262,7 +262,7 @@ def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
     tables = {f"[{name}]" for name in Scene.model_fields} - {"[name]", "[title]", "[geometry]", "[effects]"}
     shapes = {f'[geometry] with shape = "{shape}"' for shape in SHAPES}
     assert {*effects, *tables, *shapes} <= set(sections)
-    for heading, model in scene_page.TABLES.items():
+    for heading, model in scenes.TABLES.items():
         found = re.findall(r"^\| `(\w+)` \| .* \| (\S.*) \| (\S.*) \|$", sections[heading], re.M)
         rows = {row[0]: row for row in found}
         keys = {"name", "title"} if model is Scene else set(model.model_fields)
@@ -285,11 +285,11 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
         assert {name for name, said in zip(Effects.model_fields, row) if said == "yes"} == set(takes)
     copy = tmp_path / "scenes.md"
     copy.write_text(PAGE.read_text("utf-8"), "utf-8")
-    scene_page.write(copy)
+    scenes.write(copy)
     assert copy.read_text("utf-8") == PAGE.read_text("utf-8")
     copy.write_text("# Scenes")
     with pytest.raises(ValueError, match="lacks <!-- tables from here"):
-        scene_page.write(copy)
+        scenes.write(copy)
 
 
 @in_a_checkout

@@ -2,9 +2,9 @@
 
 import pytest
 
-from morphofold.analysis.sensitivity import OF_THE_ALTITUDE, OF_THE_NET, hinge_sensitivity
-from morphofold.ridges import regular_net, ridged_net
+from morphofold.analysis.graph.sensitivity import OF_THE_ALTITUDE, OF_THE_NET, hinge_sensitivity
 from morphofold.shapes import sphere
+from morphofold.shapes.ridges import regular_net, ridged_net
 from morphofold.surface import Surface
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from reference import vertex_areas as reference_areas
 
-from morphofold import shapes
-from morphofold.analysis import _mesh
-from morphofold.analysis._mesh import (
+from morphofold import geometry, shapes
+from morphofold.geometry import (
     adjacency,
     components,
     cotangent_laplacian,
@@ -165,9 +164,9 @@ def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_li
     assert edges(fixed.faces) is edges(fixed.faces)
     np.testing.assert_array_equal(edges(fixed.faces), before)
     key = id(fixed.faces)
-    assert key in _mesh._KEPT
+    assert key in geometry._KEPT
     del fixed
-    assert key not in _mesh._KEPT
+    assert key not in geometry._KEPT
 
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():

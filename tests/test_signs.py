@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_signs import displaced, rational_sign
 
-from morphofold.crossings.signs import plane_sign, side
+from morphofold.intersections.signs import plane_sign, side
 
 
 def nearly_flat(rng, weight):

@@ -4,8 +4,8 @@ import pytest
 from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
 from morphofold.sim.health import enclosed_volume, overlap
-from morphofold.sim.meshes.bilayer import PLANES, bilayer_sphere
-from morphofold.sim.surfaces import smooth_diagonals, whole_surfaces
+from morphofold.sim.mesh.bilayer import PLANES, bilayer_sphere
+from morphofold.sim.output.surfaces import smooth_diagonals, whole_surfaces
 from morphofold.surface import Surface
 
 #: the triangles of a quad, cut from corner 0 to 2 and from 1 to 3

@@ -8,8 +8,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
-from morphofold.analysis import _mesh
-from morphofold.analysis.smooth import COT_CLIP, DETOUR, edge_graph, implicit_smoothing, relief, windowed_range
+from morphofold import geometry
+from morphofold.analysis.relief import COT_CLIP, DETOUR, edge_graph, implicit_smoothing, relief, windowed_range
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 
@@ -24,8 +24,8 @@ def test_a_smoothed_sphere_shrinks_by_the_factor_of_the_heat_equation():
 def test_smoothing_solves_its_equation_on_an_irregular_noisy_mesh(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
     verts = verts + rng.normal(0, 0.5, verts.shape)
-    mass = sparse.diags_array(_mesh.vertex_areas(verts, faces))
-    matrix = (mass + 7.0**2 * _mesh.cotangent_laplacian(verts, faces, clip=COT_CLIP)).tocsc()
+    mass = sparse.diags_array(geometry.vertex_areas(verts, faces))
+    matrix = (mass + 7.0**2 * geometry.cotangent_laplacian(verts, faces, clip=COT_CLIP)).tocsc()
     want = spsolve(matrix, mass @ verts)
     np.testing.assert_allclose(implicit_smoothing(verts, faces, 7.0, rounds=1, rtol=1e-11), want, atol=1e-6)
     loose = implicit_smoothing(verts, faces, 7.0, rounds=1)

@@ -6,8 +6,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from morphofold.analysis._mesh import cotangent_laplacian, vertex_areas
-from morphofold.analysis.solver import solve
+from morphofold.analysis.conjugate_gradients import solve
+from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.shapes import irregular_sphere
 
 

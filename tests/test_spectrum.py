@@ -5,7 +5,7 @@ import pytest
 import reference
 
 from morphofold import analysis
-from morphofold.analysis import spectrum
+from morphofold.analysis.gyrification import spectrum
 from morphofold.shapes import icosphere
 
 

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 
 from morphofold.cli import main
-from morphofold.report import speed_page
-from morphofold.report.speed_page import whole_run, write_page
-from morphofold.sim import speed
 from morphofold.sim.effects import build_effects
-from morphofold.sim.folder import FolderWriter
-from morphofold.sim.meshes.bilayer import bilayer_sphere
+from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene import Effects
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.speed import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.speed import page as speed_page
+from morphofold.studies.speed import solver
+from morphofold.studies.speed.page import whole_run, write_page
+from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
 
 PAGE = """# How fast
 
@@ -117,7 +117,7 @@ def test_the_quoted_speeds_and_times_per_step_agree_on_the_tetrahedra_of_their_s
 
 
 def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, monkeypatch):
-    monkeypatch.setattr(speed, "SIZES", {"brick": (4,), "tet": (4,)})
+    monkeypatch.setattr(solver, "SIZES", {"brick": (4,), "tet": (4,)})
     assert main(["bench", "speed", "--seconds", "0.001", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {row["element"] for row in rows} == {"brick", "tet"}                         # and nothing that is quoted
@@ -128,15 +128,15 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
     assert all(peer.design not in measured and f"{peer.ms:>10} {peer.millions:>20}" in quoted for peer in PEERS)
 
 
-@pytest.mark.parametrize("name", speed.EFFECTS)
+@pytest.mark.parametrize("name", solver.EFFECTS)
 def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
-    scene = speed.effect_scene([name])
+    scene = solver.effect_scene([name])
     assert scene.effects.named == (name,)
     assert name in {effect.name for effect in build_effects(scene)}             # and is not refused
 
 
 def test_every_effect_that_a_scene_can_name_is_timed():
-    assert set(speed.EFFECTS) == set(Effects.model_fields)
+    assert set(solver.EFFECTS) == set(Effects.model_fields)
 
 
 # the page ---------------------------------------------------------------------------------------------------

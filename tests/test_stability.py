@@ -9,8 +9,8 @@ from scipy.special import sph_harm_y
 
 from morphofold.sim import theory
 from morphofold.sim.material import energy
-from morphofold.sim.smooth import impedance, radial, radial_statics, stability
-from morphofold.sim.smooth.radial import Sphere, smooth_state
+from morphofold.sim.sphere_theory import finite_elements, impedance, smooth_sphere, wrinkling
+from morphofold.sim.sphere_theory.smooth_sphere import Sphere, smooth_state
 
 LAWS = ("isotropic", "tangential")
 
@@ -29,17 +29,17 @@ LAWS = ("isotropic", "tangential")
 )
 def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, law, kappa_ratio):
     sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
-    marched = stability.critical_growth_of_degree(sphere, degree)
-    elements = radial_statics.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
+    marched = wrinkling.critical_growth_of_degree(sphere, degree)
+    elements = finite_elements.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
     assert marched == pytest.approx(elements, rel=1e-8)             # asked: 1e-6
 
 
 @pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
 def test_both_routes_agree_for_other_holes(A_over_C, degree):
-    marched = stability.critical_growth_of_degree(Sphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
-    elements = radial_statics.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
+    marched = wrinkling.critical_growth_of_degree(Sphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
+    elements = finite_elements.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
     assert marched == pytest.approx(elements, rel=1e-8)
-    assert marched != pytest.approx(stability.critical_growth_of_degree(Sphere(0.04, 2.0), degree), rel=1e-6)
+    assert marched != pytest.approx(wrinkling.critical_growth_of_degree(Sphere(0.04, 2.0), degree), rel=1e-6)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -55,8 +55,8 @@ def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, 
     assert found.g_crit < float(theory.critical_growth(1 / (1 - T_over_C), law)) - 0.03
     near = (1, *range(int(found.mode) - 1, int(found.mode) + 2), 3 * int(found.mode))
     below, above = 1 + (found.g_crit - 1) * 0.9999, 1 + (found.g_crit - 1) * 1.0001
-    assert all(radial_statics.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
-    assert radial_statics.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
+    assert all(finite_elements.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
+    assert finite_elements.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
     for law, (T_over_C, mu_ratio) in itertools.product(LAWS, [(1 / 50, 1), (3 / 50, 4), (0.3, 1)]):
         found = theory.bifurcation(T_over_C, mu_ratio, law)
         for degree in (1, 2, 5, 20, 80):
-            assert radial_statics.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
+            assert finite_elements.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
 
 
 @pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(1 / 50, 1.0), (3 / 50, 4.0)])
@@ -72,7 +72,7 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = radial_statics._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = finite_elements._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     x = body.grow((found.g_crit, 1.0))
     values, vectors = np.linalg.eigh(body.second_variation(x, (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
@@ -105,7 +105,7 @@ def test_crease_growth_of_a_bifurcation_is_the_papers_if_incompressible(law):
 
 def test_crease_growth_of_a_compressible_cortex_is_where_its_surface_has_the_critical_ratio():
     found = theory.bifurcation(0.04, 1.0, kappa_ratio=20.0)
-    state = radial_statics.radial_equilibrium(found.g_crease, 0.04, kappa_ratio=20.0, elements=8).at(1.0, "cortex")
+    state = finite_elements.radial_equilibrium(found.g_crease, 0.04, kappa_ratio=20.0, elements=8).at(1.0, "cortex")
     lambda_t = state.r[0] / found.g_crease
     assert state.J[0] / lambda_t**3 == pytest.approx(theory.CREASE, rel=1e-8)
 
@@ -115,7 +115,7 @@ def test_wrinkles_of_the_interface_leave_the_surface_smooth(T_over_C, mu_ratio):
     """The finite-element mode moves the interface and hardly the surface, so there is no creasing amplitude."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = radial_statics._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = finite_elements._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     values, vectors = np.linalg.eigh(body.second_variation(body.grow((found.g_crit, 1.0)), (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
 
@@ -138,7 +138,7 @@ def searched(curve, limit, last):
         asked.append(degree)
         return curve(degree)
 
-    return stability._search(look, limit, last), asked
+    return wrinkling._search(look, limit, last), asked
 
 
 def test_a_minimum_beyond_the_first_degrees_is_found():
@@ -237,7 +237,7 @@ def test_the_linear_equations_have_hamiltons_form(rng):
 def test_nearly_incompressible_state_is_that_of_finite_elements(law, T_over_C, g, kappa_ratio):
     sphere = Sphere(T_over_C, 3.0, law, kappa_ratio)
     fields = smooth_state(sphere, g).fields
-    state = radial_statics.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio)
+    state = finite_elements.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio)
     for layer, (name, R) in enumerate((("core", sphere.B), ("cortex", 1.0))):
         outer = state.at(R, name)
         lr, lt, h1, _, r, _ = fields[layer, :, -1]
@@ -254,13 +254,13 @@ def test_stress_in_closed_form_is_the_limit_of_finite_elements_at_rate_one_over_
     closed = theory.stresses(g, 1 - T, 1.0, law, mu_cortex=2.0, n=7)
     error = []
     for kappa_ratio in (1e3, 1e4, 1e5):
-        s = radial_statics.radial_equilibrium(g, T, 2.0, law, kappa_ratio, elements=8).at(R, "cortex")
+        s = finite_elements.radial_equilibrium(g, T, 2.0, law, kappa_ratio, elements=8).at(R, "cortex")
         error.append(max(np.abs(s.sigma_r - closed.sigma_r).max(), np.abs(s.sigma_theta - closed.sigma_theta).max()))
         assert np.abs(s.r - closed.r).max() < 2 * g / kappa_ratio
     rate = np.polyfit([3, 4, 5], np.log10(error), 1)[0]
     assert rate == pytest.approx(-1, abs=0.02)
     assert error[-1] < 1e-3
-    exact = radial_statics.radial_equilibrium(g, T, 2.0, law, elements=8).at(R, "cortex")
+    exact = finite_elements.radial_equilibrium(g, T, 2.0, law, elements=8).at(R, "cortex")
     np.testing.assert_allclose(exact.sigma_r, closed.sigma_r, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(exact.sigma_theta, closed.sigma_theta, rtol=1e-9)
 
@@ -269,7 +269,7 @@ def test_stress_in_closed_form_is_the_limit_of_finite_elements_at_rate_one_over_
 @pytest.mark.parametrize("g_core", [0.9, 1.2])
 def test_stress_in_a_growing_core_is_that_of_finite_elements(law, g_core):
     g, T, A = 1.5, 0.1, 0.4
-    state = radial_statics.radial_equilibrium(g, T, 2.0, law, A_over_C=A, g_core=g_core, elements=16)
+    state = finite_elements.radial_equilibrium(g, T, 2.0, law, A_over_C=A, g_core=g_core, elements=16)
     for part, ends in (("core", (A, 1 - T)), ("cortex", (1 - T, 1.0))):
         s = theory.stresses(g, 1 - T, 1.0, law, mu_cortex=2.0, n=6, part=part, A=A, g_core=g_core)
         fe = state.at(np.linspace(*ends, 6), part)
@@ -293,12 +293,12 @@ def test_a_state_that_the_points_do_not_resolve_is_refused():
 
 def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones(monkeypatch):
     sphere, g, ways = Sphere(0.16, 38.0, "tangential", 2.3, 0.65), 2.3, []
-    newton = radial._newton
-    monkeypatch.setattr(radial, "_newton", lambda *given: ways.append(newton(*given)) or ways[-1])
+    newton = smooth_sphere._newton
+    monkeypatch.setattr(smooth_sphere, "_newton", lambda *given: ways.append(newton(*given)) or ways[-1])
     state = smooth_state(sphere, g)
     assert ways[0] is None                                      # straight from the incompressible state: no
-    other = radial_statics.radial_equilibrium(g, 0.16, 38.0, "tangential", 2.3, A_over_C=0.65, elements=16)
-    assert state.fields[1, radial.RADIUS, -1] == pytest.approx(other.at(1.0, "cortex").r[0], rel=1e-8)
+    other = finite_elements.radial_equilibrium(g, 0.16, 38.0, "tangential", 2.3, A_over_C=0.65, elements=16)
+    assert state.fields[1, smooth_sphere.RADIUS, -1] == pytest.approx(other.at(1.0, "cortex").r[0], rel=1e-8)
 
 
 def test_a_smooth_state_cannot_be_written_to():
@@ -316,7 +316,7 @@ def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
     biot = float(theory.critical_growth(1 / (1 - T_over_C), law, ratio=theory.BIOT))
     assert found.short_wave == pytest.approx(biot, rel=1e-10)
     sphere = Sphere(T_over_C, 1.0, law)
-    gap = [stability.critical_growth_of_degree(sphere, round(k / T_over_C)) - biot for k in (50, 100, 200)]
+    gap = [wrinkling.critical_growth_of_degree(sphere, round(k / T_over_C)) - biot for k in (50, 100, 200)]
     assert np.polyfit(np.log([50, 100, 200]), np.log(np.abs(gap)), 1)[0] == pytest.approx(-1, abs=0.1)
     assert abs(gap[-1]) < 0.01
 
@@ -330,7 +330,7 @@ def test_short_wave_limit_is_that_of_the_curve(T_over_C, mu_ratio, law, kappa_ra
     """g(l) = limit + a/l + O(1/l^2), marched at two high degrees; layers of unlike stiffness that can be compressed."""
     sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
     l = round(120 / T_over_C)
-    low, high = (stability.critical_growth_of_degree(sphere, degree) for degree in (l, 2 * l))
+    low, high = (wrinkling.critical_growth_of_degree(sphere, degree) for degree in (l, 2 * l))
     short_wave = theory.bifurcation(T_over_C, mu_ratio, law, kappa_ratio).short_wave
     assert short_wave == pytest.approx(2 * high - low, abs=1e-4)
 
@@ -389,7 +389,7 @@ def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
 def test_critical_mode_is_the_lowest_of_all_degrees():
     found = theory.bifurcation(0.06, 2.0)
     sphere = Sphere(0.06, 2.0)
-    every = [stability.critical_growth_of_degree(sphere, degree) for degree in range(1, 41)]
+    every = [wrinkling.critical_growth_of_degree(sphere, degree) for degree in range(1, 41)]
     assert found.mode == 1 + np.nanargmin(every)
     assert found.g_crit == pytest.approx(np.nanmin(every), rel=1e-12)
     both = dict(zip(*found.curve))
@@ -420,8 +420,8 @@ def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_
     short = [theory.bifurcation(T_over_C, 1.0, law).short_wave for T_over_C in (0.2, 0.3, 0.45)]
     np.testing.assert_allclose(short, short[0], rtol=1e-9)
     assert short[0] < theory.critical_growth(1 / 0.8, law, ratio=theory.BIOT) or law == "isotropic"
-    elements = radial_statics.critical_growth_of_degree(150, 0.2, 1.0, law)
-    assert stability.critical_growth_of_degree(Sphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
+    elements = finite_elements.critical_growth_of_degree(150, 0.2, 1.0, law)
+    assert wrinkling.critical_growth_of_degree(Sphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
     assert elements == pytest.approx(short[0], abs=0.02)
 
 
@@ -454,4 +454,4 @@ def test_bifurcation_refuses_what_is_no_sphere(arguments, said):
 
 def test_a_degree_below_one_is_refused():
     with pytest.raises(ValueError, match="at least 1, got 0"):
-        stability.critical_growth_of_degree(Sphere(0.04), 0)
+        wrinkling.critical_growth_of_degree(Sphere(0.04), 0)

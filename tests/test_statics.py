@@ -9,13 +9,14 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from test_tangent import make_body, split
 
-from morphofold.sim import statics, theory
+from morphofold.sim import theory
 from morphofold.sim.body import Body
-from morphofold.sim.meshes import bilayer as shapes
-from morphofold.sim.meshes.bilayer import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
-from morphofold.sim.tangent import Tangent, cauchy_stress
+from morphofold.sim.equilibrium import statics
+from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
+from morphofold.sim.mesh import bilayer as shapes
+from morphofold.sim.mesh.bilayer import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 
 def all_forces(body, x):

@@ -6,11 +6,11 @@ from made_bodies import beam, curvature, timoshenko
 from scipy.spatial.transform import Rotation
 
 from morphofold.sim.body import Body
-from morphofold.sim.geometry import build_body
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.speed import cut_bricks
-from morphofold.sim.statics import equilibrium
+from morphofold.sim.build import build_body
+from morphofold.sim.equilibrium.statics import equilibrium
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.speed.solver import cut_bricks
 
 
 def body_of(bilayer):
@@ -76,7 +76,7 @@ def test_growth_scales_the_filter_as_a_cell(body, rng):
 def test_a_zigzag_costs_what_it_did_without_the_projection(monkeypatch, rng):
     """On a regular grid the twice applied umbrella has no affine part: nothing of its strength is lost."""
     kept = body_of(bilayer_patch((12, 12), 4, 1, 1))
-    monkeypatch.setattr("morphofold.sim.surface_filter._affine_free", lambda stencils, p, cell: stencils)
+    monkeypatch.setattr("morphofold.sim.elements.surface_filter._affine_free", lambda stencils, p, cell: stencils)
     plain = body_of(bilayer_patch((12, 12), 4, 1, 1))
     x = shaken(kept, rng)
     assert kept.filter.energy(x) == pytest.approx(plain.filter.energy(x), rel=1e-9)

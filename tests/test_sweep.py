@@ -21,13 +21,13 @@ from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Theory, read_ru
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import Place, read_record, write_record
 from morphofold.io import read_surface
+from morphofold.io.locks import alone
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import radial_run, run, theory
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.folder_lock import alone
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth.radial import ConvergenceError
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.surface import Cortex, Surface
 
 SPHERE = """

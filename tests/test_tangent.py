@@ -7,9 +7,9 @@ import pytest
 from scipy import sparse
 
 from morphofold.sim.body import Body
-from morphofold.sim.dissection import Dissection, Factor
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.tangent import Tangent, cauchy_stress, stress_of_elements
+from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
+from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress, stress_of_elements
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
 
 KINDS = ("bricks", "tets")
 

@@ -13,9 +13,9 @@ from morphofold.sim.elements.blocks import from_lanes
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.growth import growth_tensor
-from morphofold.sim.meshes.bilayer import bilayer_sphere
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
-from morphofold.sim.speed import cut_bricks
+from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.speed.solver import cut_bricks
 
 LAWS = ("isotropic", "tangential")
 

@@ -8,13 +8,13 @@ import pytest
 from morphofold.cli import main
 from morphofold.cli import theory as command
 from morphofold.cli.progress import COMPILING
-from morphofold.report import theory_tables
-from morphofold.sim import statics, theory
-from morphofold.sim.geometry import build_bilayer
+from morphofold.sim import theory, theory_tables
+from morphofold.sim.build import build_bilayer
+from morphofold.sim.equilibrium import statics
 from morphofold.sim.growth import LAWS
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth import stability
-from morphofold.sim.smooth.radial import Sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory import wrinkling
+from morphofold.sim.sphere_theory.smooth_sphere import Sphere
 
 
 def asked(capsys, *words):
@@ -251,7 +251,7 @@ def test_every_question_can_be_drawn(here, capsys, words, start):
 def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
     (here / "old.png").write_bytes(b"old")
     full = OSError(28, "No space left")
-    monkeypatch.setattr("morphofold.report.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
+    monkeypatch.setattr("morphofold.report.plots.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
     said = refused(capsys, "theory", "radius", "--plot", "old.png")
     assert said.startswith("morphofold theory: old.png: No space left")             # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
@@ -266,7 +266,7 @@ def test_quiet_and_debug_count_on_either_side_of_the_question(capsys):
 
 
 def test_a_solver_that_finds_no_state_ends_with_1_and_its_own_words(capsys, monkeypatch):
-    from morphofold.sim.smooth.radial import ConvergenceError
+    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
     def lost(*_, **__):
         raise ConvergenceError("no smooth state found at g = 9")
@@ -303,7 +303,8 @@ def test_check_prints_the_same_growth_by_finite_elements(capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", [1.3, float("nan")])
 def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
-    monkeypatch.setattr("morphofold.sim.smooth.radial_statics.critical_growth_of_degree", lambda *_, **__: wrong)
+    route = "morphofold.sim.sphere_theory.finite_elements.critical_growth_of_degree"
+    monkeypatch.setattr(route, lambda *_, **__: wrong)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
     told = capsys.readouterr()
     assert "difference" in told.out
@@ -314,7 +315,7 @@ def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
 def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
     found = theory.bifurcation(0.04, 2.0)
     near = found.g_crit * (1 + 0.9e-6)
-    monkeypatch.setattr("morphofold.sim.smooth.radial_statics.critical_growth_of_degree", lambda *_, **__: near)
+    monkeypatch.setattr("morphofold.sim.sphere_theory.finite_elements.critical_growth_of_degree", lambda *_, **__: near)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
     assert capsys.readouterr().err == ""
 
@@ -365,7 +366,7 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
     exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
     assert found["quarter"] == (exact.g_crit, exact.mode, "")
     assert exact.mode == 11
-    g = [stability.critical_growth_of_degree(Sphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)]
+    g = [wrinkling.critical_growth_of_degree(Sphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)]
     assert found["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from morphofold.analysis import _mesh, cortical_thickness
-from morphofold.analysis.thickness import closest_in_triangle
+from morphofold import geometry
+from morphofold.analysis import cortical_thickness
+from morphofold.analysis.thickness.cortical import closest_in_triangle
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Surface
@@ -51,7 +52,7 @@ def sulcus(step=0.5):
 @pytest.mark.parametrize(("mode", "slack"), [("surface", 0.01), ("freesurfer", 0.05)])
 def test_thickness_never_jumps_across_a_sulcus(mode, slack):
     white, pial = sulcus()
-    normal = _mesh.vertex_normals(pial.verts, pial.faces)
+    normal = geometry.vertex_normals(pial.verts, pial.faces)
     thickness = cortical_thickness(white, pial, mode=mode, rings=40)
     middle = (pial.verts[:, 1] > 4) & (pial.verts[:, 1] < 8) & (pial.verts[:, 2] > 2.2) & (pial.verts[:, 2] < 9)
     left, right = middle & (pial.verts[:, 0] < -0.09), middle & (pial.verts[:, 0] > 0.09)
@@ -72,7 +73,7 @@ def test_each_direction_is_capped_before_averaging():
 
 def twin(white, pial, cap, search):
     """The definition, one vertex at a time; ``search(i, start, target)`` yields points (P, 3) with weights (P, N)."""
-    normals = _mesh.vertex_normals(pial.verts, pial.faces, "sine")
+    normals = geometry.vertex_normals(pial.verts, pial.faces, "sine")
     result = []
     for i, n in enumerate(normals):
         ways = []
@@ -88,7 +89,7 @@ def twin(white, pial, cap, search):
 def rough_shell(rng):
     verts, faces = irregular_sphere(2, rng=rng)
     layer = lambda radius: Surface(radius * verts + rng.normal(0, 1.0, verts.shape), faces)
-    return layer(10), layer(11.5), _mesh.adjacency(len(verts), faces).toarray()
+    return layer(10), layer(11.5), geometry.adjacency(len(verts), faces).toarray()
 
 
 def test_freesurfer_mode_matches_its_readable_twin(rng):
@@ -107,7 +108,7 @@ def test_surface_mode_matches_its_readable_twin(rng):
 
     def search(i, start, target):
         far = np.linalg.norm(target - start, axis=1)
-        within = far <= far[i] + _mesh.mean_edge_length(target, faces)
+        within = far <= far[i] + geometry.mean_edge_length(target, faces)
         flooded = np.arange(len(near)) == i
         while (grown := within & (flooded | near[flooded].any(axis=0))).sum() > flooded.sum():
             flooded = grown

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 import reference
 
-from morphofold.analysis import _mesh
+from morphofold import geometry
 from morphofold.shapes import icosphere, irregular_sphere
 
 
 def test_face_vectors_are_half_the_cross_products(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
-    np.testing.assert_array_equal(_mesh.face_vectors(verts, faces), reference.face_vectors(verts, faces))
+    np.testing.assert_array_equal(geometry.face_vectors(verts, faces), reference.face_vectors(verts, faces))
 
 
 @pytest.mark.parametrize("shift", [+1, -1])
 def test_a_face_with_a_vertex_that_is_not_there_is_refused(shift):
     verts, faces = icosphere(0)
     with pytest.raises(ValueError, match=r"faces name a vertex outside 0\.\.11"):
-        _mesh.vertex_areas(verts, faces + shift)
+        geometry.vertex_areas(verts, faces + shift)

@@ -9,20 +9,20 @@ from commands import refused
 from made_simulations import harmonic
 
 from morphofold import analysis
-from morphofold.accuracy.folds import distance
 from morphofold.cli import main
-from morphofold.forecasts import estimate_error
-from morphofold.forecasts import twin as twin_module
-from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import STUDIED, table
-from morphofold.forecasts.twin import ALIKE, Grown, between, coarser, estimate_beside, twins
-from morphofold.forecasts.words import called, percent
-from morphofold.report.costs import costs
+from morphofold.forecast import estimate_error
+from morphofold.forecast import richardson as twin_module
+from morphofold.forecast.richardson import ALIKE, Grown, between, coarser, estimate_beside, twins
+from morphofold.forecast.sizes import edge_by_rule
+from morphofold.forecast.table import STUDIED, table
+from morphofold.forecast.text import called, percent
+from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import NEAR, UnstableError
-from morphofold.sim.folder_check import is_temporary
+from morphofold.sim.output.folder_check import is_temporary
 from morphofold.sim.run import simulate
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.accuracy.folds import distance
 from morphofold.surface import Surface
 
 SMALL = ("geometry.portion=octant", "output.stages=[]", "output.volume=false", "accuracy.edge=6", "growth.final=1.05")

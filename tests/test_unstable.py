@@ -6,14 +6,14 @@ from scipy.linalg import eigh
 from test_contact import make_body, two_sheets
 
 from morphofold.sim.body import Body
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.enclosure import Enclosure
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.geometry import build_body
-from morphofold.sim.meshes.bilayer import bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.unstable import unstable_modes
+from morphofold.sim.equilibrium.unstable import unstable_modes
+from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.scene.files import load_scene
 
 
 def grown(scene, settings, g):

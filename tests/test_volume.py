@@ -10,9 +10,9 @@ import pyvista
 from made_simulations import Stop
 
 from morphofold.cli import main
-from morphofold.sim.folder_check import clear_run, files_of_run
+from morphofold.sim.output.folder_check import clear_run, files_of_run
+from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
-from morphofold.sim.volume import read_volume
 
 TINY = [
     "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1, 1.125]",

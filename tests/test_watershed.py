@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from morphofold.analysis._mesh import edges
-from morphofold.analysis.watershed import Watershed
+from morphofold.analysis.graph.watershed import Watershed
+from morphofold.geometry import edges
 from morphofold.shapes import icosphere
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from morphofold.analysis.ways import cheapest_path, shorten, way_graph
+from morphofold.analysis.geodesics import cheapest_path, shorten, way_graph
 from morphofold.shapes import icosphere
 
 

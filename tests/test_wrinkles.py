@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.geometry import build_body
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
+from morphofold.sim.scene.files import load_scene
 from morphofold.sim.theory import bifurcation
-from morphofold.sim.wrinkles import first_wrinkles, slow_growth
 
 LENGTH, T = 100.0, 2.0
 

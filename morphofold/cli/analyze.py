@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from morphofold.analysis import Measures
-    from morphofold.clock import Stages
     from morphofold.surface import Cortex
+    from morphofold.timing import Stages
 
 
 UNMEASURED = (ValueError, TypeError, OSError)   # of one hemisphere, after which the other is measured all the same
@@ -67,11 +67,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.analysis.faults import WARNINGS
+    from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
-    from morphofold.clock import Stages
-    from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
+    from morphofold.forecast.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
     from morphofold.results import (
         check_wide,
@@ -81,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
         write_dataset,
     )
     from morphofold.threads import set_threads
+    from morphofold.timing import Stages
 
     set_threads(args.threads)
     options = measuring_options(args)
@@ -202,10 +202,10 @@ def _said(value: float | None, form: str, unit: str = "") -> str:
 
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
     from morphofold.analysis.measures import scale_of_curvature
-    from morphofold.analysis.mending import measurable
-    from morphofold.forecasts import forecast_analysis
-    from morphofold.forecasts.words import table_of_analysis
-    from morphofold.records import strict_json
+    from morphofold.analysis.mesh_quality.repair import measurable
+    from morphofold.forecast import forecast_analysis
+    from morphofold.forecast.text import table_of_analysis
+    from morphofold.provenance import strict_json
 
     def checked(cortex: Cortex) -> Cortex:
         mended = measurable(cortex, repair=args.repair).cortex
@@ -240,10 +240,10 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
     """Analyses of all stages of a simulation, those that are there already left as they are."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
-    from morphofold.clock import Stages
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecast.analysis_cost import READING
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
+    from morphofold.timing import Stages
 
     others = (args.json, args.mgh, args.wide, args.dry_run)
     if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":

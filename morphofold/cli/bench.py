@@ -116,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
 def _folds(args: argparse.Namespace) -> int:
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
-    from morphofold.report.fold_page import text_tables
-    from morphofold.report.fold_study import Study, planned, run_study
+    from morphofold.studies.folds.page import text_tables
+    from morphofold.studies.folds.study import Study, planned, run_study
 
     study = Study(
         _listed("--scenes", args.scenes, str), _listed("--levels", args.levels, str),
@@ -142,12 +142,12 @@ def _folds(args: argparse.Namespace) -> int:
 
 
 def _accuracy(args: argparse.Namespace) -> int:
-    from morphofold.accuracy.study import HALVES, Kept, all_points, circumstances
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_folder
-    from morphofold.report.accuracy_page import text_answers
-    from morphofold.report.accuracy_report import write_study
+    from morphofold.studies.accuracy.page import text_answers
+    from morphofold.studies.accuracy.report import write_study
+    from morphofold.studies.accuracy.study import HALVES, Kept, all_points, circumstances
     from morphofold.threads import set_threads
 
     halves = _listed("--halves", args.halves, str)
@@ -172,10 +172,10 @@ def _accuracy(args: argparse.Namespace) -> int:
 def _cohort(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
-    from morphofold.cohort.load import Load, measure_load, text_table
     from morphofold.io import atomic_file, refuse_foreign
-    from morphofold.records import strict_json
-    from morphofold.sim.folder_lock import alone
+    from morphofold.io.locks import alone
+    from morphofold.provenance import strict_json
+    from morphofold.studies.speed.cohort import Load, measure_load, text_table
 
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
@@ -209,7 +209,7 @@ def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ..
 def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
     import numba
 
-    from morphofold.sim.speed import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
+    from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
 
     threads = list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
@@ -235,8 +235,8 @@ def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _measures(args: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]]:
-    from morphofold.analysis.speed import exponent, measuring_speed
     from morphofold.cli.progress import progress
+    from morphofold.studies.speed.measures import exponent, measuring_speed
     from morphofold.threads import set_threads
 
     sizes = sorted(set(_listed("--vertices", args.vertices, int)))
@@ -261,7 +261,7 @@ def _measures(args: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]
 
 
 def _effects(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
-    from morphofold.sim.speed import effect_costs
+    from morphofold.studies.speed.solver import effect_costs
 
     rows = effect_costs(seconds=seconds)
     lines = [

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
     """Folders of subjects by names that can be written, whatever their bytes."""
-    from morphofold.records import shown
+    from morphofold.provenance import shown
 
     found = {shown(name): source / name for name in names}
     if len(found) < len(names):
@@ -102,7 +102,7 @@ def run_cohort(
     from morphofold.cohort.running import failed, run_tasks
     from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import Place
-    from morphofold.sim.folder_lock import alone
+    from morphofold.io.locks import alone
 
     options = measuring_options(args)
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
@@ -166,8 +166,8 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     """Write the group of what was measured before."""
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
-    from morphofold.records import strict_json
-    from morphofold.sim.folder_lock import alone
+    from morphofold.io.locks import alone
+    from morphofold.provenance import strict_json
 
     with alone(out), progress("group ", args.quiet) as tell:
         group = write_group(out, results, progress=tell)
@@ -238,7 +238,7 @@ def begin_cohort(out: Path, *, bids: bool) -> None:
 
 def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) -> float:
     """Memory that the largest of the first few subjects will take [GiB]; 0 if none of them can be read."""
-    from morphofold.forecasts.analysis import memory_of_analysis
+    from morphofold.forecast.measuring import memory_of_analysis
     from morphofold.io import read_surface
     from morphofold.io.cortices import cortex_files, hemispheres
 
@@ -269,7 +269,7 @@ def told(text: str, quiet: bool) -> None:
 
 def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
     """Say how many of how many, and the first that failed, or as JSON all of it and ``more``; the exit code."""
-    from morphofold.records import strict_json
+    from morphofold.provenance import strict_json
 
     failed = [one for one in outcomes if one.state == "failed"]
     partly = [one for one in outcomes if one.state != "failed" and one.failures]

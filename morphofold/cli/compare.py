@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.io import refuse_foreign
-    from morphofold.records import shown
+    from morphofold.provenance import shown
     from morphofold.results import read_analysis, read_stages
 
     named: dict[str, str] = {}
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    from morphofold.records import shown
+    from morphofold.provenance import shown
 
     found = {shown(name): value for name, value in pairs}
     if len(found) < len(pairs):
@@ -84,7 +84,7 @@ def _group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
         raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
-    from morphofold.records import shown
+    from morphofold.provenance import shown
 
     return group, shown(names).split(",")
 

@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.comparison import compare
     from morphofold.io import read_cortex, sample_path
     from morphofold.results import write_analysis
-    from morphofold.sim.scene_file import load_scene
+    from morphofold.sim.scene.files import load_scene
     from morphofold.simulation import simulate
 
     out, started = Path(args.out), time.monotonic()

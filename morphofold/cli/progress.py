@@ -52,7 +52,7 @@ def _bar(label: str) -> Iterator[Tell]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from morphofold.clock import telling_of_compiling, working_seconds
+    from morphofold.timing import telling_of_compiling, working_seconds
 
     columns = (
         TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.percentage:>3.0f}%"),
@@ -72,7 +72,7 @@ def _bar(label: str) -> Iterator[Tell]:
 
 @contextmanager
 def _lines(label: str) -> Iterator[Tell]:
-    from morphofold.clock import telling_of_compiling, working_seconds
+    from morphofold.timing import telling_of_compiling, working_seconds
 
     started, told, compiling = working_seconds(), [0], [False]
 

@@ -39,11 +39,11 @@ def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder, refuse_foreign
-    from morphofold.records import sha256_of, strict_json
-    from morphofold.report.indexes import keep_figures
-    from morphofold.report.paper import REPRODUCTIONS
-    from morphofold.report.paper_report import write_paper_report
-    from morphofold.sim.folder_lock import alone
+    from morphofold.io.locks import alone
+    from morphofold.provenance import sha256_of, strict_json
+    from morphofold.studies.indexes import keep_figures
+    from morphofold.studies.paper import REPRODUCTIONS
+    from morphofold.studies.paper.report import write_paper_report
 
     out = Path(args.out)
     runs = Runs(out, draft=args.draft, threads=args.threads, quiet=args.quiet)

@@ -19,7 +19,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.sim.scene_file import load_scene, scene_names, to_toml
+    from morphofold.sim.scene.files import load_scene, scene_names, to_toml
 
     if args.scene is not None:
         scene = load_scene(args.scene)

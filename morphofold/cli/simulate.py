@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.forecasts.picking import Pick
-    from morphofold.forecasts.twin import Estimate
+    from morphofold.forecast.mesh_choice import Pick
+    from morphofold.forecast.richardson import Estimate
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -58,8 +58,8 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
-    from morphofold.sim.folder import is_finished
-    from morphofold.sim.scene_file import load_scene
+    from morphofold.sim.output.folder import is_finished
+    from morphofold.sim.scene.files import load_scene
 
     _refuse_together(args)
     scene = load_scene(args.scene, args.settings)
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
-        from morphofold.forecasts.twin import twins
+        from morphofold.forecast.richardson import twins
 
         twins(scene)                                                    # or refuses, before anything is grown
     if args.dry_run:
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
     """A finished run is told whatever comes of its estimate, which is null if it fails."""
-    from morphofold.records import strict_json
+    from morphofold.provenance import strict_json
 
     content = dict(simulation.health)
     try:
@@ -130,7 +130,7 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
     """The accuracy that --budget and --error ask for, said on the way."""
     if args.budget is None and args.error is None:
         return None
-    from morphofold.forecasts.picking import budget_seconds, error_share, pick
+    from morphofold.forecast.mesh_choice import budget_seconds, error_share, pick
 
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
@@ -141,25 +141,25 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
 
 def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
-    from morphofold.forecasts.twin import estimate_error
+    from morphofold.forecast.richardson import estimate_error
 
     with progress(f"{simulation.scene.name}, twins", args.quiet) as tell:
         return estimate_error(simulation, threads=args.threads, progress=tell)
 
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
-    from morphofold.forecasts.words import table_of
-    from morphofold.records import strict_json
+    from morphofold.forecast.text import table_of
+    from morphofold.provenance import strict_json
 
     if chosen is None:
-        from morphofold.forecasts import forecast
+        from morphofold.forecast import forecast
 
         found = forecast(scene, args.threads)
     else:
         found = chosen.forecast
     others = {}
     if args.estimate:
-        from morphofold.forecasts.twin import twin_forecasts
+        from morphofold.forecast.richardson import twin_forecasts
 
         others = twin_forecasts(scene, args.threads)
     if args.json:
@@ -170,7 +170,7 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
 
 
 def _what_it_cost(scene: Scene, health: Mapping[str, Any]) -> str:
-    from morphofold.forecasts.afterwards import cost_line, cost_of
+    from morphofold.forecast.afterwards import cost_line, cost_of
 
     return cost_line(cost_of(health, scene))
 

@@ -66,7 +66,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
     from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
-    from morphofold.sim.folder_lock import alone
+    from morphofold.io.locks import alone
 
     refuse_no_collection(out, "sweep")
     refuse_foreign(out / GROUP)                                         # before hours of work, not after them
@@ -112,8 +112,8 @@ def _anywhere(scene: Scene) -> Scene:
 
 def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.cohort.sweep import memory_of_run
-    from morphofold.forecasts import forecast
-    from morphofold.forecasts.words import span, table_of
+    from morphofold.forecast import forecast
+    from morphofold.forecast.text import span, table_of
 
     def size(point: Point) -> tuple[float, float]:
         growth = point.scene.growth
@@ -123,7 +123,7 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
     if args.json:
-        from morphofold.records import strict_json
+        from morphofold.provenance import strict_json
 
         said = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
         print(strict_json({**said, "largest": found.as_dict()}).rstrip())

@@ -156,8 +156,8 @@ def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") ->
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.io.files import check_place
-    from morphofold.records import strict_json
-    from morphofold.report.line_plots import check_format
+    from morphofold.provenance import strict_json
+    from morphofold.report.plots.line_plots import check_format
 
     if args.what == "bifurcation":
         _sphere_or_body(args)
@@ -187,7 +187,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _radius(args: argparse.Namespace) -> Answer:
-    from morphofold.report import theory_plots, theory_tables
+    from morphofold.report.plots import theory_plots
+    from morphofold.sim import theory_tables
 
     sphere = (args.thickness, args.radius, _laws(args.law))
     options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
@@ -201,7 +202,8 @@ def _radius(args: argparse.Namespace) -> Answer:
 
 
 def _stress(args: argparse.Namespace) -> Answer:
-    from morphofold.report import theory_plots, theory_tables
+    from morphofold.report.plots import theory_plots
+    from morphofold.sim import theory_tables
 
     if args.points != int(args.points):
         raise ValueError(f"--points must be a whole number, got {args.points:g}.")
@@ -225,7 +227,8 @@ def _stress(args: argparse.Namespace) -> Answer:
 
 
 def _critical(args: argparse.Namespace) -> Answer:
-    from morphofold.report import theory_plots, theory_tables
+    from morphofold.report.plots import theory_plots
+    from morphofold.sim import theory_tables
 
     if args.thickness is not None:
         args.radius = args.radius or 50.0
@@ -250,7 +253,8 @@ def _critical(args: argparse.Namespace) -> Answer:
 
 def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
-    from morphofold.report import theory_plots, theory_tables
+    from morphofold.report.plots import theory_plots
+    from morphofold.sim import theory_tables
 
     if args.body is not None:
         return _body(args)
@@ -308,8 +312,8 @@ def _sphere_or_body(args: argparse.Namespace) -> None:
 
 def _body(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
-    from morphofold.report import theory_tables
-    from morphofold.sim.scene_file import load_scene
+    from morphofold.sim import theory_tables
+    from morphofold.sim.scene.files import load_scene
 
     scene = load_scene(args.body, args.settings or ())
     if scene.geometry.shape == "radial":
@@ -405,7 +409,7 @@ def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
 
 def _write_plot(figure: Figure, plot: Path) -> None:
     from morphofold.io import atomic_file
-    from morphofold.report import line_plots
+    from morphofold.report.plots import line_plots
 
     try:
         with atomic_file(plot) as temporary:

@@ -14,10 +14,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.sim.folder_check import inputs_of
+from morphofold.sim.output.folder_check import inputs_of
 from morphofold.sim.scene import EFFECTS_OF, Effects, MeshFile, Scene
-from morphofold.sim.scene_file import load_scene, toml_value
-from morphofold.sim.scene_words import with_notes
+from morphofold.sim.scene.files import load_scene, toml_value
+from morphofold.sim.scene.problems import with_notes
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

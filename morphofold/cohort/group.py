@@ -35,7 +35,7 @@ def write_group(
     with atomic_folder(out / GROUP) as folder:
         group = write_tables(folder, out, results, told, lambda share: progress(0.7 * share, "tables"))
         if report:
-            from morphofold.report.group_page import group_report
+            from morphofold.report.pages.group_page import group_report
 
             group_report(group, folder, lambda share, text: progress(0.7 + 0.3 * share, text))
     progress(1.0, "done")

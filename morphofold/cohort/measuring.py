@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
-    from morphofold.clock import Stages
     from morphofold.surface import Cortex
+    from morphofold.timing import Stages
 
 
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:

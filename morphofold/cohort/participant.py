@@ -11,11 +11,11 @@ from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
-from morphofold.records import sha256_of
+from morphofold.provenance import sha256_of
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
-    from morphofold.clock import Stages
+    from morphofold.timing import Stages
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def _half(subject: Participant, hemi: str) -> list[str]:
 
 def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mapping[str, str]) -> dict[str, str]:
     """Write the results of the hemispheres that can be measured; what the others lack."""
-    from morphofold.clock import Stages
     from morphofold.results import write_analysis, write_dataset
+    from morphofold.timing import Stages
 
     clock, measured, failures = Stages(), [], {}
     for hemi in hemis:
@@ -139,7 +139,7 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
 
 
 def _measures(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecast.analysis_cost import READING
 
     say(f"{hemi} reading")
     clock.begin(READING)

@@ -18,7 +18,7 @@ from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import read_results, refuse_changed, what_became
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
-from morphofold.sim.folder_check import read_health
+from morphofold.sim.output.folder_check import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.tables import write_table
 
@@ -99,7 +99,7 @@ def theory_of(scene: Scene) -> Theory:
     """Theory's first wrinkles of a scene's sphere: :func:`morphofold.sim.theory.bifurcation` of its thickness, radius,
     hole, moduli and law of growth."""
     from morphofold.sim import theory
-    from morphofold.sim.smooth.radial import ConvergenceError
+    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
     geometry = scene.geometry
     if not isinstance(geometry, Sphere | Radial):
@@ -206,7 +206,7 @@ def write_sweep(
         told = {one.name: one for one in outcomes}
         phases = Phases(grid, tuple(read_run(out, point, told.get(point.name)) for point in grid.points), theory)
         write_tables(phases, folder)
-        from morphofold.report.phase_page import phase_report
+        from morphofold.report.pages.phase_page import phase_report
 
         phase_report(phases, folder, progress)
     return phases

@@ -13,7 +13,7 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
-from morphofold.records import strict_json
+from morphofold.provenance import strict_json
 
 if TYPE_CHECKING:
     from morphofold.cohort.fleet import Fleet
@@ -86,7 +86,7 @@ def scales_of(
 
 def look(subject: Participant) -> list[tuple[float, float]]:
     """Curvature scale and gyral width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
-    from morphofold.analysis.gyral_net import Ground
+    from morphofold.analysis.graph.crest_net import Ground
     from morphofold.analysis.measures import scale_of_curvature
 
     found = []

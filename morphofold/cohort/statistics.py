@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import LINE
 from morphofold.comparison.thickness import Cloud, Point, fit_line
-from morphofold.report.quantities import RATIO
+from morphofold.quantities import RATIO
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
-from morphofold.sim.folder_check import clear_run, files_of_run, inputs_of
+from morphofold.sim.output.folder_check import clear_run, files_of_run, inputs_of
 from morphofold.sim.scene import MeshFile, Radial, Scene
-from morphofold.sim.scene_file import to_toml
+from morphofold.sim.scene.files import to_toml
 
 if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
@@ -84,7 +84,7 @@ def _grown_key(scene: Scene) -> str:
 
 def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.smooth.radial import ConvergenceError
+    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
     run.folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -142,9 +142,9 @@ def _threads(run: Run) -> int:
 
 def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
-    from morphofold.clock import Stages
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecast.analysis_cost import READING
     from morphofold.results import write_analysis
+    from morphofold.timing import Stages
 
     clock = Stages()
     clock.begin(READING)
@@ -160,9 +160,9 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Most memory that growing and measuring a scene is expected to take [GiB]; 0 for a mesh from a file, not known."""
-    from morphofold.forecasts.analysis import memory_of_analysis
-    from morphofold.forecasts.memory import memory_GiB
-    from morphofold.forecasts.sizes import Layers, sizes_by_rule
+    from morphofold.forecast.measuring import memory_of_analysis
+    from morphofold.forecast.memory import memory_GiB
+    from morphofold.forecast.sizes import Layers, sizes_by_rule
 
     geometry = scene.geometry
     if isinstance(geometry, MeshFile):

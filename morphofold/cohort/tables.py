@@ -11,13 +11,13 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.faults import WARNINGS
 from morphofold.analysis.measures import PARAMETERS, SCALARS
+from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import files_of
 from morphofold.io.json_files import read_json
-from morphofold.records import changed_since
+from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
 from morphofold.results.summary import CURE, RECORDED, WORDS, Summary
 from morphofold.tables import line, read_table, write_table

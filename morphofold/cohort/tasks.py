@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from morphofold.clock import peak_memory
 from morphofold.io import atomic_file
 from morphofold.io.files import open_own
 from morphofold.io.json_files import Record, read_json
-from morphofold.records import changed_since, sha256_of, strict_json
-from morphofold.sim.folder_lock import alone
+from morphofold.io.locks import alone
+from morphofold.provenance import changed_since, sha256_of, strict_json
+from morphofold.timing import peak_memory
 
 LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same task
 PAUSE = 2.0             # [s] between two looks

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.analysis.graph.hinge_shapes import hinge_shapes
+from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.patterns import hinge_shapes
-from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 from morphofold.comparison.thickness import thickness_ratios
 
 Array = NDArray[np.float64]

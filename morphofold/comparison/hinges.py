@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.patterns import (
+from morphofold.analysis.graph.hinge_shapes import (
     OF_A_NET,
     HingeShapes,
     TwoSample,
@@ -34,7 +34,7 @@ class Match:
 
     ``surface`` and ``hinge`` name the first, ``other_surface`` and ``other`` the second, by names of surfaces and the
     numbers in their tables of hinges; ``pose`` lays the second on the first, see
-    :func:`morphofold.analysis.patterns.shape_distance`; ``kind`` is the shape of the first.
+    :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`; ``kind`` is the shape of the first.
     """
 
     surface: str

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.analysis.graph.hinge_shapes import hinge_shapes
+from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.analysis.patterns import hinge_shapes
-from morphofold.analysis.scaling import ShapeTerms, shape_terms_of
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.quantities import CREST_RATIO, RATIO
 from morphofold.report.colours import CATEGORICAL
-from morphofold.report.plots import number
-from morphofold.report.quantities import CREST_RATIO, RATIO
+from morphofold.report.plots.svg import number
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
 
@@ -84,8 +84,8 @@ class Comparison:
         """
         import morphofold
         from morphofold.io import atomic_folder
-        from morphofold.records import strict_json
-        from morphofold.report.page import comparison_report
+        from morphofold.provenance import strict_json
+        from morphofold.report.pages.page import comparison_report
 
         with atomic_folder(out) as folder:
             comparison_report(self, folder, progress=progress)

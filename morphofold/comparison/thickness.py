@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.analysis.line import line
 from morphofold.analysis.measures import Measures
-from morphofold.report.quantities import find
+from morphofold.analysis.thickness.robust_slope import line
+from morphofold.quantities import find
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,9 @@ class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
     ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`morphofold.analysis.line.line`), None for fewer than five; 0 where all gyral thicknesses are alike, NaN
-    where it was not asked for. Both intervals take the points as independent, which neighbouring regions are not quite.
+    (:func:`~morphofold.analysis.thickness.robust_slope.line`), None for fewer than five; 0 where all gyral thicknesses
+    are alike, NaN where it was not asked for. Both intervals take the points as independent, which neighbouring regions
+    are not quite.
     """
 
     slope: float

@@ -16,7 +16,7 @@ from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
-from morphofold.records import shown, unchanged
+from morphofold.provenance import shown, unchanged
 from morphofold.surface import Cortex
 
 HEMIS = ("lh", "rh")

@@ -10,10 +10,10 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
-    "analysis_report": "morphofold.report.page",
-    "comparison_report": "morphofold.report.page",
-    "figure": "morphofold.report.figures",
-    "renderer": "morphofold.report.figures",
+    "analysis_report": "morphofold.report.pages.page",
+    "comparison_report": "morphofold.report.pages.page",
+    "figure": "morphofold.report.pictures.surfaces",
+    "renderer": "morphofold.report.pictures.surfaces",
 }
 __all__ = sorted(_PUBLIC)
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.analysis.measures import Measures
-from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
+from morphofold.forecast.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
-from morphofold.records import shown, strict_json
-from morphofold.report.quantities import column_words
+from morphofold.provenance import shown, strict_json
+from morphofold.quantities import column_words
 from morphofold.results.bids_hemisphere import (
     MISSING,
     in_bids_letters,
@@ -40,7 +40,7 @@ from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:
-    from morphofold.clock import Stages
+    from morphofold.timing import Stages
 
 PROVENANCE = "_desc-morphofold_provenance.json"
 COST = "_desc-morphofold_cost.json"

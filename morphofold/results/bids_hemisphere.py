@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import Measures
-from morphofold.graph_file import read_graph, write_graph
 from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_gifti_map
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
-from morphofold.records import strict_json
-from morphofold.report.quantities import quantity
+from morphofold.provenance import strict_json
+from morphofold.quantities import quantity
+from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.summary import CURE, measures_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table

@@ -14,8 +14,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
-from morphofold.graph_file import read_graph, write_graph
+from morphofold.forecast.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import (
     atomic_folder,
     read_annotation,
@@ -28,7 +27,8 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.io.json_files import file_word, read_json
-from morphofold.records import digests, strict_json
+from morphofold.provenance import digests, strict_json
+from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.summary import (
     COLUMNS,
     CURE,
@@ -45,7 +45,7 @@ from morphofold.surface import Cortex
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:
-    from morphofold.clock import Stages
+    from morphofold.timing import Stages
 
 
 def check_wide(cortices: Sequence[Cortex]) -> None:

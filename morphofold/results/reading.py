@@ -10,7 +10,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
 from morphofold.io.json_files import file_word, read_json
-from morphofold.records import changed_since, records_as_read, shown
+from morphofold.provenance import changed_since, records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain, sized_map

@@ -14,7 +14,7 @@ from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
-from morphofold.records import records_as_read
+from morphofold.provenance import records_as_read
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table
 

@@ -18,7 +18,7 @@ from scipy import sparse
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import Dynamics
-    from morphofold.sim.meshes.bilayer import Bilayer
+    from morphofold.sim.mesh.bilayer import Bilayer
     from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]

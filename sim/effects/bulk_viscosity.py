@@ -14,16 +14,16 @@ from numba import njit, prange
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.elements import kernels
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements.brick_kernels import _FAST, _U, _W, EIGHTH, WIDTH
 from morphofold.sim.elements.bricks import Bricks
-from morphofold.sim.elements.kernels import _FAST, _U, _W, EIGHTH, WIDTH
 
 LOCAL = Bricks.LOCAL
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _scaled(p, d):
-    k = kernels._cofactor(*d)
+    k = brick_kernels._cofactor(*d)
     return (p * k[0], p * k[1], p * k[2], p * k[3], p * k[4], p * k[5], p * k[6], p * k[7], p * k[8])
 
 
@@ -42,7 +42,7 @@ def _width_squared(xs, l, v):
     a0, b0, c0 = _axes(xs, l)
     a1, b1, c1 = _axes(xs, l + _W)
     a2, b2, c2 = _axes(xs, l + _U(2) * _W)
-    k = kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
+    k = brick_kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
     largest = max(k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
                   max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]))  # fmt: skip
     return v * v / (16.0 * largest)                                     # 4: a section is that many times a half's
@@ -54,26 +54,26 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
     for b in prange(len(local)):
         now, last, m = np.empty(24 * WIDTH), np.empty(24 * WIDTH), modulus[b]
         at, mine, rho = np.empty((8 * WIDTH, 3)), nodes[start[b] : start[b + 1]], np.empty(WIDTH)
-        kernels.fetch(x, mine, local[b], 8, EIGHTH, m, at, now)
-        kernels.fetch(before, mine, local[b], 8, EIGHTH, m, at, last)
+        brick_kernels.fetch(x, mine, local[b], 8, EIGHTH, m, at, now)
+        brick_kernels.fetch(before, mine, local[b], 8, EIGHTH, m, at, last)
         rho[:] = 0.0
         for c in range(8):
             for l in range(WIDTH):
                 rho[l] += 0.125 * density[mine[local[b, c * WIDTH + l]]]
         for l in range(_W):
-            v = kernels._volume(now, l)
-            rate = 1.0 - kernels._volume(last, l) / v
+            v = brick_kernels._volume(now, l)
+            rate = 1.0 - brick_kernels._volume(last, l) / v
             wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]               # rho c^2
             size = _width_squared(now, l, v)
             p = linear * np.sqrt(rho[l] * wave * size) * rate
             p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
             p = p if wave > 0.0 else 0.0                                # lanes that only fill the last block
-            d = kernels._gauss(now, l)
+            d = brick_kernels._gauss(now, l)
             q = (_scaled(p, d[0]), _scaled(p, d[1]), _scaled(p, d[2]), _scaled(p, d[3]),
                  _scaled(p, d[4]), _scaled(p, d[5]), _scaled(p, d[6]), _scaled(p, d[7]))  # fmt: skip
             for r in range(3):
-                kernels._store(now, l + _U(r) * _W, kernels._corners(q, r))
-        kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
+                brick_kernels._store(now, l + _U(r) * _W, brick_kernels._corners(q, r))
+        brick_kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
 
 
 def build(options, scene) -> BulkViscosity:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.sim.effects import Effect
-from morphofold.sim.meshes.bilayer import Bilayer
+from morphofold.sim.mesh.bilayer import Bilayer
 
 Array = NDArray[np.float64]
 

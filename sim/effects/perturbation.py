@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim.effects import Effect
-from morphofold.sim.meshes.bilayer import Bilayer
-from morphofold.sim.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.mesh.bilayer import Bilayer
 
 Array = NDArray[np.float64]
 

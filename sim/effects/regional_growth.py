@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.meshes.bilayer import spot_factors
+from morphofold.sim.mesh.bilayer import spot_factors
 
 
 def build(options, scene) -> RegionalGrowth:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.sim.elements.kernels import WIDTH, gather, gather_scalar
+from morphofold.sim.elements.brick_kernels import WIDTH, gather, gather_scalar
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
-from morphofold.sim.elements import kernels
+from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
-from morphofold.sim.elements.kernels import POINT, WIDTH
+from morphofold.sim.elements.brick_kernels import POINT, WIDTH
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ CHUNK = 1 << 16         # bricks set up at once: bounds the memory of scikit-fem
 
 
 class Bricks:
-    """Eight-node Q1P0 bricks; see :mod:`morphofold.sim.elements.kernels` for the energy.
+    """Eight-node Q1P0 bricks; see :mod:`morphofold.sim.elements.brick_kernels` for the energy.
 
     Parameters
     ----------
@@ -106,14 +106,14 @@ class Bricks:
         flat[: self.n_cortex] = cortex
         stretch = flat.reshape(blocks, WIDTH)
         tangential, k = self.law == "tangential", self._grown
-        kernels.grow(self.point[:k], self._point0[:k], self._radial, self.modulus[:k], stretch[:k], tangential)
+        brick_kernels.grow(self.point[:k], self._point0[:k], self._radial, self.modulus[:k], stretch[:k], tangential)
         if blocks > k:
-            kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
+            brick_kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
             mixed = self.n_cortex % WIDTH
             if tangential and mixed:                                    # the core's lanes in the last cortex block
                 last = slice(k - 1, k)
                 point, modulus = self.point[last].copy(), self.modulus[last].copy()
-                kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
+                brick_kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
                 for mine, core_s in ((self.point, point), (self.modulus, modulus)):
                     mine[k - 1].reshape(-1, WIDTH)[:, mixed:] = core_s.reshape(-1, WIDTH)[:, mixed:]
 
@@ -124,12 +124,12 @@ class Bricks:
     def compute_forces(self, x: Array) -> None:
         """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force)
+        brick_kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force)
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
-        kernels.element_state(
+        brick_kernels.element_state(
             x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness
         )
         return b.nodal_sums(self._stiffness)

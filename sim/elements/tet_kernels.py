@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from morphofold.sim.elements.kernels import _FAST, _U, _W, WIDTH, _cofactor, deliver, fetch
+from morphofold.sim.elements.brick_kernels import _FAST, _U, _W, WIDTH, _cofactor, deliver, fetch
 
 TETS = 6                # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
 NODES = 8               # nodes of a patch at most

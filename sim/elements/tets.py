@@ -8,7 +8,7 @@ from skfem import MeshTet
 
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import Blocks, to_lanes
-from morphofold.sim.elements.kernels import WIDTH
+from morphofold.sim.elements.brick_kernels import WIDTH
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tet_kernels import NODES, TETS
 from morphofold.sim.growth import check_law

@@ -13,10 +13,10 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.elements import kernels
-from morphofold.sim.elements.kernels import WIDTH
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.surface_filter import SurfaceFilter
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements.brick_kernels import WIDTH
+from morphofold.sim.elements.surface_filter import SurfaceFilter
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
 
 
 def moved(bilayer, rotation, shift):
@@ -114,14 +114,14 @@ def gap_in_mm(patch):
 
 def volume_not_grown(patch):
     """Growth forgets the volume that the pressure is measured by."""
-    grow = kernels.grow
+    grow = brick_kernels.grow
 
     def forgetful(point, point0, radial, modulus, *arguments):
         volume = modulus[:, 2 * WIDTH :].copy()
         grow(point, point0, radial, modulus, *arguments)
         modulus[:, 2 * WIDTH :] = volume
 
-    patch.setattr(kernels, "grow", forgetful)
+    patch.setattr(brick_kernels, "grow", forgetful)
 
 
 def no_reaction(patch):

@@ -9,22 +9,22 @@ from scipy.sparse import csr_matrix
 from skfem import MeshHex
 
 from morphofold.sim.body import Body
+from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.elements import kernels
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements.brick_kernels import WIDTH
 from morphofold.sim.elements.bricks import Bricks
-from morphofold.sim.elements.kernels import WIDTH
-from morphofold.sim.geometry import build_bilayer, build_body
+from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
-from morphofold.sim.speed import cut_bricks
-from morphofold.sim.surface_filter import SurfaceFilter
-from morphofold.sim.surfaces import whole_surfaces
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.speed.solver import cut_bricks
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
 STRIP = (
@@ -236,8 +236,8 @@ def mass_of_the_volume(patch):
 
 def isotropic_kernel(patch):
     """Tangential growth is isotropic in the kernel."""
-    grow = kernels.grow
-    patch.setattr(kernels, "grow", lambda *arguments: grow(*arguments[:-1], False))
+    grow = brick_kernels.grow
+    patch.setattr(brick_kernels, "grow", lambda *arguments: grow(*arguments[:-1], False))
 
 
 def only_upwards(patch):

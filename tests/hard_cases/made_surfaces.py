@@ -8,8 +8,8 @@ import numpy as np
 from morphofold.analysis import crest_lines, measure, vertex_normals
 from morphofold.cli import main
 from morphofold.io import write_annotation, write_morph, write_surface
-from morphofold.ridges import regular_net, ridged_net
 from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import regular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
 #: turned, so that no vertex lies on a crest by symmetry

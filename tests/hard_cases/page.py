@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from morphofold.io import atomic_file
-from morphofold.report.markdown import between_marks, table
+from morphofold.studies.markdown import between_marks, table
 
 HEADS = ("case", "what", "bound", "measured", "without the guard", "peers")
 LONGEST = 160           # characters of a message in a cell

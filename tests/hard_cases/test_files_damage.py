@@ -15,8 +15,8 @@ from made_surfaces import FORMATS
 
 from morphofold.io import freesurfer, gifti, polygons, read_surface
 from morphofold.results import summary
-from morphofold.sim import folder_check
-from morphofold.sim.meshes import tetmesh
+from morphofold.sim.mesh import tetmesh
+from morphofold.sim.output import folder_check
 from morphofold.sim.scene import MeshFile
 
 LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
@@ -98,7 +98,7 @@ def test_cut_meshes(known, holds):
 @hard_case(
     "files", "checkpoint, log, stage and health of a run cut before every tenth byte", peers=BRAINGROWTH,
     guard="a check of finished runs",
-    without=lambda patch: patch.setattr("morphofold.sim.folder.check_finished", nothing),
+    without=lambda patch: patch.setattr("morphofold.sim.output.folder.check_finished", nothing),
 )  # fmt: skip
 def test_cut_runs(known, holds):
     assert_sound(holds, every_tenth(known, RUN), 300)

@@ -18,6 +18,7 @@ from made_measures import made_measures
 from morphofold.io import (
     atomic_folder,
     folders,
+    locks,
     write_annotation,
     write_gifti_map,
     write_morph,
@@ -25,7 +26,6 @@ from morphofold.io import (
 )
 from morphofold.results import read_analysis, reading, write_analysis, write_dataset
 from morphofold.shapes import icosphere
-from morphofold.sim import folder_lock
 from morphofold.sim.run import simulate
 from morphofold.surface import Regions, Surface
 
@@ -221,7 +221,7 @@ def grow(out):
 @hard_case(
     "files", "a run killed before each of its steps, and resumed", peers=NO_RESTART,
     guard="a folder beside, moved when whole", fails=(AssertionError, ValueError, OSError),
-    without=lambda patch: patch.setattr("morphofold.sim.folder.atomic_folder", folder_in_place),
+    without=lambda patch: patch.setattr("morphofold.sim.output.folder.atomic_folder", folder_in_place),
 )  # fmt: skip
 def test_killed_run(holds, tmp_path):
     whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}
@@ -310,10 +310,10 @@ def test_not_a_full_disk(holds, tmp_path, monkeypatch):
 
 @hard_case(
     "files", "two runs, and a writer, into one folder at once", peers=NO_RESTART, guard="a lock",
-    without=lambda patch: patch.setattr(folder_lock, "_try_lock", lambda file: None),
+    without=lambda patch: patch.setattr(locks, "_try_lock", lambda file: None),
 )  # fmt: skip
 def test_two_runs(holds, tmp_path):
-    with folder_lock.alone(tmp_path / "run"):
+    with locks.alone(tmp_path / "run"):
         try:
             grow(tmp_path / "run")
             told = ""

@@ -13,9 +13,8 @@ from made_measures import made_measures
 
 from morphofold.cli import main, paths
 from morphofold.cohort import tasks
-from morphofold.io import files, folders
+from morphofold.io import files, folders, locks
 from morphofold.results import write_analysis
-from morphofold.sim import folder_lock
 
 NOBODY = 65534          # the number of a user who owns nothing
 
@@ -165,8 +164,8 @@ def test_devices(holds, tmp_path):
     "files", "a link in the place of a lock or a log, to a file of somebody", guard="no link is written to",
     without=lambda patch: [
         patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
-        for module in (folder_lock, tasks)
-    ] + [patch.setattr(folder_lock, "_is_at", lambda file, path: True)],
+        for module in (locks, tasks)
+    ] + [patch.setattr(locks, "_is_at", lambda file, path: True)],
     fails=(AssertionError, pytest.fail.Exception),
 )  # fmt: skip
 def test_links_for_locks_and_logs(holds, here):
@@ -176,7 +175,7 @@ def test_links_for_locks_and_logs(holds, here):
     for path in (here / "run" / "lock", place.log):
         path.parent.mkdir(exist_ok=True)
         path.symlink_to(victim)
-    with pytest.raises(ValueError, match="is a link") as caught, folder_lock.alone(here / "run"):
+    with pytest.raises(ValueError, match="is a link") as caught, locks.alone(here / "run"):
         pass
     holds.says("refusal", str(caught.value).replace(str(here), ""), "/run/lock: is a link", "Remove it")
     with pytest.raises(ValueError, match="is a link"):

@@ -27,12 +27,12 @@ from morphofold.io import (
     read_morph,
     read_surface,
 )
-from morphofold.sim import scene_file
-from morphofold.sim.folder_check import read_arrays
-from morphofold.sim.meshes import tetmesh
-from morphofold.sim.meshes.tetmesh import read_tets
+from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh.tetmesh import read_tets
+from morphofold.sim.output.folder_check import read_arrays
 from morphofold.sim.scene import MeshFile
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.scene import files as scene_file
+from morphofold.sim.scene.files import load_scene
 
 MANY = 2**31 - 1
 LIGHT = 512 * 2**20     # bytes: a quarter of what any file may take

@@ -14,7 +14,7 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.inertia import Inertia
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.growth import volume
-from morphofold.sim.smooth.radial_statics import radial_equilibrium
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -38,7 +38,7 @@ def test_a_rigid_motion_of_the_scene_changes_nothing(law, holds):
 
 
 @hard_case("laws", "a grown state turned as a whole", guard="no affine map wakes the filter",
-           without=lambda patch: patch.setattr("morphofold.sim.surface_filter._affine_free",
+           without=lambda patch: patch.setattr("morphofold.sim.elements.surface_filter._affine_free",
                                                lambda stencils, p, cell: stencils))  # fmt: skip
 def test_nothing_holds_a_turn(holds):
     body = sphere(n=8).body

@@ -12,9 +12,9 @@ from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, digest, off_the
 from morphofold.sim import dynamics
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import REFRESH, Dynamics, UnstableError
-from morphofold.sim.elements import kernels
+from morphofold.sim.elements import brick_kernels
 from morphofold.sim.health import BOUNDS, LEAST_J
-from morphofold.sim.speed import cut_bricks
+from morphofold.studies.speed.solver import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -86,8 +86,8 @@ def test_a_step_too_large_is_caught(holds):
 
 def late(patch):
     """Positions are looked at when mass and energies are measured."""
-    advance = kernels.advance
-    patch.setattr(kernels, "advance", lambda *arguments: advance(*arguments) and 0)
+    advance = brick_kernels.advance
+    patch.setattr(brick_kernels, "advance", lambda *arguments: advance(*arguments) and 0)
 
 
 @pytest.mark.parametrize("cells", ["bricks", "tetrahedra"])
@@ -127,7 +127,7 @@ def test_an_inverted_element_recovers_or_stops_the_run(holds):
 
 def order_of_threads(patch):
     """What adds up at a node begins elsewhere with two threads, as with a shared sum."""
-    advance = kernels.advance
+    advance = brick_kernels.advance
 
     def turned(x, v, force, first, rows, rest, extra, mass, free, keep):
         if numba.get_num_threads() > 1:
@@ -135,7 +135,7 @@ def order_of_threads(patch):
             rest = np.zeros_like(rest)
         return advance(x, v, force, first, rows, rest, extra, mass, free, keep)
 
-    patch.setattr(kernels, "advance", turned)
+    patch.setattr(brick_kernels, "advance", turned)
 
 
 STEPS = 300                                                             # that two threads take as one does

@@ -19,7 +19,7 @@ from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.health import LEAST_J
-from morphofold.sim.speed import cut_bricks
+from morphofold.studies.speed.solver import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

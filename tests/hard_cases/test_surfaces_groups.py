@@ -13,7 +13,7 @@ from morphofold.cohort.participant import measure_participant
 from morphofold.cohort.pooling import Pooling
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.statistics import asymmetry, distributions, measures_of
-from morphofold.report import group_page
+from morphofold.report.pages import group_page
 
 
 def by_width(cortex, **options):

@@ -9,18 +9,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from morphofold import shapes
-from morphofold.analysis import (
-    _curvature,
-    _mesh,
-    euler_characteristic,
-    folding,
-    gyral_graph,
-    measure,
-    vertex_areas,
-)
-from morphofold.analysis.net import Net
-from morphofold.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold import geometry, shapes
+from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, measure, vertex_areas
+from morphofold.analysis.graph.net import Net
+from morphofold.analysis.gyrification import folding
+from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 
 
 def examples(few, many):
@@ -54,7 +47,7 @@ def unsigned(patch):
     """A saddle counts as a dome."""
     signed = folding.angle_defects
     patch.setattr(folding, "angle_defects", lambda verts, faces: np.abs(signed(verts, faces)))
-    patch.setattr(_curvature.Curvature, "K", property(lambda c: np.abs(c.k1 * c.k2)))
+    patch.setattr(curvatures.Curvature, "K", property(lambda c: np.abs(c.k1 * c.k2)))
 
 
 @examples(12, 100)
@@ -70,10 +63,10 @@ def test_the_integral_of_gaussian_curvature_is_the_euler_characteristic(holds, c
             "torus": lambda: shapes.torus(96, 40, size, 0.45 * size, rng=seed),
             "sphere": lambda: shapes.sphere(3, size),
         }[kind]()
-        bent, edge = _curvature.curvature(made.verts, made.faces), _mesh.mean_edge_length(made.verts, made.faces)
+        bent, edge = curvatures.curvature(made.verts, made.faces), geometry.mean_edge_length(made.verts, made.faces)
         total = np.sum(bent.K * vertex_areas(made.verts, made.faces)) / (4 * np.pi)
         smoothed = folding.folding_indices(made.verts, made.faces, 1.5 * edge).total
-        split = _mesh.split(made.verts, made.faces)[1]
+        split = geometry.split(made.verts, made.faces)[1]
         return {
             "total curvature": abs(total - euler_characteristic(made.faces) / 2),
             "total of the indices": abs(smoothed - euler_characteristic(made.faces) / 2),
@@ -128,7 +121,7 @@ def test_degrees_of_the_graph_are_those_of_its_loops_and_components(holds, count
 
 def without_z(patch):
     """Areas forget a coordinate."""
-    patch.setattr(_mesh, "face_areas", lambda v, f: np.linalg.norm(_mesh.face_vectors(v, f)[:, :2], axis=1))
+    patch.setattr(geometry, "face_areas", lambda v, f: np.linalg.norm(geometry.face_vectors(v, f)[:, :2], axis=1))
 
 
 @examples(4, 25)
@@ -159,7 +152,7 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
 def by_edges(patch):
     """Folding indices of curvature smoothed over three edges, whatever scale is asked for."""
     smoothed = folding.folding_indices
-    three = lambda verts, faces, scale: smoothed(verts, faces, 3 * _mesh.mean_edge_length(verts, faces))
+    three = lambda verts, faces, scale: smoothed(verts, faces, 3 * geometry.mean_edge_length(verts, faces))
     patch.setattr(folding, "folding_indices", three)
 
 

@@ -5,17 +5,18 @@ import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import NET, clean, known_cortex
 
-from morphofold.analysis import _mesh, measure
-from morphofold.analysis.faults import WARNINGS
-from morphofold.clock import peak_memory
+from morphofold import geometry
+from morphofold.analysis import measure
+from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.shapes import even_directions, spherical_delaunay
+from morphofold.timing import peak_memory
 
 MANY = 1_000_000
 
 
 def in_32_bits(patch):
     """Edges are numbered by products of vertices, which a million do not fit into 32 bits."""
-    found = _mesh._find_edges
+    found = geometry._find_edges
 
     def wrapped(faces):
         pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int32)
@@ -24,7 +25,7 @@ def in_32_bits(patch):
         edges = np.stack([key // base, key % base], axis=1).astype(np.int64), count
         return edges if base > 50_000 else found(faces)
 
-    patch.setattr(_mesh, "_find_edges", wrapped)
+    patch.setattr(geometry, "_find_edges", wrapped)
 
 
 @pytest.mark.slow

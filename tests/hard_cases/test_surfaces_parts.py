@@ -7,19 +7,22 @@ import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_island
 
-from morphofold.analysis import _curvature, _mesh, checks, closing, folding, measure, vertex_areas
-from morphofold.analysis.altitude import Altimeter
-from morphofold.analysis.net import Net
+from morphofold import geometry
+from morphofold.analysis import curvatures, measure, vertex_areas
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.net import Net
+from morphofold.analysis.gyrification import folding, local
+from morphofold.analysis.mesh_quality import checks
 from morphofold.cli import analyze
-from morphofold.crossings.boxes import box_tree
-from morphofold.ridges import SOLIDS
+from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import SOLIDS
 from morphofold.surface import Cortex, Surface
 
 
 @pytest.mark.parametrize("first", [False, True])
 @hard_case("surfaces", "unused vertices, a kilometre away", guard="only vertices in use are boxed",
-           without=lambda patch: patch.setattr(closing, "in_use", lambda v, f: (np.arange(len(v)), v, f)),
+           without=lambda patch: patch.setattr(local, "in_use", lambda v, f: (np.arange(len(v)), v, f)),
            fails=(AssertionError, ValueError, MemoryError))  # fmt: skip
 def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys, first):
     stray = np.full((5, 3), 1e6) + np.eye(5, 3)
@@ -36,7 +39,7 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
 
 def all_of_them(patch):
     """Of the vertices in use, all are taken for one."""
-    patch.setattr(_mesh, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
+    patch.setattr(geometry, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
 
 
 @hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
@@ -172,7 +175,7 @@ def part(cortex, keep):
 
 @hard_case("surfaces", "a wide border: half of the surface cut away", guard="a border has no hull of its own",
            peers="pyvista is wrong at borders (said)",
-           without=lambda patch: patch.setattr(_mesh, "is_closed", lambda faces: True),
+           without=lambda patch: patch.setattr(geometry, "is_closed", lambda faces: True),
            fails=(AssertionError, ValueError))  # fmt: skip
 def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     cortex, whole = clean()
@@ -214,7 +217,7 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
     off = (m.maps["H"] - whole.maps["H"])[~wall]
     holds("H off the wall", np.abs(off).max(), at_most=1e-12, unit="/mm")
     ends = np.array([point for *_, crest in m.graph.edges(data=True) for point in crest["polyline"]])
-    edge = _mesh.mean_edge_length(cortex.white.verts, cortex.faces)
+    edge = geometry.mean_edge_length(cortex.white.verts, cortex.faces)
     holds("crests inside the wall", 8 - np.abs(ends[:, 2]).min(), at_most=edge, unit="mm")
     sides = [sorted({bool(crest["polyline"][k, 2] > 0) for k in (0, -1)}) for *_, crest in m.graph.edges(data=True)]
     holds.equal("crests across", [side for side in sides if len(side) > 1], [])
@@ -229,7 +232,7 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
 
 @hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
            peers="libigl crashes with fewer than six neighbours (said)",
-           without=lambda patch: patch.setattr(closing, "COARSEST", np.inf))  # fmt: skip
+           without=lambda patch: patch.setattr(local, "COARSEST", np.inf))  # fmt: skip
 def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     verts, faces = icosphere(0)
     m = measure(Cortex(*(Surface(r * verts, faces, f"lh.{name}") for r, name in ((40, "white"), (50, "pial")))))
@@ -250,7 +253,7 @@ def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
 def fitted(patch):
     """K is that of the fit, where there is none nothing."""
     patch.setattr(folding, "angle_defects", lambda verts, faces: np.nan_to_num(
-        _curvature.curvature(verts, faces).K * vertex_areas(verts, faces)))  # fmt: skip
+        curvatures.curvature(verts, faces).K * vertex_areas(verts, faces)))  # fmt: skip
 
 
 @hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="K of the indices is no fit", without=fitted)

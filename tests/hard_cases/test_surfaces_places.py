@@ -9,7 +9,9 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
-from morphofold.analysis import faults, measure, measures, rays
+from morphofold.analysis import measure, measures
+from morphofold.analysis.mesh_quality import defects
+from morphofold.analysis.thickness import rays
 from morphofold.io import read_cortex, read_surface, write_surface
 from morphofold.surface import Surface
 
@@ -30,7 +32,7 @@ def test_a_surface_a_kilometre_away_has_the_same_measures(holds):
 
 
 def silent(patch):
-    patch.setattr(faults, "remarks", lambda cortex, mask: {})
+    patch.setattr(defects, "remarks", lambda cortex, mask: {})
 
 
 @hard_case("surfaces", "coordinates offset by 1e6 mm and written as float32", guard="the note on rounding",

@@ -8,49 +8,53 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal, split_faces, with_island
 from scipy import sparse
 
-from morphofold.analysis import _curvature, _mesh, checks, faults, measure, mending, net
+from morphofold import geometry
+from morphofold.analysis import curvatures, measure
+from morphofold.analysis.graph import net
+from morphofold.analysis.mesh_quality import checks, defects, repair
 
 PLACE = ("at (", "vert")
 
 
 def one_ring(patch):
     """Curvature as most tools have it: cotangents and angle defect over the area of the vertex."""
-    fitted = _curvature.curvature
+    fitted = curvatures.curvature
 
     def of_ring(verts, faces, scale):
-        area = _mesh.vertex_areas(verts, faces)
+        area = geometry.vertex_areas(verts, faces)
         corner = verts[faces]
         ahead, back = np.roll(corner, -1, axis=1) - corner, np.roll(corner, -2, axis=1) - corner
         angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
         K = (2 * np.pi - np.bincount(faces.ravel(), angle.ravel())) / area
-        bent = np.sum((_mesh.cotangent_laplacian(verts, faces) @ verts) * _mesh.vertex_normals(verts, faces), axis=1)
+        normals = geometry.vertex_normals(verts, faces)
+        bent = np.sum((geometry.cotangent_laplacian(verts, faces) @ verts) * normals, axis=1)
         H = bent / (2 * area)
         apart = np.sqrt(np.maximum(H**2 - K, 0))
         return replace(fitted(verts, faces, scale), k1=H + apart, k2=H - apart)
 
-    patch.setattr(_curvature, "curvature", of_ring)
+    patch.setattr(curvatures, "curvature", of_ring)
 
 
 def of_no_area(patch):
     """Cotangents of triangles without area as the formula has them: 1/0."""
     def laplacian(verts, faces, **_):
-        ahead, back = _mesh._sides(verts, faces)
+        ahead, back = geometry._sides(verts, faces)
         with np.errstate(all="ignore"):
-            cot = np.sum(ahead * back, axis=2) / (2 * _mesh.face_areas(verts, faces)[:, None])
+            cot = np.sum(ahead * back, axis=2) / (2 * geometry.face_areas(verts, faces)[:, None])
         i, j, n = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel(), len(verts)
         half = sparse.coo_array((-cot.ravel() / 2, (i, j)), shape=(n, n))
         both = (half + half.T).tocsr()
         return (both - sparse.dia_array((both.sum(axis=1)[None, :], [0]), shape=(n, n))).tocsr()
 
-    patch.setattr(_mesh, "cotangent_laplacian", laplacian)
+    patch.setattr(geometry, "cotangent_laplacian", laplacian)
 
 
 def unchecked(patch):
-    patch.setattr(faults, "check_edges", lambda cortex, why_not: None)
+    patch.setattr(defects, "check_edges", lambda cortex, why_not: None)
 
 
 def unmended(patch):
-    patch.setattr(mending, "mended", mending.as_given)
+    patch.setattr(repair, "mended", repair.as_given)
 
 
 def hold_mended(holds, tmp_path, capsys, faulty, **counts):
@@ -91,7 +95,7 @@ def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(hold
     ids=["needles", "caps", "edges of no length"],
 )  # fmt: skip
 @hard_case("surfaces", "300 vertices within triangles, so near an edge or a corner that others have no area",
-           guard="the height of each triangle", without=lambda patch: patch.setattr(faults, "THIN", 0.0))  # fmt: skip
+           guard="the height of each triangle", without=lambda patch: patch.setattr(defects, "THIN", 0.0))  # fmt: skip
 def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, weights, each):
     """Written as float32, some have exactly none."""
     status, told = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
@@ -170,7 +174,7 @@ def test_an_edge_with_more_than_two_triangles_is_mended(holds, tmp_path, capsys,
 def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, capsys):
     cortex = clean()[0]
     faces, n = cortex.faces.copy(), cortex.n_vertices
-    near = _mesh.adjacency(n, faces)
+    near = geometry.adjacency(n, faces)
     ring = near.indices[near.indptr[100] : near.indptr[101]]
     faces[faces == next(b for b in ring[1:] if not near[ring[0], b])] = ring[0]
     faulty = changed(cortex, faces=faces)

@@ -12,34 +12,31 @@ from made_folds import bulged, pressed_sphere
 from scipy.spatial import cKDTree
 
 from morphofold import shapes
-from morphofold.analysis import _curvature as bending
 from morphofold.analysis import (
-    checks,
-    chord,
     cortical_thickness,
-    crest,
     crest_lines,
-    faults,
+    crests,
     gyral_graph,
     gyral_thickness,
     measure,
     measures,
-    rays,
-    thickness,
     vertex_areas,
     vertex_normals,
 )  # fmt: skip
-from morphofold.analysis._mesh import face_normals, mean_edge_length
-from morphofold.analysis.altitude import Altimeter
-from morphofold.crossings.intersection import self_intersections
+from morphofold.analysis import curvatures as bending
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.mesh_quality import checks, defects
+from morphofold.analysis.thickness import cortical, gyral, rays
+from morphofold.geometry import face_normals, mean_edge_length
+from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
-from morphofold.ridges import irregular_net, ridged_net
+from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.sim.health import enclosed_volume
 from morphofold.surface import Cortex, Regions, Surface
 
 
 def silent(patch):
-    patch.setattr(faults, "remarks", lambda cortex, mask: {})
+    patch.setattr(defects, "remarks", lambda cortex, mask: {})
 
 
 @hard_case("surfaces", "white crossing pial", guard="the note on crossings", without=silent,
@@ -95,7 +92,7 @@ def test_a_cortex_label_of_ten_vertices_is_refused(holds):
 
 
 def everywhere(patch):
-    for where in (checks, chord):
+    for where in (checks, gyral):
         patch.setattr(where, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
 
 
@@ -147,7 +144,7 @@ def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
 
 def as_it_stands(patch):
     """The file's numbers are taken at their word."""
-    patch.setattr(faults, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {}))
+    patch.setattr(defects, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {}))
 
 
 @pytest.mark.slow
@@ -186,7 +183,7 @@ def spiked(cortex, vertex=0, by=1.0):
 
 
 @hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
-           without=lambda patch: patch.setattr(faults, "self_crossings", lambda cortex, mask: ({}, 0.0)))  # fmt: skip
+           without=lambda patch: patch.setattr(defects, "self_crossings", lambda cortex, mask: ({}, 0.0)))  # fmt: skip
 def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked(clean()[0])
@@ -204,8 +201,8 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
 
 def wherever(patch):
     """Crossings are told wherever they are."""
-    told = faults.self_crossings
-    patch.setattr(faults, "self_crossings", lambda cortex, mask: told(cortex, np.ones_like(mask)))
+    told = defects.self_crossings
+    patch.setattr(defects, "self_crossings", lambda cortex, mask: told(cortex, np.ones_like(mask)))
 
 
 @pytest.mark.slow
@@ -249,7 +246,7 @@ def shell(pial, depth):
 
 def nearest_of_all(patch):
     """The nearest vertex, whatever wall it is of."""
-    patch.setattr(thickness, "_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
+    patch.setattr(cortical, "_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
 
 
 @pytest.mark.slow
@@ -370,7 +367,7 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_pa
 
 def any_extremum(patch):
     for name in ("ROUND", "SHARP", "LESS"):
-        patch.setattr(crest, name, -np.inf)
+        patch.setattr(crests, name, -np.inf)
 
 
 UMBILIC = {

@@ -5,12 +5,13 @@ import pytest
 from test_statics import flat, wave_strip
 from test_tangent import split
 
-from morphofold.sim import statics, theory
+from morphofold.sim import theory
 from morphofold.sim.body import Body
-from morphofold.sim.meshes import bilayer as shapes
-from morphofold.sim.meshes.bilayer import bilayer_patch, bilayer_sphere
-from morphofold.sim.onset import onset
-from morphofold.sim.scene_file import load_scene
+from morphofold.sim.equilibrium import statics
+from morphofold.sim.mesh import bilayer as shapes
+from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.onset import onset
 
 LAWS = ("isotropic", "tangential")
 

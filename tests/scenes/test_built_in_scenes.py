@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import morphofold as mf
-from morphofold.report.fold_statistics import outer_radius
 from morphofold.shapes import even_directions
 from morphofold.sim.scene import LEVELS, SHAPES, Effects
-from morphofold.sim.scene_file import load_scene, scene_names
+from morphofold.sim.scene.files import load_scene, scene_names
+from morphofold.studies.folds.statistics import outer_radius
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ import pytest
 from scipy.fft import dctn
 
 from morphofold import analysis
+from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.geometry import build_body
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.health import BOUNDS
-from morphofold.sim.scene_file import load_scene
-from morphofold.sim.surfaces import whole_surfaces
-from morphofold.sim.wrinkles import first_wrinkles
+from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.scene.files import load_scene
 
 
 def run_of(scene):

@@ -1,0 +1,194 @@
+"""Crest lines: where a principal curvature is extremal along its own direction, on gyral crowns and sulcal fundi."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.curvatures import Curvature, curvature
+from morphofold.analysis.graph.net import paths
+from morphofold.analysis.relief import diffused
+from morphofold.geometry import vertex_normals
+from morphofold.surface import Faces, PerVertex, Verts
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CALM = 0.6              # scales over which extremality is smoothed
+SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median,
+BESIDE, LESS = 1.0, 0.3  # or the share of it that it lacks so many scales to either side
+ROUND = 0.15            # share of k1 by which k2 is less on a crest
+SHORTEST = 1.0          # scales that a line has at least
+KINDS = ("gyral", "sulcal")
+
+
+@dataclass(frozen=True, eq=False)
+class CrestLine:
+    """One line.
+
+    Attributes
+    ----------
+    kind : {"gyral", "sulcal"}
+    points : (P, 3) float64
+        On edges of the surface, one after another [mm]; the first is the last of a closed line.
+    length : float
+        [mm].
+    strength : float
+        Integral of the extremal curvature along the line, without sign and unit (Ohtake and others 2004).
+    mean_H : float
+        Mean of the mean curvature along the line [1/mm], convex positive.
+    """
+
+    kind: str
+    points: Array = field(repr=False)
+    length: float
+    strength: float
+    mean_H: float
+
+
+@dataclass(frozen=True, eq=False)
+class CrestLines:
+    """The crest lines of a surface, the strongest first, and the ``scale`` of its curvature [mm]."""
+
+    lines: list[CrestLine] = field(repr=False)
+    scale: float
+
+    def of_kind(self, kind: str) -> list[CrestLine]:
+        return [line for line in self.lines if line.kind == kind]
+
+    def length(self, kind: str) -> float:
+        """Of all lines of a kind [mm]."""
+        return float(sum(line.length for line in self.of_kind(kind)))
+
+
+def crest_lines(
+    verts: Verts, faces: Faces, *, scale: float | None = None, curv: Curvature | None = None, weakest: float = 0.0
+) -> CrestLines:
+    """Gyral and sulcal crest lines.
+
+    Parameters
+    ----------
+    verts, faces : (N, 3) float64, (M, 3) int64
+        Surface [mm], faces counter-clockwise seen from outside.
+    scale : float, optional
+        Of the curvature [mm]; None: that of :func:`morphofold.analysis.curvature`.
+    curv : Curvature, optional
+        Curvature of the surface, if it is there already.
+    weakest : float
+        Least strength of a line.
+
+    Returns
+    -------
+    CrestLines
+
+    Raises
+    ------
+    ValueError
+        If the arrays are no mesh, scale does not fit it (as in ``curvature``), or scale and ``curv`` are both given.
+
+    Notes
+    -----
+    Gyral: ``e1 = 0``, ``de1/dt1 < 0``, ``k1 > |k2|``; sulcal: the same of the surface turned inside out (Ohtake,
+    Belyaev, Seidel 2004, ACM TOG 23). Extremality comes from the cubic terms of the fit behind the curvature; as a
+    vector ``e1 d1`` it does not depend on the sign of d1, and so is smoothed over 0.6 ``scale``. In each triangle it is
+    linear, turned one way at the three corners, and a line runs straight through the two sides on which it is 0, if
+    there its slope along d1 is negative. A sphere, a torus, a cylinder and all cyclides of Dupin have e = 0 everywhere
+    and must have no lines: so at the median of a line the curvature has to fall away by more than its own cube,
+    ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh; or be less by 0.3 of itself one scale away on both
+    sides, along a circle of that curvature, as on the round caps of thin gyri. And k2 has to be less than 0.85 k1, for
+    near an umbilic noise alone chooses the direction. Lines shorter than ``scale`` are left out. On a surface with
+    noise of 1 % of an edge take a scale of four edges.
+
+    Crest lines end before they meet: where three gyri do the surface is umbilic, with no direction to follow. The net
+    is the business of :func:`morphofold.analysis.gyral_graph`.
+    """
+    if curv is not None and scale is not None:
+        raise ValueError("pass scale or curv, not both: curv has its scale.")
+    if curv is None:
+        curv = curvature(verts, faces, scale)
+    found, beside = [], BESIDE * curv.scale
+    for kind in KINDS:
+        sign = 1.0 if kind == "gyral" else -1.0
+        k, other, along, e = (
+            (curv.k1, curv.k2, curv.d1, curv.e1) if kind == "gyral" else (-curv.k2, -curv.k1, curv.d2, -curv.e2)
+        )
+        flow = np.nan_to_num(diffused(verts, faces, np.nan_to_num(e[:, None] * along), CALM * curv.scale))
+        found += [
+            CrestLine(kind, points, length, float(strength), sign * float(bent))
+            for points, length, strength, bent in _trace(verts, faces, k, other, along, flow, sign * beside)
+            if length >= SHORTEST * curv.scale and strength >= weakest
+        ]
+    return CrestLines(sorted(found, key=lambda line: -line.strength), curv.scale)
+
+
+def _trace(
+    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, beside: float
+) -> Iterator[tuple[Array, float, float, float]]:
+    """Points, length, integral of k and mean of (k + other) / 2 of each line.
+
+    ``beside`` [mm]: how far to either side of a line its curvature is looked at; negative if k is convex inwards.
+    """
+    at, falls, cut = _falls(verts, faces, along, flow)
+    after = np.roll(faces, -1, axis=1)
+    start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
+    low, high = np.minimum(start, stop), np.maximum(start, stop)
+    far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
+    share = far[0] / np.maximum(far[0] + far[1], 1e-300)                # the same from both sides of an edge
+    height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
+    good = (falls > 0) & (height > np.abs(level)).all(axis=1) & (level < (1 - ROUND) * height).all(axis=1)
+    _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
+    low, high, share, height, level = (f[good].ravel()[first] for f in (low, high, share, height, level))
+    points = verts[low] + share[:, None] * (verts[high] - verts[low])
+    bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
+    lacks = _lacks(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
+    one, two = links.reshape(-1, 2).T
+    rows, columns = np.r_[one, two], np.r_[two, one]
+    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=2 * (len(points),))
+    for path in paths(graph, np.zeros(0, dtype=np.int64)):              # no junctions: an edge has two triangles
+        line = points[path]
+        steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        length = float(steps.sum())
+        if length > 0 and (np.median(sharp[path]) > SHARP or np.median(lacks[path]) > LESS):
+            yield (line, length, 0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
+                   0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length)  # fmt: skip
+
+
+def _lacks(
+    verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
+) -> Array:
+    """Share (P,) that k lacks at both of the places ``beside`` points along circles of their own curvature, or a
+    quarter turn away if that is nearer; the least.
+
+    ``near`` (P,) are vertices next to them, whose direction and normal are taken. There counts the nearest vertex whose
+    curvature is known.
+    """
+    normal, known = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
+    tree = cKDTree(verts[known])
+    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]    # of the circle; no farther than down the wall
+    down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
+    ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
+    there = np.max([k[known[tree.query(points + way)[1]]] for way in ways], axis=0)
+    return np.asarray(1 - there / height)
+
+
+def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:
+    """Triangles (T,) in which extremality changes its sign, by how much it falls there along the direction (T,)
+    [1/length^3], and their sides (T, 3), from each corner to the next, on which it does: two of each."""
+    corner = along[faces]                                               # (M, 3, 3), turned the way of the first
+    corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
+    e = np.sum(flow[faces] * corner, axis=2)
+    cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
+    at = np.flatnonzero(cut.any(axis=1))
+    p, e, ahead = verts[faces[at]], e[at], corner[at].sum(axis=1)
+    one, two = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    normal = np.cross(one, two)
+    slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * one - (e[:, 1] - e[:, 0])[:, None] * two)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        falls = -np.sum(slope * ahead, axis=1) / np.sum(normal**2, axis=1)
+    return at, falls, cut[at]

@@ -1,0 +1,114 @@
+"""Shortest ways on a surface, along edges and straight across pairs of triangles."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import sparse
+
+from morphofold import geometry
+from morphofold.surface import Faces, PerVertex, Verts
+
+Ints = NDArray[np.int64]
+
+
+def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
+    """Symmetric (N, N) lengths [mm] of the edges, and of the straight lines between the far corners of two triangles.
+
+    Lines that leave their two triangles are left out. Shortest ways come out about 4 % too long on even meshes,
+    along edges alone 10 %, whatever the resolution.
+    """
+    pairs = geometry.edges(faces)
+    n = len(verts)
+    half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])      # edge, far corner
+    key = half[:, :2].min(axis=1) * n + half[:, :2].max(axis=1)
+    order = np.argsort(key, kind="stable")
+    twin = key[order[1:]] == key[order[:-1]]
+    one, two = half[order[:-1][twin]], half[order[1:][twin]]
+    base = verts[one[:, 0]]
+    along = verts[one[:, 1]] - base
+    length = np.linalg.norm(along, axis=1)
+    along = along / np.maximum(length, 1e-300)[:, None]
+
+    def unfolded(corner: Verts) -> tuple[PerVertex, PerVertex]:
+        x = np.sum((corner - base) * along, axis=1)
+        return x, np.linalg.norm(corner - base - x[:, None] * along, axis=1)
+
+    (x, y), (u, v) = unfolded(verts[one[:, 2]]), unfolded(verts[two[:, 2]])
+    meets = x + (u - x) * y / np.maximum(y + v, 1e-300)
+    inside = (meets > 0) & (meets < length)
+    edge = np.linalg.norm(verts[pairs[:, 0]] - verts[pairs[:, 1]], axis=1)
+    ways = np.maximum(np.r_[edge, np.hypot(x - u, y + v)[inside]], 1e-300)
+    i, j = np.r_[pairs[:, 0], one[inside, 2]], np.r_[pairs[:, 1], two[inside, 2]]
+    return sparse.csr_array((np.r_[ways, ways], (np.r_[i, j], np.r_[j, i])), shape=(n, n))
+
+
+def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: NDArray[np.bool_]) -> None:
+    """Lower ``way`` (N,) [mm], in place, to the shortest ways to ``sources`` (S,) through the vertices ``within``."""
+    _shorten(graph.indptr, graph.indices, graph.data, way, sources, within)
+
+
+def cheapest_path(
+    graph: sparse.csr_array, cost: PerVertex, start: int, goals: NDArray[np.bool_], within: NDArray[np.bool_]
+) -> Ints:
+    """Vertices from ``start`` to the first of ``goals`` (N,) by the least integral of ``cost`` (N,) along the way.
+
+    It runs through the vertices ``within`` (N,); empty if there is no way.
+    """
+    path: Ints = _cheapest(graph.indptr, graph.indices, graph.data, cost, start, goals, within)
+    return path
+
+
+@njit(cache=True)
+def _shorten(indptr, indices, lengths, way, sources, within):
+    heap = [(0.0, np.int64(-1))]
+    heap.pop()
+    for s in sources:
+        if way[s] > 0:
+            way[s] = 0.0
+            heapq.heappush(heap, (0.0, s))
+    while len(heap) > 0:
+        far, v = heapq.heappop(heap)
+        if far > way[v]:
+            continue
+        for e in range(indptr[v], indptr[v + 1]):
+            w = np.int64(indices[e])
+            if within[w] and far + lengths[e] < way[w]:
+                way[w] = far + lengths[e]
+                heapq.heappush(heap, (way[w], w))
+
+
+@njit(cache=True)
+def _cheapest(indptr, indices, lengths, cost, start, goals, within):
+    n = len(cost)
+    best, before = np.full(n, np.inf), np.full(n, -1, np.int64)
+    best[start] = 0.0
+    heap = [(0.0, np.int64(start))]
+    end = -1
+    while len(heap) > 0:
+        spent, v = heapq.heappop(heap)
+        if spent > best[v]:
+            continue
+        if goals[v]:
+            end = v
+            break
+        for e in range(indptr[v], indptr[v + 1]):
+            w = np.int64(indices[e])
+            price = spent + 0.5 * (cost[v] + cost[w]) * lengths[e]
+            if within[w] and price < best[w]:
+                best[w], before[w] = price, v
+                heapq.heappush(heap, (price, w))
+    count = 0
+    v = end
+    while v >= 0:
+        count += 1
+        v = before[v]
+    path = np.empty(count, np.int64)
+    v = end
+    for k in range(count - 1, -1, -1):
+        path[k] = v
+        v = before[v]
+    return path

@@ -1,0 +1,158 @@
+"""The net of gyral crests as curves and junctions: from the altitude of a surface, by lengths in mm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.geodesics import way_graph
+from morphofold.analysis.graph.dead_ends import add_blind_gyri
+from morphofold.analysis.graph.depth_potential import CALM, WIDE, Altimeter, persistence
+from morphofold.analysis.graph.net import Net, borders, smoothed
+from morphofold.analysis.graph.refine import refine
+from morphofold.analysis.graph.watershed import Watershed
+from morphofold.analysis.mesh_quality import checks
+from morphofold.surface import Cortex, PerVertex, Surface, check_kind
+
+EQUAL = 1e-6            # relative: distances that are the same but for rounding
+STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
+WEAK = 0.15             # and the share of it below which one is none
+
+
+@dataclass(frozen=True)
+class GyralScales:
+    """The lengths of a gyral graph [mm]; :meth:`of_width` has those that the gyral width gives.
+
+    Attributes
+    ----------
+    width : float
+        Of the gyri, from inflection to inflection.
+    reach : float
+        Of the altitude: what is several times as wide is the body's shape.
+    smoothing : float
+        Standard deviation, of the altitude and along the net.
+    persistence : float
+        Least rise of the pass between two basins above the shallower one.
+    merge : float
+        Crests shorter than this between two hinges are contracted to one hinge.
+    prune : float
+        Crests shorter than this with a free end are dropped.
+    tip : float
+        A crown that reaches farther from the net has a crest of its own.
+    """
+
+    width: float
+    reach: float
+    smoothing: float
+    persistence: float
+    merge: float
+    prune: float
+    tip: float
+
+    @classmethod
+    def of_width(cls, width: float) -> GyralScales:
+        """1.5, 0.2, 0.25, 0.5, 1 and 1.5 gyral widths."""
+        return cls(width, WIDE * width, CALM * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """Altitude ``D`` (N,) [mm], altitude less what it is a gyral width around, ``band`` (N,) [mm], mean curvature ``H``
+    (N,) [1/mm], and the basins of the altitude."""
+
+    D: PerVertex = field(repr=False)
+    band: PerVertex = field(repr=False)
+    H: PerVertex = field(repr=False)
+    flood: Watershed = field(repr=False)
+
+
+class Ground:
+    """What all nets of one surface stand on; of a cortex the white surface is taken, and its mask."""
+
+    def __init__(self, surface: Cortex | Surface):
+        check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
+        cortex = isinstance(surface, Cortex)
+        self.sheet = surface.white if isinstance(surface, Cortex) else surface
+        self.inside: NDArray[np.bool_] = (
+            checks.cortex_mask(surface) if isinstance(surface, Cortex) else np.ones(len(self.sheet.verts), dtype=bool)
+        )
+        self.masked = cortex and not self.inside.all()
+        self.meter = Altimeter(self.sheet.verts, self.sheet.faces)
+        self.tree = cKDTree(self.sheet.verts)
+
+    @cached_property
+    def ways(self) -> sparse.csr_array:
+        """Lengths of ways between vertices."""
+        return way_graph(self.sheet.verts, self.sheet.faces)
+
+    def scales(self, width: float | None, scales: GyralScales | None) -> GyralScales | None:
+        """The lengths that are asked for, or those that the measured width gives; None if there are no gyri."""
+        if width is not None and scales is not None:
+            raise ValueError("pass width or scales, not both: scales.width is the width.")
+        if scales is None:
+            width = self.meter.gyral_width(self.inside) if width is None else float(width)
+            if math.isnan(width):
+                return None
+            scales = GyralScales.of_width(width)
+        for name, value in asdict(scales).items():
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive length in mm, got {value!r}.")
+        least, most = 0.1 * self.meter.edge, 10 * self.meter.area**0.5
+        if not least <= scales.width <= most:
+            raise ValueError(
+                f"{self.sheet.name}: gyri {scales.width:.4g} wide do not fit a surface with edges of "
+                f"{self.meter.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
+            )
+        return scales
+
+    def fields(self, scales: GyralScales) -> Fields:
+        meter = self.meter
+        D = meter.altitude(scales.reach, scales.smoothing)
+        band = D - meter.smooth(D, scales.width)
+        return Fields(D, band, meter.mean_curvature(scales.smoothing), Watershed(meter.pairs, meter.lengths, D))
+
+    def net(self, fields: Fields, scales: GyralScales) -> Net:
+        """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""
+        meter, width = self.meter, scales.width
+        basin = fields.flood.basins(persistence(fields.D, scales.persistence))
+        net = borders(meter.verts, meter.faces, meter.pairs, basin, fields.flood.finest)
+        if self.masked:
+            net.keep(lambda points: np.all(self.inside[_nearest(self.tree, points)], axis=1))
+        least = _drop_weak(net, fields.band, self.tree)
+        for arc in net.arcs.values():
+            arc.points = smoothed(arc.points, scales.smoothing)
+        net.tidy_up(scales.merge, scales.prune, width)
+        crown = (fields.H > 0) & (fields.band > least) & self.inside
+        add_blind_gyri(net, meter, self.ways, fields.D, crown, width, scales.tip)
+        net.tidy_up(scales.merge, scales.prune, width)
+        refine(net, meter, fields.D, width, rounds=1)
+        net.tidy_up(scales.merge, scales.prune, width)
+        return net
+
+
+def _nearest(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The vertex (P, 2) nearest to each point, and the other one where two are equally near, else the first again.
+
+    Borders of basins run midway between vertices: which of the two is found first is a matter of their numbers.
+    """
+    away, vertex = tree.query(points, k=2)
+    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL) * away[:, 0], vertex[:, 1], vertex[:, 0])
+    return vertex.astype(np.int64)
+
+
+def _drop_weak(net: Net, band: PerVertex, tree: cKDTree) -> float:
+    """Take weak crests out of the net; the strength that is the least."""
+    strength = {name: float(np.median(band[_nearest(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()}
+    if not strength:
+        return 0.0
+    order = sorted(strength, key=lambda name: strength[name])
+    length = np.cumsum([net.arcs[name].length for name in order])
+    least = WEAK * strength[order[int(np.searchsorted(length, STRONG * length[-1]))]]
+    net.drop(*(name for name in order if strength[name] < least))
+    return least

@@ -1,0 +1,74 @@
+"""Blind gyri: ridges that end inside one basin, so that no border of basins runs along them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.geodesics import cheapest_path, shorten
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.net import Arc, Net, Node, resampled
+from morphofold.surface import PerVertex
+
+LOWEST = 0.1            # quantile of the altitudes along the net, below which nothing is a crown
+STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 a mm, c the way to the flank in half widths
+BROAD = 1.3             # half widths from the flank beyond which the cost falls no more
+TRIM = 0.5              # widths by which the crest of a gyrus ends before its flank
+
+
+def add_blind_gyri(
+    net: Net, meter: Altimeter, graph: sparse.csr_array, D: PerVertex, crown: NDArray[np.bool_], width: float,
+    tip: float,
+) -> None:  # fmt: skip
+    """Trace crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
+
+    ``crown`` (N,): what can be one; it is if its altitude D (N,) is above the lowest tenth of the net, too. The way
+    back to the net keeps to the middle of the crown (Sato and others 2000, the skeletons called TEASAR).
+    """
+    if not net.arcs:
+        return
+    tree = cKDTree(meter.verts)
+    along = np.concatenate([resampled(arc.points, meter.edge) for arc in net.arcs.values()])
+    on_net = np.zeros(len(D), dtype=bool)
+    on_net[tree.query(along)[1]] = True
+    crown = crown & (D > np.quantile(D[on_net], LOWEST))
+    flank = np.where(crown, np.inf, 0.0)
+    border = np.unique(meter.pairs[crown[meter.pairs[:, 0]] != crown[meter.pairs[:, 1]]])
+    shorten(graph, flank, border[crown[border]], crown)
+    cost = FLOOR + np.exp(-STEEP * np.minimum(flank / (0.5 * width), BROAD))
+    way = np.full(len(D), np.inf)
+    shorten(graph, way, np.flatnonzero(on_net & crown), crown)
+    while True:
+        reached = np.where(np.isfinite(way), way, 0.0)
+        far = int(reached.argmax())
+        if reached[far] <= tip:
+            return
+        path = cheapest_path(graph, cost, far, on_net, crown)
+        shorten(graph, way, path, crown)
+        line = _trimmed(meter.verts[path], TRIM * width)
+        on_net[path] = True
+        if line is not None:
+            end = net.add_node(Node(line[0]))
+            root = _root(net, line[-1])
+            net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
+
+
+def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
+    """A curve without its first so many mm; None if nothing is left."""
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    kept = line[way >= length]
+    return kept if len(kept) > 1 else None
+
+
+def _root(net: Net, at: NDArray[np.float64]) -> int:
+    """The node of the net at a point, or a new one on the nearest curve."""
+    nearest = min(
+        ((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()),
+    )[1]
+    arc = net.arcs[nearest]
+    k = int(np.linalg.norm(arc.points - at, axis=1).argmin())
+    if k == 0 or k == len(arc.points) - 1:
+        return arc.a if k == 0 else arc.b
+    return net.split(nearest, k)

@@ -1,0 +1,285 @@
+"""Shapes of three-hinge gyral patterns, free of rotation, mirror and scale, and what to compare them with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.graph.hinges import counts
+from morphofold.shapes.ridges import irregular_net
+from morphofold.surface import check_kind
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FEATURES = ("angle", "length", "curvature", "sharpness")
+#: features that any planar net has; the others need a surface
+OF_A_NET = ("angle", "length")
+#: arms, and angles to the next arm, in the three turns of a hinge and the three of its mirror image
+ARMS = np.array([[(s + sense * k) % 3 for k in range(3)] for sense in (1, -1) for s in range(3)])
+ANGLES = np.concatenate([ARMS[:3], (ARMS[3:] - 1) % 3])
+
+
+@dataclass(frozen=True, eq=False)
+class HingeShapes:
+    """The K hinges of one surface that have three arms and are not doubtful.
+
+    Attributes
+    ----------
+    hinge : (K,) int64
+        Their numbers in the table of hinges.
+    features : (K, 3, 4) float64
+        For each arm, counter-clockwise seen from outside: the angle to the next arm [rad], the natural logarithm of
+        its length over the gyral width, its mean geodesic curvature, and the mean curvature of the crown along it, both
+        times the gyral width. Each spreads by 0.3 to 0.5 over the hinges of a brain, so that none outweighs the others
+        where they are added.
+    kinds : (K,) str
+        ``Y``, ``T`` or ``V``, see :class:`morphofold.analysis.Hinge`.
+    width : float
+        Gyral width of the surface [mm].
+    per_area : float
+        All its hinges that are not doubtful, with three arms or more, per square of the gyral width, on the white
+        surface of the cortex.
+    """
+
+    hinge: Ints = field(repr=False)
+    features: Array = field(repr=False)
+    kinds: NDArray[np.str_] = field(repr=False)
+    width: float
+    per_area: float
+
+    def __len__(self) -> int:
+        return len(self.hinge)
+
+    def numbers(self) -> dict[str, Array]:
+        """What is plotted of each hinge (K,): least and largest angle [degrees], geometric mean of the arms' lengths
+        over the width, mean of their curvature and of their sharpness, both times the width."""
+        angle, length, curvature, sharpness = np.moveaxis(self.features, 2, 0)
+        return {
+            "smallest angle, degrees": np.degrees(angle.min(axis=1)),
+            "largest angle, degrees": np.degrees(angle.max(axis=1)),
+            "length / width": np.exp(length.mean(axis=1)),
+            "curvature × width": curvature.mean(axis=1),
+            "sharpness × width": sharpness.mean(axis=1),
+        }
+
+
+def hinge_shapes(measures: Measures) -> HingeShapes | None:
+    """Shapes of the three-armed hinges of a cortex, from its tables; doubtful ones (confidence below 0.25) left out.
+
+    An arm without mean curvature (its crest is off the cortex) counts as having the mean of the others of its hinge; a
+    hinge none of whose arms has one is left out.
+
+    Returns
+    -------
+    HingeShapes or None
+        None if the cortex has no gyral graph.
+
+    Raises
+    ------
+    ValueError
+        If the table of arms does not say which crests they are, as those of older analyses.
+    """
+    from morphofold.analysis.measures import Measures
+
+    check_kind(measures, Measures, "hinge_shapes: measures")
+    width, area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
+    if not width or area is None:
+        return None
+    if any("crest" not in row for row in measures.arms):
+        raise ValueError(f"{measures.cortex.name}: its arms do not say which crests they are. Analyze it anew.")
+    bent = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
+    arms: dict[int, list[list[float]]] = {}
+    for row in measures.arms:
+        sharp = bent.get(row["crest"])
+        arms.setdefault(row["hinge"], []).append([
+            np.radians(row["angle_deg"]), np.log(row["length_mm"] / width), row["curvature_per_mm"] * width,
+            np.nan if sharp is None else sharp * width,
+        ])  # fmt: skip
+    sure = [row for row in measures.hinges if counts(row)]
+    mine = [row for row in sure if row["degree"] == 3]
+    features = np.array([arms[row["hinge"]] for row in mine], dtype=np.float64).reshape(-1, 3, len(FEATURES))
+    known = np.isfinite(features[:, :, 3])
+    mean = np.where(known, features[:, :, 3], 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    features[:, :, 3] = np.where(known, features[:, :, 3], mean[:, None])
+    some = known.any(axis=1)
+    on_cortex = float(area[np.isfinite(measures.maps["H"])].sum())
+    return HingeShapes(
+        np.array([row["hinge"] for row in mine], dtype=np.int64)[some], features[some],
+        np.array([row["shape"] for row in mine], dtype=np.str_)[some], float(width),
+        len(sure) * float(width) ** 2 / on_cortex,
+    )  # fmt: skip
+
+
+def together(shapes: Sequence[HingeShapes]) -> Array:
+    """Features (sum of K, 3, 4) of the hinges of several surfaces, one after another."""
+    return np.concatenate([s.features for s in shapes]) if shapes else np.empty((0, 3, len(FEATURES)))
+
+
+def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple[Array, Ints]:
+    """Distances between hinges, and the pose of the second in which it is nearest.
+
+    Parameters
+    ----------
+    a, b : (K, 3, 4) and (L, 3, 4) float64
+        Features as in :class:`HingeShapes`.
+    of : sequence of str
+        Those of :data:`FEATURES` that count.
+
+    Returns
+    -------
+    distance : (K, L) float64
+        Root mean square difference of the features, the least over the six ways to lay one hinge on another: three
+        turns, and three of the mirror image.
+    pose : (K, L) int64
+        0 to 2: the arm of ``b`` that lies on the first of ``a``, the others following in the same sense; 3 to 5: arm
+        ``pose - 3``, in the other sense.
+
+    Raises
+    ------
+    ValueError
+        If ``of`` names no feature or an unknown one, or a chosen feature is not finite (a net alone has no curvature).
+    """
+    if not of or not set(of) <= set(FEATURES):
+        raise ValueError(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
+    chosen = [FEATURES.index(name) for name in of]
+    if not (np.isfinite(a[:, :, chosen]).all() and np.isfinite(b[:, :, chosen]).all()):
+        raise ValueError(f"{', '.join(of)} must be finite numbers for every arm; compare by {', '.join(OF_A_NET)}.")
+    least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
+    for k, (arms, angles) in enumerate(zip(ARMS, ANGLES)):
+        laid = b[:, arms].copy()
+        laid[:, :, 0] = b[:, angles, 0]
+        square = np.zeros(least.shape)
+        for f in chosen:
+            for arm in range(3):
+                square += (a[:, None, arm, f] - laid[None, :, arm, f]) ** 2
+        nearer = square < least
+        least[nearer], pose[nearer] = square[nearer], k
+    return np.sqrt(least / (3 * len(chosen))), pose
+
+
+@dataclass(frozen=True)
+class TwoSample:
+    """Energy distance of two samples, and how often a division at chance has as much.
+
+    ``statistic`` is 0 for a sample and its copy, and falls to 0 with the size for two samples of one distribution;
+    ``p`` is that of a permutation test; ``n``, ``m`` the sizes.
+    """
+
+    statistic: float
+    p: float
+    n: int
+    m: int
+
+
+def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 0) -> TwoSample:
+    """Whether the first ``n`` of some hinges are shaped as the others, from all distances between them.
+
+    Parameters
+    ----------
+    distance : (N, N) float64
+        Symmetric, 0 on the diagonal.
+    n : int
+        Size of the first sample, 0 < n < N.
+    permutations, seed : int
+        Of the divisions at chance.
+
+    Returns
+    -------
+    TwoSample
+
+    Notes
+    -----
+    ``2 E|X - Y| - E|X - X'| - E|Y - Y'|`` (Szekely and Rizzo 2013, J. Stat. Plan. Inference 143). Its p-value takes
+    hinges as exchangeable: those of one surface are neighbours and share arms, so a small p says less than it seems.
+
+    Raises
+    ------
+    ValueError
+        If a sample is empty, or ``distance`` is no matrix of distances.
+    """
+    size = len(distance)
+    if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
+        raise ValueError(f"distance must be finite and symmetric, got an array {distance.shape} that is not.")
+    if not 0 < n < size:
+        raise ValueError(f"two samples are needed, got {n} of {size}.")
+    rng, first = np.random.default_rng(seed), np.arange(size) < n
+    energy = _energy(distance, first[None])[0]
+    drawn = np.array([rng.permutation(first) for _ in range(permutations)])
+    as_much = np.count_nonzero(_energy(distance, drawn) >= energy - 1e-12)
+    return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
+
+
+def _energy(distance: Array, first: NDArray[np.bool_]) -> Array:
+    """Of each division (D, N) into the first sample and the second."""
+    mine = first.astype(np.float64)
+    rows, n = mine @ distance, first[0].sum()
+    m, within = first.shape[1] - n, np.sum(rows * mine, axis=1)
+    across = rows.sum(axis=1) - within
+    beyond = distance.sum() - 2 * across - within
+    return np.asarray(2 * across / (n * m) - within / n**2 - beyond / m**2)
+
+
+def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) -> Array:
+    """Features (K, 3, 4) of the hinges of a net at chance: the borders between points put on a sphere at random.
+
+    Parameters
+    ----------
+    hinges : int
+        About how many the net has.
+    shortest : float
+        Arms are no shorter, in gyral widths: a gyral graph makes one hinge of the two that such an arm joins, which
+        then has four arms, so both are left out.
+    per_area : float
+        Hinges, of any number of arms, per square of the gyral width, which sets the scale.
+    seed : int
+        Of the points.
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive (``shortest``: negative), or no scale has that many hinges.
+
+    Notes
+    -----
+    A Voronoi net of a Poisson process: straight arms, angles and lengths as chance has them. Curvature and sharpness
+    are NaN: compare by :data:`OF_A_NET`.
+    """
+    if not (hinges > 0 and shortest >= 0 and 0 < per_area < np.inf):
+        raise ValueError(f"a net needs positive numbers, got {hinges} hinges, {shortest} and {per_area} per area.")
+    net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
+    width = _width(net.lengths, len(net.nodes), shortest, per_area)
+    at = net.nodes
+    ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
+    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)      # every node of such a net has three arcs
+    flat = at[to] - np.sum(at[to] * at[:, None], axis=2, keepdims=True) * at[:, None]
+    across = np.cross(at, flat[:, 0])
+    azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
+    order = np.argsort(azimuth, axis=1)
+    azimuth = np.take_along_axis(azimuth, order, axis=1)
+    length = np.arccos(np.clip(np.sum(at[to] * at[:, None], axis=2), -1, 1)) / width
+    found = np.full((len(at), 3, len(FEATURES)), np.nan)
+    found[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
+    found[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
+    return found[length.min(axis=1) >= shortest]
+
+
+def _width(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
+    """Gyral width [rad] at which ``nodes``, less one for each of the arcs that are too short, are ``per_area``."""
+    left = nodes
+    for _ in range(100):
+        width = float(np.sqrt(per_area * 4 * np.pi / left))
+        now = nodes - int(np.count_nonzero(lengths < shortest * width))
+        if now == left:
+            return width
+        if now <= nodes // 4:
+            break
+        left = now
+    raise ValueError(f"{per_area:g} hinges per square of the width leave no room for arms of {shortest:g} widths.")

@@ -1,0 +1,207 @@
+"""Hinges of a gyral graph: how many arms, where they go, what shape that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.graph.refine import INNER, OUTER, SHARE
+from morphofold.surface import check_kind
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+Array = NDArray[np.float64]
+
+EVEN = 30.0             # degrees from 120 within which all three angles of a Y are
+STRAIGHT = 150.0        # degrees that the largest angle of a T has at least
+APART = 30.0            # degrees that its smallest has
+DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it would by a stricter reading
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One arm of a hinge.
+
+    Attributes
+    ----------
+    hinge, number : int
+        The node of the graph, and the arm's place around it, counter-clockwise seen from outside.
+    to, crest : int
+        Node at the other end, and the number of the crest that leads there.
+    angle : float
+        To the next arm [degrees]; those of a hinge add up to 360.
+    length : float
+        Of the crest to that node [mm].
+    curvature : float
+        Mean geodesic curvature of the crest, without sign [1/mm].
+    altitude, lowest : float
+        Median and least altitude of the crest [mm].
+    blind : bool
+        Whether the arm is a gyrus that ends.
+    direction : (3,) tuple of float
+        Unit direction in the tangent plane.
+    """
+
+    hinge: int
+    number: int
+    to: int
+    crest: int
+    angle: float
+    length: float
+    curvature: float
+    altitude: float
+    lowest: float
+    blind: bool
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A node of the gyral graph where three or more crests meet.
+
+    Attributes
+    ----------
+    node : int
+        Of the graph.
+    vertex : int
+        Nearest vertex of the surface.
+    position : (3,) tuple of float
+        [mm].
+    degree : int
+        Arms; a loop counts twice.
+    shape : str
+        ``Y``: three arms, all angles within 30 of 120 degrees. ``T``: three, the largest 150 or more, the smallest 30
+        or more. ``V``: three, neither. ``X``: four. ``star``: five or more.
+    largest, smallest : float
+        Angles between neighbouring arms [degrees].
+    mean_arm_length : float
+        [mm].
+    persistence : float
+        [mm], see :func:`morphofold.analysis.gyral_graph`; NaN for a hinge that a blind gyrus makes.
+    blind : bool
+        Whether there would be no hinge without its blind arms.
+    confidence : float
+        0 to 1, see :func:`morphofold.analysis.graph.confidence.label_hinges`; NaN in a graph of an older version.
+    arms : tuple of Arm
+        Counter-clockwise seen from outside, the one before the largest angle last.
+    """
+
+    node: int
+    vertex: int
+    position: tuple[float, float, float]
+    degree: int
+    shape: str
+    largest: float
+    smallest: float
+    mean_arm_length: float
+    persistence: float
+    blind: bool
+    confidence: float
+    arms: tuple[Arm, ...]
+
+
+def hinges(graph: nx.MultiGraph) -> list[Hinge]:
+    """The hinges of a gyral graph, by node.
+
+    Parameters
+    ----------
+    graph : networkx.MultiGraph
+        From :func:`morphofold.analysis.gyral_graph`.
+
+    Returns
+    -------
+    list of Hinge
+        An arm's direction is that of the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (60 % of its
+        length at most), in the tangent plane.
+    """
+    import networkx as nx
+
+    check_kind(graph, nx.MultiGraph, "hinges: graph")
+    if graph.graph["scales"] is None:
+        return []
+    return [hinge_at(graph, node) for node, degree in graph.degree() if degree > 2]
+
+
+def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
+    """The hinge at a node of a gyral graph where three crests or more meet, as :func:`hinges` gives it.
+
+    ``KeyError`` if there is no such node; a node of fewer crests has no angles that mean anything.
+    """
+    data, width = graph.nodes[node], graph.graph["scales"].width
+    here, normal = data["position"], data["normal"]
+    found = []
+    for a, b, crest in graph.edges(node, data=True):
+        lines = [crest["polyline"]] if a != b else [crest["polyline"], crest["polyline"][::-1]]
+        if a != b and np.linalg.norm(lines[0][0] - here) > np.linalg.norm(lines[0][-1] - here):
+            lines = [lines[0][::-1]]
+        for line in lines:
+            found.append((_direction(line, here, normal, width), b if a == node else a, crest))
+    u = found[0][0]
+    v = np.cross(normal, u)
+    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in found]
+    order = sorted(range(len(found)), key=lambda k: azimuth[k])
+    turns = [(azimuth[b] - azimuth[a]) % 360 for a, b in pairwise([*order, order[0]])]
+    first = (int(np.argmax(turns)) + 1) % len(turns)
+    order, turns = order[first:] + order[:first], turns[first:] + turns[:first]
+    arms = []
+    for number, (k, turn) in enumerate(zip(order, turns)):
+        direction, to, crest = found[k]
+        arms.append(Arm(node, number, to, crest["number"], turn, crest["length"], crest["curvature"],
+                        crest["altitude"], crest["lowest"], crest["blind"], tuple(direction.tolist())))  # fmt: skip
+    seeing = sum(not arm.blind for arm in arms)
+    return Hinge(
+        node, data["vertex"], tuple(here.tolist()), len(arms), _shape(turns), max(turns), min(turns),
+        float(np.mean([arm.length for arm in arms])), data["persistence"], seeing < 3,
+        data.get("confidence", math.nan), tuple(arms),
+    )  # fmt: skip
+
+
+def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    outer = min(OUTER * width, SHARE * way[-1])
+    places = np.linspace(min(INNER * width, 0.5 * outer), outer, 9)
+    middle = np.mean([[np.interp(s, way, line[:, k]) for k in range(3)] for s in places], axis=0) - here
+    flat = middle - (middle @ normal) * normal
+    unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
+    return unit
+
+
+def _shape(turns: list[float]) -> str:
+    if len(turns) > 3:
+        return "X" if len(turns) == 4 else "star"
+    if max(abs(turn - 120) for turn in turns) <= EVEN:
+        return "Y"
+    return "T" if max(turns) >= STRAIGHT and min(turns) >= APART else "V"
+
+
+def counts(row: Mapping[str, Any]) -> bool:
+    """Whether a hinge, a row of its table or a node of the graph, is not doubtful; older versions did not say."""
+    confidence = row.get("confidence")
+    return confidence is None or not confidence < DOUBTFUL              # NaN in a graph of an older version
+
+
+def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Hinges and arms as rows of tables."""
+    hinge_rows, arm_rows = [], []
+    for hinge in found:
+        x, y, z = hinge.position
+        hinge_rows.append({
+            "hinge": hinge.node, "x": x, "y": y, "z": z, "degree": hinge.degree, "shape": hinge.shape,
+            "min_angle_deg": hinge.smallest, "max_angle_deg": hinge.largest, "vertex": hinge.vertex,
+            "mean_arm_length_mm": hinge.mean_arm_length, "persistence_mm": hinge.persistence,
+            "blind": int(hinge.blind), "confidence": None if math.isnan(hinge.confidence) else hinge.confidence,
+        })  # fmt: skip
+        for arm in hinge.arms:
+            arm_rows.append({
+                "hinge": arm.hinge, "arm": arm.number, "angle_deg": arm.angle, "length_mm": arm.length,
+                "curvature_per_mm": arm.curvature, "to_hinge": arm.to, "altitude_mm": arm.altitude,
+                "lowest_altitude_mm": arm.lowest, "blind": int(arm.blind), "crest": arm.crest,
+            })  # fmt: skip
+    return hinge_rows, arm_rows

@@ -1,0 +1,222 @@
+"""Where exactly the crests of a net run and meet: curves onto the crown, junctions where their arms point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.curvatures import _reach
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
+from morphofold.geometry import adjacency
+from morphofold.surface import PerVertex
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDS = 3
+ENOUGH = 1.6            # edges around a point within which there are enough vertices for a fit
+STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6                 # widths: of a curve, fitted around a point, moved a round,
+NEAR, SMOOTHING = 0.2, 0.2                              # spared at a junction, smoothed along
+INNER, OUTER = 0.5, 1.5                                 # widths from a junction between which an arm has its direction,
+SHARE = 0.6                                             # and the share of it that may be used
+MEETING = (0.3, 1.0)                                    # widths between which its arms say where a junction is: farther
+                                                        # out they bend, and it would be found anew less exactly
+SHIFT, TIE = 0.25, 0.3                                  # a junction's move a round, widths; how it clings to its place
+STRAIGHT = 0.3                                          # of an arm that is made straight at most
+BLOCKS = 64
+
+
+def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
+    """Move the curves of a net onto the crowns of the altitude ``D`` (N,), and its junctions to where arms meet.
+
+    Each point moves across its curve to the top of a parabola fitted to the altitude around it; curves
+    are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
+    between 0.3 and 1 width from it (0.5 and 1.5 if it was several: nearer, the arms are those of its parts), and within
+    0.5 the arms become straight: on the last stretch altitude has no
+    crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
+    wander along them.
+    """
+    ring = adjacency(len(meter.verts), meter.faces)
+    tree = cKDTree(meter.verts)
+    radius = np.maximum(BALL * width, ENOUGH * meter.local_edges)
+    for _ in range(rounds):
+        for arc in net.arcs.values():
+            arc.points = resampled(arc.points, max(STEP * width, 0.3 * meter.edge))
+        _climb(net, meter, D, ring, tree, radius, width)
+        for arc in net.arcs.values():
+            arc.points = smoothed(arc.points, SMOOTHING * width)
+        _meet(net, meter, tree, width)
+
+
+def _climb(net, meter, D, ring, tree, radius, width):
+    """Move the points of all curves across them, onto the crown."""
+    if not net.arcs:
+        return
+    degree = net.degrees()
+    points, ahead, free, sizes = [], [], [], []
+    for arc in net.arcs.values():
+        p = arc.points
+        way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))]
+        tangent = np.gradient(p, axis=0)
+        near_a = way < NEAR * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
+        near_b = way[-1] - way < NEAR * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
+        points.append(p)
+        ahead.append(tangent)
+        free.append(~(near_a | near_b))
+        sizes.append(len(p))
+    p, t = np.concatenate(points), np.concatenate(ahead)
+    nearest = tree.query(p)[1]
+    shift = _crown(
+        p, t, nearest, meter.verts, meter.normals, ring.indptr, ring.indices, D, radius[nearest], FARTHEST * width
+    )
+    p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
+    for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
+        ring_ = arc.a == arc.b and degree[arc.a] == 2
+        if ring_:
+            new[0] = new[-1] = 0.5 * (new[0] + new[-1])
+            net.nodes[arc.a].at = new[0]
+            arc.points = new
+        else:
+            arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at) if len(new) else new
+
+
+def _meet(net, meter, tree, width):
+    """Junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
+    ends = net.ends()
+    for node, names in ends.items():
+        if len(names) < 3:
+            continue
+        here = net.nodes[node]
+        normal = upright(meter, tree, here.at, width)
+        across = np.eye(3) - np.outer(normal, normal)
+        matrix, right = TIE * len(names) * np.eye(3) + np.outer(normal, normal), TIE * len(names) * here.at
+        right = right + normal * (normal @ here.at)
+        for line in _arms(net, node, names):
+            window = _window(line, width, MEETING if here.merged == 1 else (INNER, OUTER))
+            if window is None:
+                continue
+            middle = window.mean(axis=0)
+            flat = (window - middle) @ across
+            direction = np.linalg.svd(flat, full_matrices=False)[2][0]
+            off = across - np.outer(direction, direction)               # projects across the line, in the plane
+            matrix, right = matrix + off, right + off @ middle
+        shift = np.linalg.solve(matrix, right) - here.at
+        far = np.linalg.norm(shift)
+        here.at = here.at + shift * min(1.0, SHIFT * width / far if far > 0 else 1.0)
+    for arc in net.arcs.values():
+        degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
+        p = arc.points.copy()
+        p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
+        if degree_a > 2:
+            p = _straightened(p, width)
+        if degree_b > 2:
+            p = _straightened(p[::-1], width)[::-1]
+        arc.points = p
+
+
+def upright(meter: Altimeter, tree: cKDTree, at: Array, width: float) -> Array:
+    """Unit normal (3,) at a point, the mean over what faces its way within half a width."""
+    here = meter.normals[tree.query(at)[1]]
+    around = meter.normals[tree.query_ball_point(at, 0.5 * width)]
+    mean = here + around[around @ here > 0.2].sum(axis=0)
+    unit: Array = mean / np.linalg.norm(mean)
+    return unit
+
+
+def _arms(net, node, names):
+    """The curves of a junction, each away from it; a loop both ways."""
+    for name in dict.fromkeys(names):
+        arc = net.arcs[name]
+        if arc.a == node:
+            yield arc.points
+        if arc.b == node:
+            yield arc.points[::-1]
+
+
+def _window(line, width, between):
+    """The points of an arm from which its line is taken; None if there are fewer than two."""
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    outer = min(between[1] * width, SHARE * way[-1])
+    inner = min(between[0] * width, 0.5 * outer)
+    inside = (way >= inner) & (way <= outer)
+    return line[inside] if inside.sum() > 1 else None
+
+
+def _straightened(line, width):
+    """An arm with its first stretch replaced by a chord."""
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    k = int(np.searchsorted(way, min(INNER * width, STRAIGHT * way[-1])))
+    if 0 < k < len(line):
+        share = (way[: k + 1] / way[k])[:, None]
+        line = line.copy()
+        line[: k + 1] = (1 - share) * line[0] + share * line[k]
+    return line
+
+
+@njit(cache=True, parallel=True)
+def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
+    """Shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u along),
+    fitted within ``radii`` (P,); none where that has no top."""
+    n = len(points)
+    shift = np.zeros((n, 3))
+    for block in prange(BLOCKS):
+        seen, queue = np.full(len(verts), -1, np.int32), np.empty(len(verts), np.int32)
+        A, f, m = np.empty((4, 4)), np.empty(4), np.empty(4)
+        stamp = 0
+        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
+            v, radius = nearest[i], radii[i]
+            stamp += 1
+            count = _reach(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
+            n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
+            t0, t1, t2 = ahead[i, 0], ahead[i, 1], ahead[i, 2]
+            dot = t0 * n0 + t1 * n1 + t2 * n2
+            t0, t1, t2 = t0 - dot * n0, t1 - dot * n1, t2 - dot * n2
+            length = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+            if length == 0.0:
+                continue
+            t0, t1, t2 = t0 / length, t1 / length, t2 / length
+            s0, s1, s2 = n1 * t2 - n2 * t1, n2 * t0 - n0 * t2, n0 * t1 - n1 * t0
+            A[:], f[:] = 0.0, 0.0
+            for q in range(count):
+                w = queue[q]
+                x, y, z = verts[w, 0] - points[i, 0], verts[w, 1] - points[i, 1], verts[w, 2] - points[i, 2]
+                s, u = (x * s0 + y * s1 + z * s2) / radius, (x * t0 + y * t1 + z * t2) / radius
+                weight = 1.0 - (x * x + y * y + z * z) / radius**2
+                if weight <= 0.0:
+                    continue
+                m[0], m[1], m[2], m[3] = 1.0, s, s * s, u
+                for r in range(4):
+                    f[r] += weight * m[r] * (D[w] - D[v])
+                    for c in range(4):
+                        A[r, c] += weight * m[r] * m[c]
+            if not _solved(A, f):
+                continue
+            if f[2] < 0.0:
+                step = -0.5 * f[1] / f[2] * radius
+                step = min(max(step, -farthest), farthest)
+                shift[i, 0], shift[i, 1], shift[i, 2] = step * s0, step * s1, step * s2
+    return shift
+
+
+@njit(cache=True)
+def _solved(A, f):
+    """Solve A x = f in place by elimination for a positive semidefinite A; False if it is singular."""
+    n = len(f)
+    for k in range(n):
+        if A[k, k] <= 1e-9 * A[0, 0] or not A[k, k] > 0.0:
+            return False
+        for r in range(k + 1, n):
+            factor = A[r, k] / A[k, k]
+            for c in range(k, n):
+                A[r, c] -= factor * A[k, c]
+            f[r] -= factor * f[k]
+    for k in range(n - 1, -1, -1):
+        for c in range(k + 1, n):
+            f[k] -= A[k, c] * f[c]
+        f[k] /= A[k, k]
+    return True

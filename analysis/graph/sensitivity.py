@@ -1,0 +1,98 @@
+"""How the number of hinges depends on the lengths that a gyral graph is found by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.graph.crest_net import Ground, GyralScales
+from morphofold.analysis.graph.net import Net
+from morphofold.surface import Cortex, Surface
+
+#: the lengths that are varied: those of the net, and those of the altitude it is found on, which take longer
+OF_THE_NET = ("persistence", "merge", "prune", "tip")
+OF_THE_ALTITUDE = ("smoothing", "reach")
+FACTORS = (0.5, 0.75, 1.5, 2.0)
+
+
+def hinge_sensitivity(
+    surface: Cortex | Surface,
+    *,
+    width: float | None = None,
+    lengths: Sequence[str] = OF_THE_NET + OF_THE_ALTITUDE,
+    factors: Sequence[float] = FACTORS,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> list[dict[str, Any]]:
+    """Hinges found as one length at a time is changed.
+
+    Parameters
+    ----------
+    surface, width
+        As in :func:`morphofold.analysis.gyral_graph`.
+    lengths : sequence of str
+        Fields of ``GyralScales``.
+    factors : sequence of float
+        By which each is multiplied.
+    progress : callable
+        Called with the share done and a few words.
+
+    Returns
+    -------
+    list of dict
+        ``length`` (its name; empty in the first row, which changes nothing), ``factor``, ``mm``, ``n_hinges``,
+        ``n_hinges_3``, ``n_hinges_4``, ``n_ends``, ``crest_length_mm`` of the net before its curves move onto the
+        crowns, so a little less than that of ``measure``; ``kept``, the share of the unchanged net's hinges that are
+        within half a gyral width of one of these, and ``old``, the share of these within it of one of those. Empty if
+        the surface has no folds.
+
+    Raises
+    ------
+    ValueError
+        If a name is none, or a factor is not positive.
+    """
+    for name in lengths:
+        if name not in OF_THE_NET + OF_THE_ALTITUDE:
+            raise ValueError(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_ALTITUDE)}.")
+    if not all(0 < factor < np.inf for factor in factors):
+        raise ValueError(f"factors must be positive, got {list(factors)}.")
+    ground = Ground(surface)
+    scales = ground.scales(width, None)
+    if scales is None:
+        return []
+    fields = ground.fields(scales)
+    base = ground.net(fields, scales)
+    rows = [_row("", 1.0, np.nan, base, base, scales)]
+    cases = [(name, factor) for name in lengths for factor in factors]
+    for k, (name, factor) in enumerate(cases):
+        progress(k / len(cases), f"{name} x {factor:g}")
+        changed = replace(scales, **{name: factor * getattr(scales, name)})
+        other = fields if name in OF_THE_NET else ground.fields(changed)
+        rows.append(_row(name, factor, getattr(changed, name), ground.net(other, changed), base, scales))
+    return rows
+
+
+def _row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
+    degrees = np.array(list(net.degrees().values()), dtype=np.int64)
+    return {
+        "length": name, "factor": factor, "mm": mm, "n_hinges": int((degrees > 2).sum()),
+        "n_hinges_3": int((degrees == 3).sum()), "n_hinges_4": int((degrees == 4).sum()),
+        "n_ends": int((degrees == 1).sum()), "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
+        "kept": _near(base, net, scales), "old": _near(net, base, scales),
+    }  # fmt: skip
+
+
+def _near(one: Net, other: Net, scales: GyralScales) -> float:
+    """Share of the hinges of one net within half a gyral width of a hinge of the other; NaN if there are none."""
+    place = [
+        np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
+        for net in (one, other)
+    ]
+    if not len(place[0]):
+        return np.nan
+    if not len(place[1]):
+        return 0.0
+    return float((cKDTree(place[1]).query(place[0])[0] < 0.5 * scales.width).mean())

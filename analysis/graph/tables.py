@@ -1,0 +1,106 @@
+"""Tables of a gyral graph: crests, hinges and arms with the thicknesses and regions they lie in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.graph.hinges import SURE, as_rows, counts, hinges
+from morphofold.surface import Cortex, PerVertex
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+Row = dict[str, Any]
+
+
+class GyralTables(NamedTuple):
+    """Rows of crests, hinges and arms, and the scalars that ``measure`` reports of them."""
+
+    crests: list[Row]
+    hinges: list[Row]
+    arms: list[Row]
+    scalars: dict[str, float | int]
+
+
+def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVertex]) -> GyralTables:
+    """Tables of the gyral graph of a cortex.
+
+    Parameters
+    ----------
+    cortex : Cortex
+    graph : networkx.MultiGraph
+        From :func:`morphofold.analysis.gyral_graph` of that cortex.
+    maps : mapping of str to (N,) float64
+        ``gyral_thickness``, ``cortical_thickness`` [mm] and ``H`` [1/mm]; NaN where undefined.
+
+    Returns
+    -------
+    GyralTables
+        Of a crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, the region that
+        most of its vertices have; None where there is none. Ends of crests that are no hinge have numbers too. All
+        hinges have a row; ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count those of a confidence of 0.25 or more,
+        ``n_hinges_low`` those of 0.5 or more, ``n_hinges_high`` all.
+    """
+    crest_rows = []
+    for a, b, crest in graph.edges(data=True):
+        at = np.unique(crest["vertices"])
+        crest_rows.append({
+            "hemi": cortex.hemi, "crest": crest["number"], "from_hinge": a, "to_hinge": b, "length_mm": crest["length"],
+            "gyral_thickness_mm": _value(np.median, maps["gyral_thickness"][at]),
+            "cortical_thickness_mm": _value(np.mean, maps["cortical_thickness"][at]),
+            "mean_H_per_mm": _value(np.mean, maps["H"][at]), "region": _region(cortex, at),
+            "altitude_mm": crest["altitude"], "strength_mm": crest["strength"], "blind": int(crest["blind"]),
+        })  # fmt: skip
+    found = hinges(graph)
+    hinge_rows, arm_rows = as_rows(found)
+    for row in hinge_rows:
+        row.update(hemi=cortex.hemi, region=_region(cortex, np.array([row["vertex"]])))
+        row["persistence_mm"] = None if np.isnan(row["persistence_mm"]) else row["persistence_mm"]
+    for row in arm_rows:
+        row.update(hemi=cortex.hemi)
+    degrees = [row["degree"] for row in hinge_rows if counts(row)]
+    scalars: dict[str, float | int] = {
+        "n_hinges": len(degrees), "n_hinges_3": degrees.count(3), "n_hinges_4": degrees.count(4),
+        "n_hinges_low": sum(hinge.confidence >= SURE for hinge in found), "n_hinges_high": len(found),
+        "n_crests": graph.number_of_edges(),
+        "crest_length_mm": float(sum(crest["length"] for *_, crest in graph.edges(data=True))),
+    }  # fmt: skip
+    return GyralTables(crest_rows, hinge_rows, arm_rows, scalars)
+
+
+def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int, float]]:
+    """For each region the number of its hinges, doubtful ones left out, and the length of the crests in it [mm]."""
+    if cortex.regions is None:
+        return {}
+    labels = cortex.regions.labels
+    count = {name: 0 for name in cortex.regions.names}
+    length = dict.fromkeys(cortex.regions.names, 0.0)
+    for _, node in graph.nodes(data=True):
+        if node["degree"] > 2 and counts(node) and labels[node["vertex"]] >= 0:
+            count[cortex.regions.names[labels[node["vertex"]]]] += 1
+    for *_, crest in graph.edges(data=True):
+        steps = np.linalg.norm(np.diff(crest["polyline"], axis=0), axis=1)
+        share = crest["length"] / steps.sum() if steps.sum() > 0 else 0.0
+        for end in (crest["vertices"][:-1], crest["vertices"][1:]):     # half of each step to the region of each end
+            known = labels[end] >= 0
+            for label in np.unique(labels[end][known]).tolist():
+                length[cortex.regions.names[label]] += 0.5 * share * float(steps[labels[end] == label].sum())
+    return {name: (count[name], length[name]) for name in cortex.regions.names}
+
+
+def _value(mean: Any, values: PerVertex) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(mean(known)) if len(known) else None
+
+
+def _region(cortex: Cortex, at: NDArray[np.int64]) -> str | None:
+    """The region that most of some vertices have."""
+    if cortex.regions is None:
+        return None
+    labels = cortex.regions.labels[at]
+    labels = labels[labels >= 0]
+    return cortex.regions.names[int(np.bincount(labels).argmax())] if len(labels) else None

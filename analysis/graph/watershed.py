@@ -1,0 +1,115 @@
+"""Basins of a function on a surface, and how they join as passes between them are flooded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import sparse
+
+from morphofold.analysis.graph.prominence import _root
+from morphofold.surface import PerVertex
+
+Ints = NDArray[np.int64]
+
+
+class Watershed:
+    """Basins of a function, by steepest descent, joined where they do not persist.
+
+    Parameters
+    ----------
+    pairs, lengths : (E, 2) int64, (E,) float64
+        Edges of the surface and their lengths.
+    values : (N,) float64
+        The function; equal values are taken in the order of their numbers.
+
+    Attributes
+    ----------
+    finest : (N,) int64
+        Basin of each vertex before any are joined.
+    lowest : (B,) int64
+        The lowest vertex of each of those.
+    joins, heights : (J, 2) int64, (J,) float64
+        The forest of basins that touch at a pass, and the persistence up to which they stay apart: how far the pass
+        lies above the higher of the two deepest points that meet there (Edelsbrunner, Letscher, Zomorodian 2002).
+    """
+
+    def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
+        n = len(values)
+        i, j = np.r_[pairs[:, 0], pairs[:, 1]], np.r_[pairs[:, 1], pairs[:, 0]]
+        graph = sparse.csr_array((np.r_[lengths, lengths], (i, j)), shape=(n, n))
+        order = np.argsort(values, kind="stable")
+        self.finest, self.lowest = _descend(values, order, graph.indptr, graph.indices, graph.data)
+        ends = self.finest[pairs]
+        crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
+        passes = values[pairs[crossing]].max(axis=1)
+        flood = np.argsort(passes, kind="stable")
+        self.joins, self.heights = _join(ends[crossing[flood]], passes[flood], values[self.lowest])
+
+    def basins(self, persistence: float) -> Ints:
+        """Basin (N,), numbered from 0, of each vertex once those of less persistence are joined to a neighbour."""
+        return self.together(persistence)[self.finest]
+
+    def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> NDArray[np.float64]:
+        """For each group of finest basins the persistence up to which ``least`` of them stay apart, if that is more
+        than ``above``; else NaN."""
+        held = np.full(len(groups), np.nan)
+        open_ = list(range(len(groups)))
+        for height in np.sort(self.heights[self.heights >= above]):
+            label = self.together(height).tolist()
+            open_ = [k for k in open_ if len({label[basin] for basin in groups[k]}) >= least]
+            held[open_] = height
+        return held
+
+    def together(self, persistence: float) -> Ints:
+        """For each of the finest basins (B,) the one, numbered from 0, that it then belongs to."""
+        joined = self.joins[self.heights < persistence]
+        links = sparse.coo_array((np.ones(len(joined)), (joined[:, 0], joined[:, 1])), shape=2 * (len(self.lowest),))
+        label: Ints = sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int64)
+        return label
+
+
+@njit(cache=True)
+def _descend(values, order, indptr, indices, lengths):
+    """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``order``: vertices from the lowest up."""
+    n = len(values)
+    rank, basin, lowest = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    for k in range(n):
+        rank[order[k]] = k
+    count = 0
+    for k in range(n):
+        v = order[k]
+        steepest, down = 0.0, -1
+        for e in range(indptr[v], indptr[v + 1]):
+            w = indices[e]
+            if rank[w] < k:
+                slope = (values[v] - values[w]) / max(lengths[e], 1e-300)
+                if down < 0 or slope > steepest:
+                    steepest, down = slope, w
+        if down < 0:
+            basin[v], lowest[count] = count, v
+            count += 1
+        else:
+            basin[v] = basin[down]
+    return basin, lowest[:count].copy()
+
+
+@njit(cache=True)
+def _join(ends, passes, deepest):
+    """Kruskal's forest over passes from the lowest up: the pairs of basins (J, 2) that join, their persistence (J,)."""
+    parent, low = np.arange(len(deepest)), deepest.copy()
+    joins, heights = np.empty((len(deepest), 2), np.int64), np.empty(len(deepest))
+    count = 0
+    for k in range(len(passes)):
+        a, b = _root(parent, ends[k, 0]), _root(parent, ends[k, 1])
+        if a == b:
+            continue
+        if low[a] > low[b]:
+            a, b = b, a
+        joins[count, 0], joins[count, 1] = ends[k, 0], ends[k, 1]
+        heights[count] = passes[k] - low[b]
+        count += 1
+        parent[b] = a
+    return joins[:count].copy(), heights[:count].copy()

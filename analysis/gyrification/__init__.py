@@ -1,0 +1,1 @@
+"""How folded a surface is: indices, sulcal depth, folding integrals, fractal dimension, spectrum, scaling law."""

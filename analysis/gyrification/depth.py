@@ -1,0 +1,128 @@
+"""Sulcal depth: from a folded surface to one distance per vertex."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from morphofold.analysis.geodesics import shorten, way_graph
+from morphofold.analysis.gyrification.hull import hull
+from morphofold.geometry import mean_edge_length
+from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+
+BUNDLE = 16             # planes that are passed over together
+BLOCKS = 64             # of points, each the business of one thread
+
+
+def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
+    """Distance from each vertex to the convex hull of the surface, or along the surface to where it touches that.
+
+    Parameters
+    ----------
+    verts : (N, 3) float64
+        Vertex positions [mm], usually of the pial surface.
+    faces : (M, 3) int64
+        Triangles.
+    mode : {"hull", "geodesic"}
+        ``"hull"``: straight to the hull. ``"geodesic"``: the shortest way along the surface to a vertex that touches
+        it.
+    touching : float, optional
+        Distance to the hull [mm] up to which a vertex touches it, in geodesic mode; None: a mean edge.
+
+    Returns
+    -------
+    depth : (N,) float64
+        [mm], >= 0, and 0 on the hull. NaN at a vertex that no face uses, or on a piece that touches nowhere.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not describe a triangle mesh, all vertices lie in one plane, or an option has no meaning.
+
+    Notes
+    -----
+    The straight one is exact: seen from inside a convex body the nearest point of its boundary is the foot on the
+    nearest of its planes, so depth is the least distance to any of them. It runs through the tissue in its way, and
+    also counts the large hollows of the brain (temporal pole, medial wall) as deep. It is neither FreeSurfer's
+    ``sulc``, a signed displacement during inflation with zero mean, nor a distance along the surface.
+
+    The geodesic one takes ways along edges and straight across pairs of triangles, which come out about 4 % too long.
+    """
+    check_mesh(verts, faces)
+    if mode not in ("hull", "geodesic"):
+        raise ValueError(f"mode must be 'hull' or 'geodesic', got {mode!r}.")
+    if touching is not None and not (mode == "geodesic" and touching >= 0):
+        raise ValueError(f"touching is a distance in mm for mode 'geodesic', got {touching!r} for mode {mode!r}.")
+    planes = hull(verts, faces).equations            # n . x + d <= 0 inside; coplanar triangles repeat theirs
+    _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
+    depth = np.full(len(verts), np.nan)
+    used = np.unique(faces)
+    size, points, bundled = _bundled(np.asarray(verts[used], dtype=np.float64), planes[first])
+    depth[used] = size * _below(points, bundled)
+    return depth if mode == "hull" else _along(verts, faces, depth, touching)
+
+
+def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
+    bound = mean_edge_length(verts, faces) if touching is None else touching
+    way = np.full(len(verts), np.inf)
+    shorten(way_graph(verts, faces), way, np.flatnonzero(depth <= bound), np.isfinite(depth))
+    return np.where(np.isfinite(way), way, np.nan)
+
+
+def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], _Planes]:
+    """Size of the body [mm], and in that unit points (N, 3) from their middle, and the planes (P, 4)."""
+    middle = points.mean(axis=0)
+    points = points - middle
+    size = float(np.linalg.norm(points, axis=1).max())
+    planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
+    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]           # near ones next to each other
+    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE**2, axis=0)])
+    bundled = []
+    for many in (BUNDLE, BUNDLE**2):
+        members = planes.reshape(-1, many, 4)
+        centre = members.mean(axis=1)
+        bundled += [centre, np.linalg.norm(members - centre[:, None], axis=2).max(axis=1)]
+    return size, points / size, _Planes(planes, *bundled)
+
+
+class _Planes(NamedTuple):
+    """Planes (P, 4), like ones next to each other; of each 16 and each 256 of them the middle (., 4), and how far the
+    farthest lies from it (.,)."""
+
+    each: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    reach: NDArray[np.float64]
+
+
+@njit(cache=True, parallel=True)
+def _below(points, planes):
+    """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
+    n, depth = len(points), np.empty(len(points))
+    for block in prange(BLOCKS):
+        nearest = 0                                                     # of the point before, and so about of this one
+        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
+            x, y, z = points[i]
+            far = np.sqrt(x * x + y * y + z * z + 1.0)
+            p = planes.each[nearest]
+            highest = p[0] * x + p[1] * y + p[2] * z + p[3]
+            for a in range(len(planes.middle)):
+                c = planes.middle[a]
+                if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.reach[a] * far <= highest:
+                    continue                                            # none of these can be nearer
+                for b in range(a * BUNDLE, (a + 1) * BUNDLE):
+                    c = planes.centre[b]
+                    if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.spread[b] * far <= highest:
+                        continue
+                    for k in range(b * BUNDLE, (b + 1) * BUNDLE):
+                        p = planes.each[k]
+                        here = p[0] * x + p[1] * y + p[2] * z + p[3]
+                        if here > highest:
+                            highest, nearest = here, k
+            depth[i] = max(-highest, 0.0)
+    return depth

@@ -1,0 +1,136 @@
+"""Folding indices: integrals of curvature at a physical scale, much the same whatever the mesh."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from morphofold import geometry
+from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+
+NEAR = 0.02             # mean edges: vertices joined by an edge so short are at one place, and share their measures
+RTOL = 1e-10            # of the heat flow: on a sphere, where H^2 - K is 0, its root is what counts
+
+
+@dataclass(frozen=True)
+class FoldingIndices:
+    """Dimensionless integrals of curvature over a surface, each divided by 4 pi.
+
+    ``folding_index`` is ``int |k1| (|k1| - |k2|) dA / 4 pi`` with ``|k1| >= |k2|`` (0 on a sphere);
+    ``intrinsic_curvature_index`` the integral of the positive part of K (1 on a sphere, or any convex surface);
+    ``negative_curvature_index`` that of its negative part (<= 0); ``total`` their sum, half the Euler characteristic
+    of a closed surface (Gauss-Bonnet).
+    """
+
+    folding_index: float
+    intrinsic_curvature_index: float
+    negative_curvature_index: float
+    total: float
+
+
+def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
+    """Folding and intrinsic curvature index of a surface whose curvatures are smoothed over ``scale``.
+
+    Parameters
+    ----------
+    verts, faces : (N, 3) float64, (M, 3) int64
+        Vertices [mm] and triangles. Borders, where K is left out, several pieces and unused vertices are allowed.
+    scale : float
+        Standard deviation [mm] of the heat kernel; a mean edge of the mesh at least.
+
+    Returns
+    -------
+    FoldingIndices
+        At that scale: folds much narrower do not count, and it makes no sense to compare indices of two scales.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not describe a triangle mesh, or scale is not a positive length.
+
+    Notes
+    -----
+    What is smoothed are measures, of which no smoothing and no mesh changes the sum: the angle defect of each vertex,
+    2 pi less the angles of its triangles, for K, and half the gradient of the area along the normal for H. Both bear
+    needles, caps and edges of no length. Heat flows along the surface; then ``|k1| = |H| + (H^2 - K)^1/2`` and ``|k2|
+    = ||H| - (H^2 - K)^1/2|``. The integrals are those of FreeSurfer's ``mris_curvature_stats``, the curvatures are
+    not: a quadric fitted over one or two rings breaks Gauss-Bonnet (a cubic fitted within 3 mm gives 17 times what it
+    asks for on S1) and changes with the mesh. On the white surface of S1 with 153,000 vertices, and thinned to 80,000
+    and 40,000, the intrinsic curvature index at 3 mm is 27.1, 27.4 and 27.7, the folding index 289, 282 and 270, the
+    total 1.00. A fit within 4.5 mm has 66, 73 and 83, and totals of 13 to 19.
+
+    On a sphere of radius R a ripple of degree l is lower by ``exp(-l (l + 1) scale^2 / 2 R^2)``.
+    """
+    check_mesh(verts, faces)
+    if not (math.isfinite(scale) and scale > 0):
+        raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+    meter, none = Altimeter(verts, faces), np.zeros(len(verts))
+    place = _places(meter)
+    normals = geometry.unit(_sums(meter.normals, place)[place])
+    bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
+    share = 1 / np.bincount(place)
+    K, H = (
+        meter.spread((_sums(measure, place) * share)[place], scale, none, RTOL)
+        for measure in (angle_defects(verts, faces), bent)
+    )
+    H = np.abs(H)
+    half = np.sqrt(np.maximum(H**2 - K, 0))
+    share = geometry.vertex_areas(verts, faces) / (4 * np.pi)
+    positive, negative = float(np.maximum(K, 0) @ share), float(np.minimum(K, 0) @ share)
+    folded = float(((H + half) * (H + half - np.abs(H - half))) @ share)
+    return FoldingIndices(folded, positive, negative, positive + negative)
+
+
+def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
+    """2 pi less the angles at each vertex (N,) [rad], K integrated over it; 0 on a border and where no face is."""
+    corner = verts[faces]
+    angle, known = np.zeros(faces.shape), np.zeros(faces.shape, dtype=bool)
+    for k in range(3):
+        a, b = corner[:, k - 2] - corner[:, k], corner[:, k - 1] - corner[:, k]
+        angle[:, k] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+        known[:, k] = a.any(axis=1) & b.any(axis=1)
+    rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)   # at an edge of no length: what is left
+    angle = np.where(known, angle, rest[:, None])
+    defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
+    pair, count = geometry.edges_and_counts(faces)
+    inner = np.zeros(len(verts), dtype=bool)
+    inner[faces] = True
+    inner[pair[count == 1]] = False
+    return np.where(inner, defect, 0.0)
+
+
+def area_gradients(verts: Verts, faces: Faces) -> Verts:
+    """Gradient (N, 3) [mm] of the area of the surface by the place of each vertex.
+
+    Half the normal of each triangle crossed with its edge opposite the vertex: the cotangent Laplacian of the
+    positions, but bounded in triangles of next to no area.
+    """
+    corner = verts[faces]
+    normal = geometry.unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    gradient = np.zeros((len(verts), 3))
+    for k in range(3):
+        pull = 0.5 * np.cross(normal, corner[:, k - 1] - corner[:, k - 2])
+        for axis in range(3):
+            gradient[:, axis] += np.bincount(faces[:, k], pull[:, axis], len(verts))
+    return gradient
+
+
+def _places(meter: Altimeter) -> NDArray[np.int64]:
+    """Number (N,) of the place of each vertex; those that edges of next to no length join have one."""
+    i, j = meter.pairs[meter.lengths < NEAR * meter.edge].T
+    near = sparse.coo_array((np.ones(len(i)), (i, j)), shape=2 * (len(meter.verts),))
+    number: NDArray[np.int64] = csgraph.connected_components(near, directed=False)[1]
+    return number
+
+
+def _sums(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Sums of values (N,) or (N, 3) over the vertices of each place."""
+    total = np.zeros((int(place.max()) + 1, *values.shape[1:]))
+    np.add.at(total, place, values)
+    return total

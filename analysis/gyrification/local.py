@@ -1,0 +1,117 @@
+"""Local gyrification: how much pial surface lies around a point, against a smooth envelope of the brain."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, signal
+from scipy.spatial import cKDTree
+
+from morphofold.geometry import in_use, is_closed, mean_edge_length, split, vertex_areas
+from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+
+Array = NDArray[np.float64]
+
+CLOSING, REGION = 15.0, 25.0    # [mm], of Schaer and others 2008
+VOXELS = 12.0           # in the radius of the closing, unless asked otherwise
+BINS = 12.0             # in the radius of the region
+COARSEST = 0.4          # mean edge, in the radius of the region, above which triangles are cut in four
+SOFT = 1.0              # standard deviation in voxels over which distances are smoothed: their steps cost area
+MOST = 3e8              # voxels
+
+
+def local_gyrification_index(
+    verts: Verts, faces: Faces, *, closing: float = CLOSING, region: float = REGION, voxel: float | None = None
+) -> PerVertex:
+    """Area of the surface over that of its envelope, both within a ball around the nearest point of the envelope.
+
+    Parameters
+    ----------
+    verts, faces : (N, 3) float64, (M, 3) int64
+        Closed surface [mm], usually the pial one.
+    closing : float
+        Radius of the ball that rolls around the surface [mm]: where it can't get in, the envelope runs across.
+    region : float
+        Radius of the ball in which areas are counted [mm].
+    voxel : float, optional
+        Edge of the voxels of the closing [mm]; None: a twelfth of ``closing``.
+
+    Returns
+    -------
+    index : (N,) float64
+        1 on a convex surface, more where it is folded; NaN at a vertex that no face uses.
+
+    Raises
+    ------
+    ValueError
+        If the arrays describe no closed mesh, a length is not positive, or the voxels would be more than 3e8.
+
+    Notes
+    -----
+    Defaults are those of Schaer and others 2008 (IEEE TMI 27), whose region is a connected patch, while here all
+    surface in the ball counts, that of the other side of a thin part too: it is their ratio where the region is small
+    against the brain. Closing by distances on voxels; area within a ball by a convolution, with triangles binned to a
+    twelfth of its radius. On a sphere it comes out between 0.985 and 1.02.
+    """
+    check_mesh(verts, faces)
+    if not is_closed(faces):
+        raise ValueError("the surface has a border, so that nothing is inside it. Close its holes.")
+    voxel = closing / VOXELS if voxel is None else float(voxel)
+    for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
+        if not (math.isfinite(length) and length > 0):
+            raise ValueError(f"{name} must be a positive length in mm, got {length!r}.")
+    index = np.full(len(verts), np.nan)
+    used, verts, faces = in_use(verts, faces)
+    size = np.ptp(verts, axis=0) + 2 * closing
+    if np.prod(size / voxel) > MOST:
+        raise ValueError(
+            f"voxels of {voxel:g} mm would be {np.prod(size / voxel):.1e} for a body of {size.max():.0f} mm; "
+            f"take voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+        )
+    while mean_edge_length(verts, faces) > COARSEST * region:           # area lies at the vertices
+        verts, faces = split(verts, faces)
+    points, triangles = envelope(verts, faces, closing, voxel)
+    corners = points[triangles]
+    spread = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    bin_ = region / BINS
+    low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
+    shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
+    folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
+    smooth = _within(corners.mean(axis=1), spread, low, shape, bin_, region)
+    ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
+    index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]   # cut triangles keep their corners first
+    return index
+
+
+def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
+    """Surface of the morphological closing of what is inside by a ball of radius ``closing`` [mm]."""
+    import pyvista
+
+    solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(spacing=3 * (voxel,))
+    pad = math.ceil(closing / voxel) + 3
+    inside = np.pad(solid.point_data["mask"].reshape(solid.dimensions, order="F") > 0, pad)
+    # distances between centres of voxels: a surface lies half a voxel from the centres on both its sides
+    dilated = ndimage.distance_transform_edt(~inside, sampling=voxel) - 0.5 * voxel <= closing
+    depth = ndimage.distance_transform_edt(dilated, sampling=voxel) - 0.5 * voxel
+    grid = pyvista.ImageData(
+        dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel
+    )  # fmt: skip
+    grid.point_data["depth"] = ndimage.gaussian_filter(depth, SOFT).ravel(order="F")
+    found = grid.contour([closing], scalars="depth").triangulate()
+    return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
+
+
+def _within(points: Array, areas: Array, low: Array, shape: NDArray[np.int64], bin_: float, radius: float) -> Array:
+    """Area within ``radius`` of the centre of each bin of a grid."""
+    total, _ = np.histogramdd(points, bins=shape, range=[(a, a + n * bin_) for a, n in zip(low, shape)], weights=areas)
+    reach = math.ceil(radius / bin_)
+    steps = np.arange(-reach, reach + 1) * bin_
+    far = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
+    ball = np.clip((radius - far) / bin_ + 0.5, 0, 1)
+    return signal.fftconvolve(total, ball, mode="same")
+
+
+def _at(values: Array, points: Array, low: Array, bin_: float) -> Array:
+    return ndimage.map_coordinates(values, ((points - low) / bin_ - 0.5).T, order=1)

@@ -1,0 +1,228 @@
+"""What a cortex must be before it is measured: refusals with the numbers and the cure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import geometry
+from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.intersections.boxes import box_tree
+from morphofold.intersections.rays import ray_hits, ray_winding
+from morphofold.surface import Cortex, Faces, Surface, Verts
+
+NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
+PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
+
+APART = 0.05            # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
+SAME = 1e-3             # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
+LABELLED = 0.01         # of the vertices: a cortex label that holds fewer is none
+MOSTLY = 0.5            # of a piece with a border, outside pial: that many are not by mistakes of reconstruction
+ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
+
+
+def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
+    """True (N,) where the vertex is cortex, and which word said so: the first that can, in this order.
+
+    ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
+    ``NOT_CORTEX``, if they cover three quarters of the vertices and not all, as a parcellation does and a map of a few
+    areas does not. ``"thickness"``: all but large patches where the thickness that came with them is 0.
+    ``"geometry"``: all but large patches where white and pial nearly meet
+    (:mod:`~morphofold.analysis.mesh_quality.medial_wall`). Else, and of a simulated body without a label, everywhere,
+    and "".
+    """
+    if cortex.cortex is not None:
+        return np.asarray(cortex.cortex, dtype=bool), "label"
+    if cortex.regions is not None:
+        other = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
+        covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
+        if PARCELLATED <= covered.mean() < 1:
+            return covered, "annotation"
+    if cortex.origin != "simulation":
+        for word, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
+            if (wall := wall_of(cortex)).any():
+                return ~wall, word
+    return np.ones(cortex.n_vertices, dtype=bool), ""
+
+
+def is_no_cortex(region: str) -> bool:
+    """Whether a region's name is one of those that annotations give to what is not cortex."""
+    plain = region.lower().replace("_", "").replace(" ", "")
+    return any(word in plain for word in NOT_CORTEX)
+
+
+def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where the vertex is cortex: by :func:`cortex_label`, and white and pial do not coincide.
+
+    Raises
+    ------
+    ValueError
+        If white and pial are the same surface, or no vertex is cortex.
+    """
+    off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
+    if not off.any():
+        raise ValueError(
+            f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
+            f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
+        )
+    label, word = cortex_label(cortex)
+    if word == "label" and label.mean() < LABELLED:
+        said = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), said)
+        raise ValueError(
+            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's hold "
+            "about 90 %. Name the right label, or leave it out."
+        )
+    mask = off & label
+    if not mask.any():
+        raise ValueError(
+            f"{cortex.called}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
+            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
+            "Check the label, or leave it out."
+        )
+    return mask
+
+
+def check_surfaces(cortex: Cortex) -> None:
+    """Refuse two surfaces that can not be measured as one cortex: swapped or inside out, or of two."""
+    if geometry.is_closed(cortex.faces):
+        check_sides(cortex)
+    check_pair(cortex)
+    check_open_pieces(cortex)
+
+
+def check_sides(cortex: Cortex) -> None:
+    """Refuse closed surfaces that are inside out, or swapped; the walls of a cavity rightly face inwards."""
+    pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
+    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    hollow = cavities(cortex)
+    for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
+        for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
+            where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
+            raise ValueError(
+                f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
+                "its faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+            )
+    if inner.sum() > outer.sum():
+        raise ValueError(
+            f"{cortex.called}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
+            f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
+        )
+
+
+def cavities(cortex: Cortex) -> list[int]:
+    """Pieces of a closed cortex, numbered as by ``components``, that are walls of cavities within another piece.
+
+    Their faces are turned inwards, on both surfaces, and white lies around pial: outward is into the cavity.
+    """
+    piece = geometry.components(cortex.n_vertices, cortex.faces)[1]
+    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    hollow = np.flatnonzero((inner < outer) & (outer < 0))
+    for surface in (cortex.white, cortex.pial):
+        hollow = _within_others(surface, piece, hollow)
+    return hollow.tolist()
+
+
+def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the pieces asked for that lie within others: the rest of a closed surface winds around a vertex of it.
+
+    The rest is the whole without the own piece, so one tree of boxes does for all pieces.
+    """
+    if len(asked) == 0:
+        return asked
+    verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays of compiled code
+    of_face = piece[faces[:, 0]]
+    by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
+    tree, up, none = box_tree(verts, faces), np.array([0.0, 0.0, 1.0]), np.empty(0)
+    rest = []
+    for k in asked:
+        own = faces[by_piece[begin[k] : begin[k + 1]]]
+        start = verts[own[0, 0]]
+        whole = ray_hits(verts, faces, tree.bounds, tree.order, start, up, none, none)[1]
+        rest.append(whole - ray_winding(verts, own, start, up))
+    return asked[np.array(rest) > 0]
+
+
+def check_pair(cortex: Cortex) -> None:
+    """Refuse one surface given twice, and those of two hemispheres or people.
+
+    Of two: vertex i of pial is far from that of white, and not outward of it.
+    Distance alone will not do: a thick simulated cortex is as deep as half the radius of its brain.
+    """
+    white, pial = cortex.white, cortex.pial
+    step = pial.verts - white.verts
+    size = np.linalg.norm(step, axis=1)
+    off = (size > 0) & (np.bincount(cortex.faces.ravel(), minlength=len(size)) > 0)
+    if not off.any():
+        return
+    apart = float(np.median(size[off]))
+    radius = float(np.sqrt(geometry.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
+    along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
+    if apart < SAME * radius:
+        raise ValueError(
+            f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface but for rounding: half "
+            f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
+            "reconstruction."
+        )
+    if apart > APART * radius and abs(along.mean()) < ALONG:
+        files = cortex.files[:2] or (white.name, pial.name)
+        raise ValueError(
+            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
+            f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
+            "hemisphere of one person."
+        )
+
+
+def check_open_pieces(cortex: Cortex) -> None:
+    """Refuse a piece with a border, which encloses nothing, if white lies outside pial on most of it."""
+    pair, count = geometry.edges_and_counts(cortex.faces)
+    if not len(border := pair[count == 1]):
+        return
+    piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1        # 0: vertices that no triangle has
+    share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
+    for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
+        raise ValueError(
+            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
+            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces run clockwise seen "
+            "from outside, or white and pial were swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
+        )
+
+
+def outside(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where white lies outside pial, by the normals of both."""
+    apart = cortex.pial.verts - cortex.white.verts
+    out = [np.einsum("ij,ij->i", apart, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    return np.maximum(*out) < 0
+
+
+def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Vector (3,) [mm] by which pial is moved off white as a whole, on the cortex ``mask`` (N,) of closed surfaces.
+
+    The one shift that leaves least, in squares over the area, of what parts vertices i of the two *along* the surface,
+    which no thickness does, however uneven. On an open piece it may: from a wall to a crown all go one way.
+    """
+    normal = sum(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
+    apart = cortex.pial.verts - cortex.white.verts
+    along = apart - np.einsum("ij,ij->i", apart, normal)[:, None] * normal
+    tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
+    found: NDArray[np.float64] = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
+    return found
+
+
+def volume(surface: Surface) -> float:
+    """Volume [mm^3] that a closed surface encloses, its cavities left out; negative if it is inside out."""
+    return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
+
+
+def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
+    a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
+    return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6).astype(np.float64)
+
+
+def place_of(point: NDArray[np.float64]) -> str:
+    """Coordinates (3,) as messages have them."""
+    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
+    return f"({x:.6g}, {y:.6g}, {z:.6g})"

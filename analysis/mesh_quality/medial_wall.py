@@ -1,0 +1,46 @@
+"""The medial wall of surfaces that nothing else marks: a large patch where white and pial nearly meet."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csgraph
+
+from morphofold import geometry
+from morphofold.surface import Cortex
+
+NEAR = 0.2              # of the median distance of white and pial: nearer than that is no cortex (0.5 mm in adults)
+LEAST, MOST = 0.01, 0.2     # share of the white area: least of a patch, most of all; walls have 0.03 to 0.1
+
+
+def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) in the wall where the thickness that came with the surfaces is 0 or no number; nowhere without one."""
+    given = cortex.maps.get("thickness")
+    if given is None:
+        return np.zeros(cortex.n_vertices, dtype=bool)
+    return _patches(cortex, ~(np.asarray(given) > 0))
+
+
+def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) in the wall where white and pial are nearer to each other than ``NEAR`` of their median distance.
+
+    The step from white to pial is averaged over a vertex and its neighbours first, so that noise of the vertices, which
+    differs between the two surfaces, does not tear the patch. Being relative, it is the same in any unit, and a cortex
+    that is thin everywhere has no wall.
+    """
+    step = cortex.pial.verts - cortex.white.verts
+    ring = geometry.adjacency(cortex.n_vertices, cortex.faces).astype(np.float64)
+    mean = (step + ring @ step) / (1 + np.diff(ring.indptr))[:, None]
+    return _patches(cortex, np.linalg.norm(mean, axis=1) < NEAR * np.median(np.linalg.norm(step, axis=1)))
+
+
+def _patches(cortex: Cortex, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those of the thin vertices in connected patches as large as a wall; none if they are too much of the surface."""
+    at = np.flatnonzero(thin)
+    area = geometry.vertex_areas(cortex.white.verts, cortex.faces)
+    joined = geometry.adjacency(cortex.n_vertices, cortex.faces)[at][:, at]
+    _, patch = csgraph.connected_components(joined, directed=False)
+    large = np.bincount(patch, area[at]) >= LEAST * area.sum()
+    found = np.zeros(cortex.n_vertices, dtype=bool)
+    found[at[large[patch]]] = True
+    return found & (area[found].sum() <= MOST * area.sum())

@@ -1,0 +1,276 @@
+"""Faults of triangles that have one cure, mended on white and pial together before they are measured.
+
+Flipped triangles, on both surfaces or one, and pieces that are inside out, edges that more than two triangles share,
+seams that are torn, triangles that are there twice or name a vertex twice. What has no such cure stays as it is, for
+``faults`` to refuse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import geometry
+from morphofold.analysis.mesh_quality import checks, defects
+from morphofold.analysis.mesh_quality.orientation import Sides, after, against, joined_sides, sheets
+from morphofold.surface import Cortex, Faces, Verts
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Done = dict[str, tuple[int, int]]
+
+DEBRIS = 0.005          # of the pial area, below which a piece that parting sheets cut off is left out
+WORDS = {               # what is mended, by the name of its number
+    "repaired_unlike_triangles": "triangles of pial turned to run as those of white",
+    "repaired_flat_triangles": "triangles left out that name a vertex twice",
+    "repaired_seam_vertices": "vertices of torn seams joined with another at the same place",
+    "repaired_double_triangles": "triangles left out that are there twice",
+    "repaired_pinched_edges": "edges parted that more than two triangles shared",
+    "repaired_pinched_vertices": "vertices parted at which sheets touched",
+    "repaired_debris_triangles": "triangles left out of small pieces that were cut off so",
+    "repaired_flipped_triangles": "flipped triangles turned",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """A cortex as it can be measured, and how its vertices go with those of the one that was given.
+
+    Attributes
+    ----------
+    of, cortex : Cortex
+        The given one, of N vertices, and the mended one, of n; the same object if there is nothing to mend.
+    place : (N,) int64
+        Vertex of the mended one whose values each of the given has; -1 where it is left out.
+    twin : (n,) int64
+        Given vertex of each of the mended; one that was parted comes more than once.
+    done : mapping of str to (int, int)
+        By the names of ``WORDS``: how many, and a given vertex at the first.
+    why_not : str
+        Why the faults were left as they are; empty if none were.
+    """
+
+    of: Cortex
+    cortex: Cortex
+    place: Ints = field(repr=False)
+    twin: Ints = field(repr=False)
+    done: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    why_not: str = ""
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """How many of each kind."""
+        return {kind: count for kind, (count, _) in self.done.items()}
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Note ``repair``: what was mended, how often, and where first."""
+        if not self.done:
+            return {}
+        at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
+        told = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
+        fewer = len(np.unique(self.twin)) < self.of.n_vertices
+        more = " Other remarks number vertices without those left out." if fewer else ""
+        return {"repair": f"The surfaces were repaired; {'; '.join(told)}.{more}"}
+
+    def back(self, measures: Measures) -> Measures:
+        """The measures in the numbers of the given vertices, so that maps fit the files that were read.
+
+        A vertex that was joined with another has the values of that one, one that was left out has none, and one that
+        was parted has those of the sheet that holds most of its triangles. Of areas a vertex that was joined has 0 and
+        one that was parted the sum, so that sums stay. The triangles are the mended ones; those that pinched an edge do
+        so again, since parting them takes vertices that the files have not.
+        """
+        if self.cortex is self.of:
+            return measures
+        faces = self.twin[self.cortex.faces]
+        given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated")}
+        surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
+        maps = {name: values[self.place] for name, values in measures.maps.items()}
+        maps["area"] = np.bincount(self.twin, measures.maps["area"], self.of.n_vertices).astype(np.float64)
+        maps = {name: np.where(self.place < 0, np.nan, values) for name, values in maps.items()}
+        if measures.graph is not None:
+            for _, node in measures.graph.nodes(data=True):
+                node["vertex"] = int(self.twin[node["vertex"]])
+            for *_, crest in measures.graph.edges(data=True):
+                crest["vertices"] = self.twin[crest["vertices"]]
+        hinges = [{**row, "vertex": int(self.twin[row["vertex"]])} for row in measures.hinges]
+        return replace(measures, cortex=replace(self.of, **surfaces), maps=maps, hinges=hinges)
+
+
+def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
+    """The cortex mended, unless ``repair`` is not wanted, and without vertices that no triangle uses; raises
+    ``ValueError`` if it can not be measured then."""
+    mend = mended(cortex) if repair else as_given(cortex)
+    checks.cortex_mask(mend.cortex)
+    defects.check_edges(mend.cortex, mend.why_not)
+    checks.check_surfaces(mend.cortex)
+    if mend.cortex is mend.of and not geometry.used(cortex.n_vertices, cortex.faces).all():
+        return _mended(cortex, cortex.faces, mend.place, mend.twin, {})
+    return mend
+
+
+def as_given(cortex: Cortex, why_not: str = "") -> Mended:
+    """The cortex as it is."""
+    every = np.arange(cortex.n_vertices)
+    return Mended(cortex, cortex, every, every, why_not=why_not)
+
+
+def mended(cortex: Cortex) -> Mended:
+    """The cortex with those faults mended that have one cure; as it is where that does not make it sound.
+
+    Vertices on a border that lie at one place, on white and on pial, are joined, and triangles left out that name a
+    vertex twice or are there twice. Sheets of surface that share an edge or a vertex are parted (see
+    :func:`~morphofold.analysis.mesh_quality.orientation.joined_sides`) by giving each its own vertices, at the same
+    place; where that cuts off a piece, it is left out if it is small (``DEBRIS``). Last, triangles are turned to run as
+    most of their piece do, and closed pieces that are inside out, white within pial, as a whole. Needles and caps stay:
+    measures bear them.
+    """
+    done: Done = {}
+    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+        done["repaired_unlike_triangles"] = len(unlike), int(cortex.faces[unlike[0], 0])
+    faces, at = _whole(cortex, done)
+    if len(faces) == 0:
+        return as_given(cortex, "no triangle is left")
+    sides = joined_sides(faces)
+    keep, faces, owner = _parted(faces, sides, cortex, done)
+    if keep[sides.left // 3].any():
+        i, j = faces.ravel()[sides.left[0]], faces.ravel()[after(sides.left[0])]
+        return as_given(cortex, f"which triangles go on into which at vertices {i} and {j} cannot be told")
+    joined = sides.joined
+    if not keep.all():
+        renumbered = np.cumsum(keep) - 1
+        joined = joined[keep[joined[:, 0] // 3]]
+        joined, faces = 3 * renumbered[joined // 3] + joined % 3, faces[keep]
+    flipped = against(faces, joined)
+    if flipped is None:
+        return as_given(cortex, "a piece of the surface has one side only, as a Moebius strip")
+    if flipped.any():
+        faces = np.where(flipped[:, None], faces[:, ::-1], faces)
+    inside_out = _inside_out(cortex, faces, owner, joined)
+    if inside_out.any():
+        flipped ^= inside_out
+        faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
+    if flipped.any():
+        done["repaired_flipped_triangles"] = int(flipped.sum()), int(owner[faces[flipped][0, 0]])
+    return _mended(cortex, faces, at, owner, done) if done else as_given(cortex)
+
+
+def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
+    """Triangles of three vertices each, none twice, torn seams closed; and the vertex (N,) that each one became."""
+    faces, at = cortex.faces, np.arange(cortex.n_vertices)
+    flat = _flat(faces)
+    pair, count = geometry.edges_and_counts(faces[~flat] if flat.any() and not flat.all() else faces)
+    border = np.unique(pair[count == 1])
+    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
+    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    at[border] = border[first[inverse.reshape(-1)]]
+    if len(moved := np.flatnonzero(at != np.arange(len(at)))):
+        done["repaired_seam_vertices"] = len(moved), int(moved[0])
+        faces = at[faces]
+        flat = _flat(faces)
+    if flat.any():
+        done["repaired_flat_triangles"] = int(flat.sum()), int(faces[flat][0, 0])
+        faces = faces[~flat]
+    double = _double(faces)
+    if double.any():
+        done["repaired_double_triangles"] = int(double.sum()), int(faces[double][0, 0])
+        faces = faces[~double]
+    return faces, at
+
+
+def _flat(faces: Faces) -> Bools:
+    return np.any(faces == np.roll(faces, 1, axis=1), axis=1)
+
+
+def _double(faces: Faces) -> Bools:
+    """Triangles (M,) on the same vertices as others: all but one where the surface has an edge for it, else all."""
+    three = np.sort(faces, axis=1)
+    order = np.lexsort(three.T)
+    begin = np.flatnonzero(np.any(np.diff(three[order], axis=0, prepend=-1) != 0, axis=1))
+    copies = np.diff(begin, append=len(faces))
+    double = np.zeros(len(faces), dtype=bool)
+    double[order] = np.repeat(copies > 1, copies)
+    if double.any():
+        one, copies = order[begin[copies > 1]], copies[copies > 1]
+        pair, count = geometry.edges_and_counts(faces)
+        base = int(faces.max()) + 1
+        key = three[one][:, [0, 0, 1]] * base + three[one][:, [1, 2, 2]]
+        others = count[np.searchsorted(pair[:, 0] * base + pair[:, 1], key)] - copies[:, None]
+        double[one[np.any(others % 2 == 1, axis=1)]] = False
+    return double
+
+
+def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Bools, Faces, Ints]:
+    """Which triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each."""
+    n, corner = cortex.n_vertices, faces.ravel()
+    keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
+    fan = sides.fan
+    if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):          # as many fans as vertices
+        return keep, faces, owner
+    ends = lambda of: np.unique(corner[np.concatenate([of, after(of)])])
+    crowded = ends(sides.crowded)
+    shared = np.bincount(corner[np.unique(fan, return_index=True)[1]], minlength=n) > 1
+    touching = np.setdiff1d(np.flatnonzero(shared), np.union1d(ends(sides.border), crowded))
+    shared[:] = False
+    shared[crowded] = shared[touching] = True
+    if len(crowded):
+        pairs = np.sort([corner[sides.crowded], corner[after(sides.crowded)]], axis=0)
+        done["repaired_pinched_edges"] = len(np.unique(pairs, axis=1).T), int(pairs[0, 0])
+    if len(touching):
+        done["repaired_pinched_vertices"] = len(touching), int(touching[0])
+    keep = ~_debris(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)
+    if not keep.all():
+        done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
+    part = np.repeat(keep, 3) & shared[corner]                          # corners that may get another vertex
+    names, first, size = np.unique(fan[part], return_index=True, return_counts=True)
+    vertex = corner[part][first]
+    order = np.lexsort((names, -size, vertex))                          # of each vertex the largest fan first
+    other = np.diff(vertex[order], prepend=-1) == 0
+    number = np.full(fan.max() + 1, -1)
+    number[names[order[other]]] = n + np.arange(other.sum())
+    split = np.where(part & (number[fan] >= 0), number[fan], corner)
+    return keep, split.reshape(-1, 3), np.concatenate([owner, vertex[order[other]]])
+
+
+def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
+    """Triangles (M,) of small pieces that hung on a larger one by vertices that were shared."""
+    body = geometry.components(len(verts), faces)[1][faces[:, 0]]
+    area = np.bincount(piece, geometry.face_areas(verts, faces))
+    largest = np.zeros(int(body.max()) + 1)
+    np.maximum.at(largest, body, area[piece])
+    hung = np.zeros(len(area), dtype=bool)
+    hung[piece[shared[faces].any(axis=1)]] = True
+    return hung[piece] & (area[piece] < np.minimum(DEBRIS * area.sum(), largest[body]))
+
+
+def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
+    """Triangles (M,) of closed pieces that enclose less than nothing, white no more of it than pial."""
+    piece = geometry.components(len(owner), faces)[1]
+    inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
+    wrong: Bools = (outer <= inner) & (inner < 0)                       # the walls of cavities have more of it
+    alone = np.ones(faces.size, dtype=bool)
+    alone[joined] = False
+    wrong[piece[faces.ravel()[alone]]] = False                          # a piece with a border encloses nothing
+    return wrong[piece[faces[:, 0]]]
+
+
+def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> Mended:
+    """The cortex of these faces, without the vertices that none of them uses."""
+    gone = ~geometry.used(len(owner), faces)
+    twin, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
+    white, pial = (replace(s, verts=s.verts[twin], faces=number[faces]) for s in (cortex.white, cortex.pial))
+    there = replace(
+        cortex, white=white, pial=pial, maps={name: np.asarray(v)[twin] for name, v in cortex.maps.items()},
+        cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[twin],
+        regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[twin]),
+        inflated=None,
+    )  # fmt: skip
+    return Mended(cortex, there, number[at], twin, done)

@@ -1,0 +1,230 @@
+"""Cortical thickness: from a white and a pial surface to one length per vertex. Gyral thickness: see gyral.py."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from morphofold import geometry
+from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
+
+BLOCKS = 64     # independent stretches of vertices; each has its own scratch, none depends on the thread count
+
+
+def cortical_thickness(
+    white: Surface,
+    pial: Surface,
+    *,
+    mode: str = "surface",
+    cap: float | None = None,
+    rings: int = 10,
+) -> PerVertex:
+    """Cortical thickness: half the sum of the ways from white to pial and from pial to white.
+
+    At vertex i, ``t_i = (min(a_i, cap) + min(b_i, cap)) / 2`` with ``a_i`` the distance from white vertex i to the
+    nearest admissible point of the pial surface and ``b_i`` from pial vertex i to that of the white one.
+
+    Parameters
+    ----------
+    white, pial : Surface
+        Inner and outer surface [mm]; equal faces, vertex i of one belongs to vertex i of the other.
+    mode : {"surface", "freesurfer"}
+        ``"surface"``: nearest point of a *triangle*. Does not depend on resolution; for models and coarse meshes.
+        ``"freesurfer"``: nearest *vertex* within ``rings`` rings, as FreeSurfer's thickness files are made; too
+        large on coarse meshes (fsaverage5 by 8 %). Use it to compare with such files.
+    cap : float or None
+        Upper bound [mm] of each of the two distances. 5 is FreeSurfer's, meant for adult human cortex, where it
+        lowers the mean by 0.1 %; a simulated one of reference thickness 3 is 7 to 8 thick at growth 2.
+    rings : int
+        Reach of the search in ``"freesurfer"`` mode. FreeSurfer uses 20; 10 costs a fifth and differs at 0.2 %
+        of the vertices.
+
+    Returns
+    -------
+    thickness : (N,) float64
+        [mm]. 0 where white and pial coincide (FreeSurfer's medial wall); NaN at a vertex that no face uses.
+
+    Raises
+    ------
+    ValueError
+        If the surfaces do not correspond, or an option has no meaning.
+
+    Notes
+    -----
+    A point q is admissible from p if it lies outward of white (inward of pial), ``(q - p) . n >= 0`` (``<= 0``),
+    and faces the same way, ``n_q . n >= 0``. All normals, in both directions, are those of the pial surface, its
+    corners weighted by the sine of their angle; the normal of a point on a white triangle is interpolated from
+    the pial normals of its vertices. The search starts at the point's own partner and its distance, and in
+    ``"surface"`` mode floods the other surface from there through vertices no farther than the partner (plus one
+    mean edge), so that it cannot jump across a sulcus to a bank that is merely near. Definition of Fischl and
+    Dale [1]_; the normals, the rings and the place of the cap were found by comparison with FreeSurfer's files.
+
+    References
+    ----------
+    .. [1] Fischl, Dale. Measuring the thickness of the human cerebral cortex from magnetic resonance images.
+       PNAS 97, 2000.
+    """
+    for what, surface in (("white", white), ("pial", pial)):
+        check_kind(surface, Surface, f"cortical_thickness: {what}")
+    if mode not in ("surface", "freesurfer"):
+        raise ValueError(f"mode must be 'surface' or 'freesurfer', got {mode!r}.")
+    if cap is not None and not cap > 0:
+        raise ValueError(f"cap must be a positive length or None, got {cap!r}.")
+    if rings < 1:
+        raise ValueError(f"rings must be at least 1, got {rings}.")
+    if white.verts.shape != pial.verts.shape or not np.array_equal(white.faces, pial.faces):
+        raise ValueError(
+            f"{white.name} ({len(white.verts)} vertices, {len(white.faces)} faces) and {pial.name} ({len(pial.verts)}, "
+            f"{len(pial.faces)}) do not correspond: thickness needs the same faces in both. Take both from one "
+            "reconstruction."
+        )
+    faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
+    ring, incident = geometry.adjacency(len(pial.verts), faces), geometry.incident_faces(len(pial.verts), faces)
+    limit = math.inf if cap is None else float(cap)
+    total = np.zeros(len(pial.verts))
+    for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
+        near = (start, target, normals, side, ring.indptr, ring.indices)
+        if mode == "freesurfer":
+            way = _nearest_vertex(*near, rings)
+        else:
+            margin = geometry.mean_edge_length(target, faces)
+            way = _nearest_triangle(*near, faces, incident.indptr, incident.indices, margin, _longest(target, faces))
+        total += np.minimum(way, limit)
+    total[np.diff(ring.indptr) == 0] = np.nan
+    return total / 2
+
+
+@njit(cache=True, parallel=True)
+def _nearest_vertex(start, target, normals, side, indptr, indices, rings):
+    """Distance [mm] from each start vertex to the nearest admissible target vertex within k rings, (N,)."""
+    n = len(start)
+    way = np.empty(n)
+    for block in prange(BLOCKS):
+        seen = np.full(n, -1)
+        queue = np.empty(n, np.int64)
+        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
+            px, py, pz = start[i, 0], start[i, 1], start[i, 2]
+            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+            best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+            queue[0], seen[i] = i, i
+            first, last = 0, 1
+            for _ in range(rings):
+                end = last
+                for q in range(first, end):
+                    for e in range(indptr[queue[q]], indptr[queue[q] + 1]):
+                        v = indices[e]
+                        if seen[v] == i:
+                            continue
+                        seen[v] = i
+                        queue[last] = v
+                        last += 1
+                        dx, dy, dz = target[v, 0] - px, target[v, 1] - py, target[v, 2] - pz
+                        far = dx * dx + dy * dy + dz * dz
+                        if (
+                            far < best
+                            and side * (dx * nx + dy * ny + dz * nz) >= 0
+                            and normals[v, 0] * nx + normals[v, 1] * ny + normals[v, 2] * nz >= 0
+                        ):
+                            best = far
+                first = end
+            way[i] = math.sqrt(best)
+    return way
+
+
+@njit(cache=True, parallel=True)
+def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr, findices, margin, longest):
+    """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
+    n = len(start)
+    way = np.empty(n)
+    for block in prange(BLOCKS):
+        seen = np.full(n, -1)
+        tested = np.full(len(faces), -1)
+        queue = np.empty(n, np.int64)
+        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
+            px, py, pz = start[i, 0], start[i, 1], start[i, 2]
+            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+            best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+            reach = (math.sqrt(best) + margin) ** 2 if best > 0 else -1.0
+            queue[0], seen[i] = i, i
+            at, last = 0, 1
+            while at < last and best > 0:
+                v = queue[at]
+                at += 1
+                away = (target[v, 0] - px) ** 2 + (target[v, 1] - py) ** 2 + (target[v, 2] - pz) ** 2
+                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]             # all of its triangles are
+                for e in range(fptr[v], fptr[v] if beyond else fptr[v + 1]):
+                    f = findices[e]
+                    if tested[f] == i:
+                        continue
+                    tested[f] = i
+                    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+                    s, t = closest_in_triangle(px, py, pz, target, a, b, c)
+                    r = 1.0 - s - t
+                    dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
+                    dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py
+                    dz = r * target[a, 2] + s * target[b, 2] + t * target[c, 2] - pz
+                    far = dx * dx + dy * dy + dz * dz
+                    if far >= best or side * (dx * nx + dy * ny + dz * nz) < 0:
+                        continue
+                    facing = (
+                        (r * normals[a, 0] + s * normals[b, 0] + t * normals[c, 0]) * nx
+                        + (r * normals[a, 1] + s * normals[b, 1] + t * normals[c, 1]) * ny
+                        + (r * normals[a, 2] + s * normals[b, 2] + t * normals[c, 2]) * nz
+                    )
+                    if facing >= 0:
+                        best = far
+                for e in range(indptr[v], indptr[v + 1]):
+                    w = indices[e]
+                    if seen[w] != i:
+                        seen[w] = i
+                        if (target[w, 0] - px) ** 2 + (target[w, 1] - py) ** 2 + (target[w, 2] - pz) ** 2 <= reach:
+                            queue[last] = w
+                            last += 1
+            way[i] = math.sqrt(best)
+    return way
+
+
+def _longest(verts: Verts, faces: Faces) -> PerVertex:
+    """Longest edge (N,) at each vertex [mm]; 0 where there is none."""
+    pair = geometry.edges(faces)
+    length = np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1)
+    longest = np.zeros(len(verts))
+    for end in pair.T:
+        np.maximum.at(longest, end, length)
+    return longest
+
+
+@njit(inline="always")
+def _clamp(x):
+    return min(max(x, 0.0), 1.0)
+
+
+@njit(cache=True)
+def closest_in_triangle(px, py, pz, verts, a, b, c):
+    """Barycentric coordinates (of b, of c) of the point of triangle abc that is nearest to p."""
+    ax, ay, az = verts[a, 0], verts[a, 1], verts[a, 2]
+    ux, uy, uz = verts[b, 0] - ax, verts[b, 1] - ay, verts[b, 2] - az
+    vx, vy, vz = verts[c, 0] - ax, verts[c, 1] - ay, verts[c, 2] - az
+    wx, wy, wz = px - ax, py - ay, pz - az
+    uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
+    uw, vw = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
+    det = uu * vv - uv * uv                     # 4 x squared area
+    if det > 1e-14 * uu * vv:
+        s, t = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
+        if s >= 0 and t >= 0 and s + t <= 1:
+            return s, t
+    # Outside (or a sliver): the nearest of the three edges' nearest points, compared without constants.
+    s = _clamp(uw / uu) if uu > 0 else 0.0
+    bs, bt, low = s, 0.0, s * s * uu - 2 * s * uw
+    t = _clamp(vw / vv) if vv > 0 else 0.0
+    value = t * t * vv - 2 * t * vw
+    if value < low:
+        bs, bt, low = 0.0, t, value
+    ee = uu + vv - 2 * uv                       # edge from b to c
+    t = _clamp((vw - uw + uu - uv) / ee) if ee > 0 else 0.0
+    value = (1 - t) ** 2 * uu + t * t * vv + 2 * t * (1 - t) * uv - 2 * (1 - t) * uw - 2 * t * vw
+    if value < low:
+        bs, bt = 1 - t, t
+    return bs, bt

@@ -1,0 +1,99 @@
+"""The mid-height contour of the folds of a surface: halfway between crown and fundus, on every wall."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import geometry
+from morphofold.analysis.relief import Relief, relief
+from morphofold.surface import PerVertex, Surface
+
+FLAT = 0.1              # amplitude / scale below which a surface counts as unfolded
+SHALLOW = 0.25          # amplitude, relative to its 90th percentile, below which a ripple is no fold
+FINEST = 4.0            # wavelength / mean edge, below which folds cannot be told from noise
+BROADEST = 1.0          # wavelength / radius of the sphere of equal area, above which the body's shape is no fold
+
+
+@dataclass(frozen=True, eq=False)
+class Contour:
+    """Samples of the mid-height contour, one per triangle it crosses.
+
+    ``points`` (S, 3) [mm]; ``length`` (S,) [mm] of contour in the ``triangle`` (S,); ``wavelength`` [mm], twice the
+    area over the total length; ``reason``: why this is no contour of folds, empty if it is.
+    """
+
+    points: NDArray[np.float64]
+    length: NDArray[np.float64]
+    triangle: NDArray[np.int64]
+    wavelength: float
+    relief: Relief
+    reason: str = ""
+
+
+def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float | None) -> Contour:
+    """The contour where ``inside`` (N,) at the given scale [mm], or at a third of the wavelength it finds itself."""
+    whole = np.flatnonzero(inside[surface.faces].all(axis=1))
+    area = float(geometry.face_areas(surface.verts, surface.faces)[whole].sum())
+    size = math.sqrt(area / (4 * math.pi))
+    edge = geometry.mean_edge_length(surface.verts, surface.faces)
+    if scale is not None:
+        return _at_scale(surface, inside, whole, size, edge, float(scale))
+    scale = 0.115 * size                        # a person's brain ends within 5 % of it, and so is measured once
+    for _ in range(8):
+        contour = _at_scale(surface, inside, whole, size, edge, scale)
+        wanted = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
+        if contour.reason or abs(wanted - scale) < 0.05 * scale:
+            break
+        scale = wanted
+    return contour
+
+
+def _at_scale(
+    surface: Surface, inside: NDArray[np.bool_], whole: NDArray[np.int64], size: float, edge: float, scale: float
+) -> Contour:
+    found = relief(surface.verts, surface.faces, scale)
+    high = float(np.percentile(found.amplitude[inside], 90))
+    phase = np.where(found.amplitude > SHALLOW * high, found.phase, np.nan)
+    points, length, triangle = _level_set(surface, phase, whole)
+    total = float(length.sum())
+    wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
+    reason = ""
+    pair, count = geometry.edges_and_counts(surface.faces)
+    if len(np.unique(pair[count == 1])) == len(np.unique(surface.faces)):
+        reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
+    elif high < FLAT * scale:
+        reason = f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {FLAT:g} of the scale"
+    elif not wavelength <= BROADEST * size:     # also if there is no contour
+        reason = (
+            f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "
+            f"{size:.3g}, too short to come from more than the shape of the body"
+        )
+    elif wavelength < FINEST * edge:
+        reason = (
+            f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, {wavelength / edge:.2g} "
+            f"edges of the mesh; it takes {FINEST:g}. Smooth away the noise, or refine the mesh"
+        )
+    return Contour(points, length, triangle, wavelength, found, reason)
+
+
+def _level_set(
+    surface: Surface, phase: PerVertex, whole: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Segments of phase = 1/2 within the given triangles: midpoints (S, 3), lengths (S,), triangles (S,)."""
+    value = phase[surface.faces[whole]] - 0.5
+    above = value > 0
+    crossed = np.isfinite(value).all(axis=1) & (above.any(axis=1) != above.all(axis=1))
+    triangle, value, above = whole[crossed], value[crossed], above[crossed]
+    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)    # corner on its own side
+    row = np.arange(len(triangle))
+    corner = surface.verts[surface.faces[triangle]]
+    ends = []
+    for step in (1, 2):
+        other = (alone + step) % 3
+        a, b = value[row, alone], value[row, other]
+        ends.append(corner[row, alone] + (a / (a - b))[:, None] * (corner[row, other] - corner[row, alone]))
+    return (ends[0] + ends[1]) / 2, np.linalg.norm(ends[0] - ends[1], axis=1), triangle

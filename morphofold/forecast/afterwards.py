@@ -1,0 +1,124 @@
+"""What a run that is done has cost, by phase and by effect, and how wrong it is expected to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.table import Expected, doubts, expected_errors, headline, not_studied, table
+from morphofold.forecast.text import percent, unstudied
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+REST = "rest"
+
+#: phases of the solver's clock that are no effect's, and what they do
+PHASES = {
+    "elements": "forces of the elements",
+    "advance": "nodal sums, velocities and positions",
+    "balance": "how far the body is from rest, every twelve steps",
+    "measure": "masses, energies and health, every twelve steps",
+    "grow": "growth of the elements",
+    "filter": "forces of the surface filter",
+    "radial": "equilibria in one dimension",
+    REST: "building the body; checks, maps and files of the stages; log and checkpoints",
+}
+
+#: effects that have no phase of their own, and where their time is
+WITHIN = {
+    "core_growth": "within grow", "regional_growth": "within grow", "perturbation": "once, within rest",
+    "notch": "once, within rest",
+    "ramp": "sets the pace, takes no time",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a run has cost.
+
+    Attributes
+    ----------
+    seconds : float
+        Wall time without compiling.
+    phases, effects : mapping
+        Name to seconds and to their share of all; the phases with ``"rest"``, and the effects with a phase of their
+        own, which ``phases`` leaves out.
+    within : mapping
+        Effects without one, and where their time is, in words.
+    steps, elements, threads : int or None
+    memory_GiB : float or None
+    edge_over_T : float or None
+        Largest surface edge over the thickness of the (thinnest) cortex; None in one dimension.
+    errors : mapping
+        Expected relative error by quantity; empty in one dimension, and for a scene unlike those studied.
+    not_studied : tuple of str
+        What of the scene is unlike them (:func:`morphofold.forecast.table.not_studied`).
+    how : str
+        How the errors were obtained, or why there are none.
+    doubts : tuple of str
+    """
+
+    seconds: float
+    phases: Mapping[str, tuple[float, float]]
+    effects: Mapping[str, tuple[float, float]]
+    within: Mapping[str, str]
+    steps: int | None
+    elements: int | None
+    threads: int | None
+    memory_GiB: float | None
+    edge_over_T: float | None
+    errors: Mapping[str, Expected]
+    not_studied: tuple[str, ...]
+    how: str
+    doubts: tuple[str, ...]
+
+
+def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
+    """Cost of a run from its ``health.json`` and scene. What an earlier version did not write is None or missing."""
+    seconds, by_phase = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
+    if by_phase:
+        by_phase[REST] = max(0.0, seconds - sum(by_phase.values()))
+    ordered = sorted(by_phase.items(), key=lambda item: -item[1])
+    shared = {name: (each, each / seconds if seconds > 0 else 0.0) for name, each in ordered}
+    called = health.get("effects", list(scene.called_effects))
+    edge = health.get("surface_edge_mm")
+    ratio = None if edge is None else float(edge) / scene.thinnest
+    outside = () if ratio is None else not_studied(scene, ratio)
+    how = "" if ratio is None else f"before the run, from its edge and a table: {table()['errors']['subject']}"
+    return Cost(
+        seconds,
+        {name: cost for name, cost in shared.items() if name not in called},
+        {name: cost for name, cost in shared.items() if name in called},
+        {name: "within radial" if "radial" in shared else WITHIN.get(name, "not timed apart")
+         for name in called if name not in shared},
+        health.get("steps"), health.get("elements"), health.get("threads"), health.get("peak_memory_GiB"), ratio,
+        {} if ratio is None or outside else expected_errors(ratio), outside, unstudied(outside) if outside else how,
+        () if ratio is None else tuple(doubts(scene, ratio)),
+    )  # fmt: skip
+
+
+def cost_beside(stage: Path) -> Cost | None:
+    """Cost of the run that wrote a ``stage.json``; None if its folder is not whole, or isn't there any more."""
+    from morphofold.sim.output.folder_check import read_health
+    from morphofold.sim.scene.files import load_scene
+
+    folder = stage.parent.parent.parent
+    try:
+        return cost_of(read_health(folder), load_scene(folder / "scene.toml"))
+    except (OSError, ValueError):
+        return None
+
+
+def cost_line(cost: Cost, most: int = 3) -> str:
+    """A line on what took the time, and on the expected error."""
+    largest = sorted({**cost.phases, **cost.effects}.items(), key=lambda item: -item[1][0])[:most]
+    parts = ["time: " + ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)] if largest else []
+    if cost.not_studied:
+        parts.append(f"expected error: {cost.how}")
+    elif cost.edge_over_T is not None:
+        name, expected = headline(cost.edge_over_T)
+        parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
+    return ". ".join(said.removesuffix(".") for said in ("; ".join(parts), *cost.doubts))

@@ -1,0 +1,106 @@
+"""What an analysis that is done has cost, by stage, and how wrong its measures are expected to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.measured import Measured, measured_errors
+from morphofold.forecast.text import percent, span
+
+if TYPE_CHECKING:
+    from morphofold.analysis import Measures
+    from morphofold.timing import Stages
+
+READING, WRITING, PAGE = "reading", "writing", "page"
+
+#: stages of an analysis, and what they do
+STAGES = {
+    READING: "surfaces, maps and labels",
+    "areas": "areas, depth of sulci, gyrification; checks of the surfaces",
+    "cortical thickness": "and the copy that draft or fine measures on",
+    "curvature": "of pial and white surface, folding indices",
+    "gyral thickness": "width of gyri, wavelength",
+    "gyral graph": "crests, hinges, their arms, wavelength of the spectrum",
+    "local gyrification": "closing of the volume in voxels",
+    "regions": "tables of regions, crests, hinges and arms",
+    WRITING: "digests of the input, surfaces, maps, tables",
+    PAGE: "pictures, charts, surfaces to turn; not the putting of them into one file",
+}
+
+
+@dataclass(frozen=True)
+class AnalysisCost:
+    """What an analysis has cost.
+
+    Attributes
+    ----------
+    vertices : mapping
+        Hemisphere to its number of vertices.
+    accuracy : str
+    threads : int
+    seconds : float
+        Wall time without compiling, of all stages.
+    stages : mapping
+        Name to seconds, of all hemispheres, and to their share of all, in the order of the work.
+    memory_GiB : float or None
+        Most that the process has held.
+    errors : mapping
+        Expected relative error by quantity.
+    how : str
+        How the errors were obtained.
+    doubts : tuple of str
+    """
+
+    vertices: Mapping[str, int]
+    accuracy: str
+    threads: int
+    seconds: float
+    stages: Mapping[str, tuple[float, float]]
+    memory_GiB: float | None
+    errors: Mapping[str, Measured]
+    how: str
+    doubts: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        stages = {name: {"seconds": seconds, "share": share} for name, (seconds, share) in self.stages.items()}
+        return {**asdict(self), "stages": stages}
+
+
+def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCost:
+    """Cost of an analysis from the clock that went along; ends what that is timing.
+
+    Raises
+    ------
+    ValueError
+        If there are no measures.
+    """
+    from numba import get_num_threads
+
+    from morphofold.timing import peak_memory
+
+    if not measures:
+        raise ValueError("there are no measures to tell the cost of. Pass those of one hemisphere at least.")
+    clock.end()
+    seconds = sum(clock.seconds.values())
+    accuracy = str(measures[0].parameters["accuracy"])
+    expected = measured_errors((m.cortex for m in measures), accuracy)
+    return AnalysisCost(
+        {m.cortex.hemi: m.cortex.n_vertices for m in measures}, accuracy, get_num_threads(), seconds,
+        {name: (each, each / seconds if seconds > 0 else 0.0) for name, each in clock.seconds.items()},
+        peak_memory(), expected.errors, expected.how, expected.doubts,
+    )  # fmt: skip
+
+
+def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
+    """A line on what took the time, and on the worst of the expected errors: the least one may be so by chance."""
+    largest = sorted(cost.stages.items(), key=lambda item: -item[1][0])[:most]
+    taken = ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)
+    line = f"time: {span(cost.seconds)}, {taken}; "
+    if not cost.errors:
+        return f"{line}errors are {cost.how}"
+    worst = max(cost.errors, key=lambda name: cost.errors[name].error)
+    error = percent(cost.errors[worst].error)
+    return f"{line}expected errors up to {error} ({worst}), by one person's hemisphere and its mesh"

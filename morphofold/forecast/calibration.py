@@ -1,0 +1,177 @@
+"""A second or two of a scene's own steps on this machine, and of its stages: what a forecast is scaled from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.sizes import Layers, Sizes, layers_of, sizes_of
+from morphofold.forecast.steps import Steps, steps_of
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+    from morphofold.sim.scene import Scene
+
+LARGEST = 330_000       # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
+SECONDS = 0.8           # that steps are taken for
+BLOCKS = 3, 60          # of steps, at least and at most
+CREEP = 1e-6            # growth in each
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was timed.
+
+    Attributes
+    ----------
+    scene : Scene
+        The one that was built: the scene itself, or a smaller part of it or a coarser one.
+    sizes : Sizes
+    layers : Layers or None
+        None for tetrahedra.
+    crossing : float
+        Steps in which a wave crosses its cortex.
+    steps_per_unit : float
+        Steps in which growth rises by 1 at full pace.
+    steps : Steps
+    phases : mapping
+        Seconds per step by phase.
+    fastest, slowest : float
+        Time of the fastest block of steps over that, and of the slower quarter.
+    setting_up : float
+        Seconds to build the body.
+    slowness : float
+        Time of the checks and maps of a sphere over that on the machine of the table.
+    threads : int
+    """
+
+    scene: Scene
+    sizes: Sizes
+    layers: Layers | None
+    crossing: float
+    steps_per_unit: float
+    steps: Steps
+    phases: Mapping[str, float]
+    fastest: float
+    slowest: float
+    setting_up: float
+    slowness: float
+    threads: int
+
+    @property
+    def seconds_per_step(self) -> float:
+        """Of all phases [s]."""
+        return sum(self.phases.values())
+
+
+def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None) -> Calibration:
+    """Build the scene's body, or a smaller one like it, and time a few steps and a stage.
+
+    Raises
+    ------
+    ValueError
+        If the body cannot be built, or the threads cannot be had.
+    """
+    import numba
+
+    from morphofold.sim.build import build_body
+    from morphofold.sim.dynamics import Dynamics
+    from morphofold.sim.effects import build_effects
+    from morphofold.threads import check_threads, set_threads
+    from morphofold.timing import working_seconds
+
+    check_threads(threads)
+    before = numba.get_num_threads()
+    set_threads(threads)
+    try:
+        small = reduced(scene)
+        started = working_seconds()
+        effects = build_effects(small)
+        body = build_body(small, effects)
+        run = Dynamics.of(small, body, effects)
+        setting_up = working_seconds() - started
+        per_unit = float(1 / run.rate)
+        phases, fastest, slowest = _time_steps(run)
+        threads = numba.get_num_threads()
+        slowness = slowness_of_stages(costs)
+    finally:
+        numba.set_num_threads(before)
+    steps = steps_of(small, per_unit, body.crossing, costs)
+    return Calibration(
+        small, sizes_of(body.bilayer), _layers(body), body.crossing, per_unit, steps, phases, fastest, slowest,
+        setting_up, slowness, threads,
+    )  # fmt: skip
+
+
+def reduced(scene: Scene) -> Scene:
+    """The scene, or a smaller part of its body, or else a coarser one, that has no more than ``LARGEST`` bricks."""
+    from morphofold.sim.scene.files import load_scene
+
+    portions = ("full", "half", "quarter", "octant")
+    while scene.bricks > LARGEST:
+        portion = getattr(scene.geometry, "portion", None)
+        if portion in portions[:-1]:
+            change = f"geometry.portion={portions[portions.index(portion) + 1]}"
+        else:
+            change = f"accuracy.edge={1.1 * scene.edge:.6g}"
+        scene = load_scene(scene, [change])
+    return scene
+
+
+def _layers(body: Body) -> Layers | None:
+    return layers_of(body.bilayer) if body.bilayer.faces.shape[1] == 4 else None
+
+
+def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
+    """Seconds per step by phase, and how far the fastest block of steps and the slower quarter differ.
+
+    Time of the faster third of the blocks: what else this machine does in that second, it will not do all the while.
+    """
+    import numpy as np
+
+    from morphofold.sim.dynamics import REFRESH
+    from morphofold.timing import working_seconds
+
+    def block() -> dict[str, float]:
+        run.seconds.clear()
+        run.grow_to(run.state.growth + CREEP)
+        return {name: seconds / REFRESH for name, seconds in run.seconds.items()}
+
+    block()                                                             # kernels are fetched, caches filled
+    started = working_seconds()
+    taken: list[dict[str, float]] = []
+    while len(taken) < BLOCKS[0] or (working_seconds() - started < SECONDS and len(taken) < BLOCKS[1]):
+        taken.append(block())
+    totals = np.array([sum(phases.values()) for phases in taken])
+    middle = float(np.quantile(totals, 1 / 3))
+    shares = {name: float(np.median([phases.get(name, 0.0) for phases in taken])) for name in taken[-1]}
+    scale = middle / sum(shares.values())
+    phases = {name: scale * seconds for name, seconds in shares.items()}
+    return phases, float(totals.min()) / middle, float(np.quantile(totals, 0.75)) / middle
+
+
+def slowness_of_stages(costs: Mapping[str, Any]) -> float:
+    """Time of the checks and maps of a small cortex here, over that on the machine of the table.
+
+    By one thread: beside other work two of them wait for each other, by turns much and little.
+    """
+    from numba import set_num_threads
+
+    from morphofold.shapes import icosphere
+    from morphofold.sim.health import check_surface
+    from morphofold.simulation import freesurfer_maps
+    from morphofold.surface import Cortex, Surface
+    from morphofold.timing import working_seconds
+
+    verts, faces = icosphere(4)
+    white, pial = (Surface(r * verts, faces, name=f"lh.{name}") for r, name in ((46, "white"), (50, "pial")))
+    cortex = Cortex(white, pial, name="calibration", origin="simulation")
+    set_num_threads(1)
+    taken = []
+    for _ in range(3):
+        started = working_seconds()
+        check_surface(pial)
+        freesurfer_maps(cortex)
+        taken.append(working_seconds() - started)
+    return float(min(taken) / costs["stage"]["sphere"])

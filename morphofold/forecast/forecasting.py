@@ -1,0 +1,213 @@
+"""What a run will cost and how wrong it will be, before it begins: ``forecast``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.calibration import Calibration, calibrate
+from morphofold.forecast.memory import memory_GiB
+from morphofold.forecast.sizes import Sizes, sizes_by_rule
+from morphofold.forecast.steps import Steps, steps_of
+from morphofold.forecast.table import HEADLINE, Expected, costs, doubts, expected_errors, not_studied, table
+from morphofold.forecast.text import setting_words, unstudied
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from morphofold.sim.scene import Scene
+
+STAGES = "stages"       # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
+SETTING_UP = "set-up"   # and the building of its body
+LEAST = 0.1             # of its range of times, over the expected one
+UNEVEN = 1.5            # slower over fastest block of steps, beyond which a machine is called busy
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is expected of a run.
+
+    Attributes
+    ----------
+    scene, shape, setting : str
+        Its name and shape, and its accuracy in words: ``"standard"``, or between which levels its edge lies.
+    edge_mm, edge_over_T : float or None
+        Largest surface edge [mm], and in thicknesses of the (thinnest) cortex; None in one dimension, as all below.
+    elements_through_cortex : int or None
+        None for a mesh from a file, too.
+    elements, nodes, steps, stages : int
+    fewest_steps, most_steps : int
+    seconds, fastest, slowest : float
+        Wall time without compiling, and the range in which it plausibly is [s].
+    seconds_by_phase : mapping
+        As in health.json, with ``"set-up"`` and ``"stages"``.
+    memory_GiB : float
+        At most, of the whole process.
+    threads : int
+    errors : mapping
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene unlike those studied.
+    not_studied : tuple of str
+        What of the scene is unlike them (:func:`morphofold.forecast.table.not_studied`).
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why it may not hold, one sentence each.
+    """
+
+    scene: str
+    shape: str
+    setting: str
+    edge_mm: float | None
+    edge_over_T: float | None
+    elements_through_cortex: int | None
+    elements: int
+    nodes: int
+    steps: int
+    fewest_steps: int
+    most_steps: int
+    stages: int
+    seconds: float
+    fastest: float
+    slowest: float
+    seconds_by_phase: Mapping[str, float]
+    memory_GiB: float
+    threads: int
+    errors: Mapping[str, Expected]
+    not_studied: tuple[str, ...]
+    how: Mapping[str, str]
+    doubts: tuple[str, ...]
+
+    @property
+    def headline(self) -> tuple[str, Expected] | None:
+        """The largest error of ``HEADLINE``, and of what it is."""
+        found = [(name, self.errors[name]) for name in HEADLINE if name in self.errors]
+        return max(found, key=lambda item: item[1].error) if found else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
+
+
+def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
+    """Forecast of a run: its size, time on this machine, memory and errors. Takes a few seconds, writes nothing.
+
+    Parameters
+    ----------
+    source : str, Path or Scene
+        A built-in scene's name, a TOML file, or a scene.
+    threads : int, optional
+        Threads that the run will have; by default all cores.
+    settings : iterable of str
+        ``"growth.final=1.8"`` and the like, put over the scene.
+
+    Returns
+    -------
+    Forecast
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the scene cannot be had, or its body not be built.
+    """
+    from morphofold.sim.scene.files import load_scene
+
+    scene = load_scene(source, settings)
+    if scene.geometry.shape == "radial":
+        from morphofold.forecast.radial import radial_forecast
+
+        return radial_forecast(scene, threads)
+    return forecast_from(scene, calibrate(scene, costs(), threads))
+
+
+def forecast_from(scene: Scene, found: Calibration) -> Forecast:
+    """Forecast of ``scene`` from what was timed: of itself, or scaled from another accuracy or portion of it."""
+    itself = scene == found.scene
+    sizes = found.sizes if itself or found.layers is None else sizes_by_rule(scene, found.layers)
+    steps = found.steps if itself else _scaled_steps(scene, sizes, found)
+    phases = _phases(scene, sizes, steps, found)
+    seconds = sum(phases.values())
+    spread = costs()["spread"]["time"]
+    T, layers = scene.thinnest, scene.elements_through_cortex
+    total, outside = steps.expected, not_studied(scene, sizes.edge / T)
+    fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
+    less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
+    return Forecast(
+        scene.name, scene.geometry.shape, setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,
+        None if scene.geometry.shape == "mesh" else layers, sizes.elements, sizes.nodes, total, fewest, most,
+        len(scene.stages), seconds,
+        seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
+        seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
+        phases, _memory(scene, sizes, found), found.threads,
+        {} if outside else expected_errors(sizes.edge / T), outside, _how(scene, found, itself, outside),
+        tuple(_doubts(scene, sizes, found)),
+    )  # fmt: skip
+
+
+def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
+    """Steps on other edges: a wave takes as many to cross a cell as its diagonal asks for."""
+    mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
+    ratio = mine / timed
+    return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
+
+
+def _memory(scene: Scene, sizes: Sizes, found: Calibration) -> float:
+    single = scene.accuracy.precision == "single"
+    return memory_GiB(sizes, bricks=found.layers is not None, single=single, volume=scene.output.volume)
+
+
+def _steps_across(scene: Scene, edge: float) -> float:
+    """Steps in which a wave crosses the cortex, but for a factor, with surface edges so long [mm]."""
+    through = costs()["crossing"]["through"] * scene.elements_through_cortex**2
+    return math.sqrt(through + (scene.geometry.cortex_thickness / edge) ** 2)
+
+
+def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:
+    """Seconds of the run by phase: those of a step times steps, contact awake, and what is not steps."""
+    more = sizes.elements / found.sizes.elements
+    phases = {name: more * each * steps.expected for name, each in found.phases.items()}
+    if "grow" in phases:
+        phases["grow"] *= steps.growing / max(steps.expected, 1)
+    if "contact" in phases:
+        phases["contact"] += float(steps.awake) * sum(phases.values())
+    stage = costs()["stage"]
+    surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
+    written = stage["write_per_vertex"] * sizes.vertices
+    written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
+    phases[STAGES] = len(scene.stages) * found.slowness * (surface + written)
+    phases[SETTING_UP] = found.setting_up * more + found.slowness * stage["starting"]
+    return phases
+
+
+def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
+    said = doubts(scene, sizes.edge / scene.thinnest)
+    if "inertia" in scene.effects.named:
+        said.append("The step of real masses shrinks as elements are squeezed, by how much was seen in one run only.")
+    if scene.output.stability:
+        said.append("Counting the unstable modes of the stages comes on top, in time and memory (output.stability).")
+    if found.slowest > UNEVEN * found.fastest:
+        said.append(
+            f"Steps took up to {found.slowest / found.fastest:.1f} times as long as others just now: this machine has "
+            "other work to do."
+        )
+    return said
+
+
+def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:
+    built = "the body was built and counted"
+    if not itself:
+        part = getattr(found.scene.geometry, "portion", "")
+        part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
+        built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built to be timed"
+    errors = f"a table of errors against edges: {table()['errors']['subject']}"
+    threads = "one thread" if found.threads == 1 else f"{found.threads} threads"
+    return {
+        "elements": built,
+        "steps": "the pace of growth, and what runs with such growth and stiffness waited for balance",
+        "time": f"steps timed here by {threads}, and the checks and maps of a sphere",
+        "memory": "bytes per element and vertex, measured in other runs",
+        "errors": unstudied(outside) if outside else errors,
+    }  # fmt: skip
+
+

@@ -1,0 +1,239 @@
+"""What measuring a cortex will cost and how wrong it will be, before it begins: ``forecast_analysis``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.analysis_cost import PAGE, READING, WRITING
+from morphofold.forecast.measured import Measured, measured_errors
+from morphofold.forecast.table import costs
+
+if TYPE_CHECKING:
+    from morphofold.analysis.resampling import Accuracy
+    from morphofold.surface import Cortex
+
+REPEATS = 3             # of the measuring that is timed, after once for kernels to be fetched
+UNEVEN = 1.5            # slower over faster repeat, beyond which a machine is called busy
+ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
+VOXELS = "local gyrification"                                          # and the one whose voxels they change
+WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
+GiB = 2**30
+
+
+@dataclass(frozen=True)
+class Hemisphere:
+    """One that is to be measured: vertices of white and pial each, those of the copy on which thicknesses and the gyral
+    net are measured, and the seconds expected of its measures."""
+
+    hemi: str
+    vertices: int
+    measured_on: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class AnalysisForecast:
+    """What is expected of an analysis.
+
+    Attributes
+    ----------
+    name, accuracy : str
+    hemispheres : tuple of Hemisphere
+    seconds, fastest, slowest : float
+        Wall time without compiling, and the range in which it plausibly is [s].
+    seconds_by_stage : mapping
+        As in cost.json.
+    memory_GiB : float
+        At most, of the whole process.
+    threads : int
+    errors : mapping
+        Quantity to its ``Measured`` relative error.
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why it may not hold, one sentence each.
+    """
+
+    name: str
+    accuracy: str
+    hemispheres: tuple[Hemisphere, ...]
+    seconds: float
+    fastest: float
+    slowest: float
+    seconds_by_stage: Mapping[str, float]
+    memory_GiB: float
+    threads: int
+    errors: Mapping[str, Measured]
+    how: Mapping[str, str]
+    doubts: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def forecast_analysis(
+    cortices: Sequence[Cortex], *, accuracy: str = "standard", report: bool = True, threads: int | None = None,
+    reading: float = 0.0, curvature_scale: float | None = None, repair: bool = True, stages: int = 0,
+) -> AnalysisForecast:  # fmt: skip
+    """Forecast of an analysis: its time on this machine, memory and errors. Takes a few seconds, writes nothing.
+
+    Parameters
+    ----------
+    cortices : sequence of Cortex
+        The hemispheres to be measured.
+    accuracy : {"draft", "standard", "fine"}
+    report : bool
+        Whether the page is to be made.
+    threads : int, optional
+        Threads that the analysis will have; by default all cores.
+    reading : float
+        Seconds that reading the surfaces took.
+    curvature_scale : float, optional
+        As for :func:`morphofold.analysis.measure` [mm].
+    repair : bool
+        As for :func:`morphofold.analysis.measure`.
+    stages : int
+        How many of a simulation the page will draw; their time is not counted, which is said.
+
+    Raises
+    ------
+    ValueError
+        If there is no cortex, no such accuracy, the threads cannot be had, or a cortex is one that can not be measured:
+        for all that the measuring itself would refuse but a surface without volume.
+    """
+    from morphofold.analysis.mesh_quality.repair import measurable
+    from morphofold.analysis.resampling import accuracy_of
+
+    if not cortices:
+        raise ValueError("there is no cortex to forecast the measuring of. Pass one at least.")
+    chosen = accuracy_of(accuracy)
+    cortices = [measurable(cortex, repair=repair).cortex for cortex in cortices]
+    wider = [_wider(cortex, curvature_scale) for cortex in cortices]
+    timed, uneven, threads = _timed(threads)
+    sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]
+    each = [_measuring(n, on, chosen, timed, times) for (n, on), times in zip(sizes, wider)]
+    taken = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
+    for name, beside in costs()["analysis"]["starting"].items():
+        taken[name] += _slowness(timed) * beside
+    taken |= _writing([n for n, _ in sizes], report, timed)
+    seconds, spread = sum(taken.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
+    expected = measured_errors(cortices, accuracy)
+    doubts = list(expected.doubts)
+    if report and stages:
+        doubts.append(f"The page reads and draws stages of the simulation, too ({stages}); that comes on top.")
+    if uneven > UNEVEN:
+        doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
+    return AnalysisForecast(
+        cortices[0].name, accuracy,
+        tuple(Hemisphere(c.hemi, n, on, sum(one.values())) for c, (n, on), one in zip(cortices, sizes, each)),
+        seconds, seconds / (1 + spread), seconds * (1 + spread), taken,
+        _memory_GiB(sizes, chosen, report), threads, expected.errors,
+        {
+            "time": f"measures of a made-up cortex of {costs()['analysis']['ball']:,} vertices timed here, scaled by "
+            "power laws of vertices, a stage each",
+            "memory": "bytes per vertex, measured in other analyses",
+            "errors": expected.how,
+        },
+        tuple(doubts),
+    )  # fmt: skip
+
+
+def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
+    """Seconds by stage of measuring a small folded ball as a draft, how uneven repeats were, and the threads used."""
+    import numba
+
+    from morphofold.analysis.measures import measure
+    from morphofold.studies.speed.measures import folded_ball
+    from morphofold.threads import check_threads, set_threads
+    from morphofold.timing import Stages
+
+    check_threads(threads)
+    before = numba.get_num_threads()
+    set_threads(threads)
+    try:
+        ball, taken = folded_ball(costs()["analysis"]["ball"]), []
+        for _ in range(1 + REPEATS):
+            clock = Stages()
+            measure(ball, accuracy="draft", progress=clock.at)
+            taken.append(clock.seconds)
+        threads = numba.get_num_threads()
+    finally:
+        numba.set_num_threads(before)
+    taken = taken[1:]
+    totals = [sum(one.values()) for one in taken]
+    return {name: min(one[name] for one in taken) for name in taken[0]}, max(totals) / min(totals), threads
+
+
+def _copied(cortex: Cortex, chosen: Accuracy) -> int:
+    """Vertices of the copy that thicknesses and the net are measured on, as ``copies.copied`` makes it."""
+    import numpy as np
+
+    from morphofold import geometry
+
+    used, n = len(np.unique(cortex.faces)), cortex.n_vertices
+    if chosen.most and used > chosen.most:
+        return chosen.most
+    return n + len(geometry.edges(cortex.faces)) if used < chosen.least else n
+
+
+def _wider(cortex: Cortex, wanted: float | None) -> float:
+    """How many times as long curvature takes at the scale wanted as at the usual one; refuses what does not fit."""
+    from morphofold.analysis.measures import scale_of_curvature
+
+    scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
+    return (scale / usual) ** WIDER
+
+
+def _measuring(
+    n: int, on: int, chosen: Accuracy, timed: Mapping[str, float], wider: float = 1.0
+) -> dict[str, float]:
+    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``; ``wider`` is what
+    the scale of curvature makes of the time it takes."""
+    laws = costs()["analysis"]
+    found = {}
+    for name, seconds in timed.items():
+        if name == VOXELS:
+            found[name] = seconds * (laws["per_voxel"] * chosen.voxels**3 + laws["per_vertex"] * n)
+        else:
+            law = laws["stages"][name]
+            size = on if name in ON_COPY else n
+            found[name] = seconds * law["times"] * (size / laws["ball"]) ** law["power"]
+    found["curvature"] *= wider
+    if on < n:
+        found["cortical thickness"] += _slowness(timed) * laws["thin_per_vertex"] * n
+    return found
+
+
+def _writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> dict[str, float]:
+    laws, slowness = costs()["analysis"], _slowness(timed)
+    found = {WRITING: slowness * (laws["write"] + laws["write_per_vertex"] * sum(sizes))}
+    if report:
+        drawn = laws["page"] + laws["page_second"] * (len(sizes) - 1) + laws["page_per_vertex"] * sum(sizes)
+        found[PAGE] = slowness * drawn
+    return found
+
+
+def _slowness(timed: Mapping[str, float]) -> float:
+    """Time of the tables of the ball, which one thread makes whatever their number, over that of the stored table."""
+    return timed["regions"] / costs()["analysis"]["regions_of_ball"]
+
+
+def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
+    """Most memory of a process that measures hemispheres of so many vertices, one after the other [GiB]."""
+    from morphofold.analysis.resampling import accuracy_of
+
+    chosen = accuracy_of(accuracy)
+    return _memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
+
+
+def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Accuracy, report: bool) -> float:
+    """Most memory of a whole process that does the analysis alone."""
+    memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
+    most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)
+    measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
+    page = memory["page"] + memory["page_per_hemisphere"] * len(sizes) + memory["page_per_vertex"] * total / GiB
+    return max(measuring, page) if report else measuring

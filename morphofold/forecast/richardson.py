@@ -1,0 +1,301 @@
+"""How wrong a finished run is, estimated from the run itself: against a twin of the same scene with longer edges, and
+that twin against one that grows at half the pace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from morphofold.forecast.table import not_studied, table
+from morphofold.forecast.text import percent, unstudied
+from morphofold.io import atomic_file
+from morphofold.io.json_files import Amount, Number, Record, read_json
+from morphofold.provenance import input_records, strict_json
+from morphofold.surface import Surface, check_kind
+
+if TYPE_CHECKING:
+    from morphofold.forecast.forecasting import Forecast
+    from morphofold.sim.run import Simulation
+    from morphofold.sim.scene import Scene
+
+LONGER = 1.5            # edges of the twin over those of the run: it takes about a third of the run's time
+LEAST = 1.2             # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
+ALIKE = 0.5             # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
+                        # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
+COARSER, SLOWER, FILE = "coarser", "slower", "error.json"      # in the folder of the run
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """One quantity of the last stage: how much it differs between run and twin, the power of the edge with which its
+    error goes, and the error of the run, change / (ratio^power - 1); None if the twin folded into another pattern."""
+
+    change: float
+    power: float
+    error: float | None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Errors of a run by Richardson's extrapolation from a coarser twin.
+
+    Attributes
+    ----------
+    growth : float
+        Of the last stage, which is compared.
+    edge_over_T, ratio : float
+        Largest surface edge of the run over the thickness of the (thinnest) cortex; that of the twin over the run's.
+    errors : mapping
+        Quantity to ``Estimated``: the relative one of the ``gyrification index`` (of closed bodies), and the
+        ``pial distance``, the mean one between two pial surfaces over T.
+    how : str
+    doubts : tuple of str
+    not_studied : tuple of str
+        What of the scene is unlike those whose powers are taken (:func:`morphofold.forecast.table.not_studied`).
+    pace : mapping, optional
+        Quantity to how much it changes, as it stands, if the coarser twin grows at half the pace; None of a scene that
+        has no slower twin (:func:`twins`), and of estimates that knew of none.
+    """
+
+    growth: float
+    edge_over_T: float
+    ratio: float
+    errors: Mapping[str, Estimated]
+    how: str
+    doubts: tuple[str, ...]
+    not_studied: tuple[str, ...] = ()
+    pace: Mapping[str, float] | None = None
+
+    @property
+    def words(self) -> str:
+        """All errors in a line, and why not to trust them."""
+        errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "can't be told"
+        said = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
+        if self.pace is not None:
+            said.append(f"Half the pace of growth changes the coarser twin by: {_listed(self.pace)} of T.")
+        return " ".join([*said, *self.doubts])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+class ErrorRow(Record):
+    """An ``Estimated``."""
+
+    change: Amount
+    power: Number
+    error: Amount | None
+
+
+class ErrorFile(Record):
+    """``error.json``: an ``Estimate``, and of which ``health.json``."""
+
+    growth: Number
+    edge_over_T: Amount
+    ratio: Amount
+    errors: dict[str, ErrorRow]
+    how: str
+    doubts: list[str]
+    not_studied: list[str] = []
+    pace: dict[str, Amount] | None = None
+    health_sha256: str
+
+
+class Grown(NamedTuple):
+    """The last stage of a run: its pial surface, its largest edge before growth [mm], what is wrong with it."""
+
+    pial: Surface
+    edge: float
+    warnings: list[str]
+
+
+def coarser(scene: Scene) -> Scene:
+    """The twin of a scene: edges 1.5 times as long, as many elements through the cortex, all else the same.
+
+    Raises
+    ------
+    ValueError
+        If it has no edge to be made longer, doesn't grow, or is so small that the edges come out hardly longer.
+    """
+    from morphofold.forecast.sizes import edge_by_rule
+    from morphofold.sim.scene.files import load_scene
+
+    if scene.geometry.shape in ("mesh", "radial"):
+        why = "its mesh is the file's" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
+        raise ValueError(
+            f"--estimate grows a twin with longer edges, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
+            f"{why}. Drop it."
+        )
+    if scene.growth.final == 1:
+        raise ValueError(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
+    twin = load_scene(scene, [
+        f"accuracy.edge={LONGER * scene.edge!r}", f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
+        "output.volume=false",
+    ])  # fmt: skip
+    edge, longer = edge_by_rule(scene), edge_by_rule(twin)
+    if longer < LEAST * edge:
+        raise ValueError(
+            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its twin no more than {longer:.3g}: so "
+            "small a body has no coarser one. Take a shorter accuracy.edge."
+        )
+    return twin
+
+
+def twins(scene: Scene) -> dict[str, Scene]:
+    """The twins of a scene by their folders: :func:`coarser`, and the same at half of ``growth.rate``, unless time is
+    real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first wrinkles at one pace, where
+    ``slow_growth`` holds it down whatever the rate."""
+    from morphofold.sim.scene import SLOWEST_RATE
+    from morphofold.sim.scene.files import load_scene
+
+    found, rate = {COARSER: coarser(scene)}, scene.growth.rate / 2
+    if scene.effects.inertia is None and rate >= SLOWEST_RATE:
+        found[SLOWER] = load_scene(found[COARSER], [f"growth.rate={rate!r}"])
+    return found
+
+
+def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
+    """What each twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
+    from morphofold.forecast.forecasting import forecast
+
+    found = {folder: forecast(twin, threads) for folder, twin in twins(scene).items()}
+    how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
+    return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
+
+
+def estimate_error(
+    run: Simulation, *, threads: int | None = None, progress: Callable[[float, str], None] = lambda share, text: None
+) -> Estimate:
+    """Estimate the error of a finished run's last stage, and write it as ``error.json`` into its folder.
+
+    Parameters
+    ----------
+    run : Simulation
+        Finished. Its twins are grown in the folders ``coarser`` and ``slower`` within, gone on with if they were
+        stopped, or read.
+    threads : int, optional
+        As of :func:`morphofold.simulate`.
+    progress : callable
+        Called with the share done (0 to 1) and a line of text.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    ValueError
+        As :func:`coarser`; if the run doesn't say how long its edges are, restarted from another one, or has effects of
+        its caller's own.
+    FileExistsError
+        If another process writes into the run's folder.
+    UnstableError
+        If a twin leaves its bounds; the run is none the worse.
+
+    Notes
+    -----
+    An error that goes with the power p of the edge is ``|Q - Q_twin| / (r^p - 1)`` for a twin with edges r times as
+    long. p is that of the study, of three elements through the cortex throughout; docs/accuracy.md says how far such
+    estimates are from true errors, and why wavelength and strain energy have none.
+    """
+    from morphofold.io.locks import alone
+    from morphofold.sim.dynamics import UnstableError
+    from morphofold.sim.output.folder_check import begun_with, sweep
+    from morphofold.sim.run import Simulation, simulate
+
+    check_kind(run, Simulation, "estimate_error: run")
+    if told := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
+        raise ValueError(
+            f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
+            "twin of it can be grown."
+        )
+    others = twins(run.scene)
+    grown = [_grown(run)]
+    for done, (folder, twin) in enumerate(others.items()):
+        tell = lambda share, text, done=done: progress((done + share) / len(others), text)
+        try:
+            grown.append(_grown(simulate(twin, run.path / folder, resume=True, threads=threads, progress=tell)))
+        except UnstableError as error:
+            raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
+    found = between(run.scene, *grown)
+    with alone(run.path):
+        sweep(run.path)                                                 # a run that is finished doesn't any more
+        with atomic_file(run.path / FILE) as temporary:
+            temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), "utf-8")
+    return found
+
+
+def estimate_beside(stage: Path) -> Estimate | None:
+    """The estimate of the run that wrote a ``stage.json``; None if there is none of this very run, or not whole."""
+    folder = stage.parent.parent.parent
+    try:
+        content = read_json(folder / FILE, ErrorFile, "")
+        if content["health_sha256"] != _digest(folder):
+            return None
+        errors = {name: Estimated(row["change"], row["power"], row["error"]) for name, row in content["errors"].items()}
+        told = {key: content[key] for key in ("growth", "edge_over_T", "ratio", "how")}
+        unlike = tuple(content.get("not_studied", ()))                  # an earlier version's has none
+        doubts, pace = tuple(content["doubts"]), content.get("pace")
+        return Estimate(**told, errors=errors, doubts=doubts, not_studied=unlike, pace=pace)
+    except (OSError, ValueError):
+        return None
+
+
+def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -> Estimate:
+    """The estimate from the last stages of the run, of its coarser twin and, if there is one, of its slower twin."""
+    changes = _changes(scene, mine, twin)
+    apart, pace = changes["pial distance"], None if slow is None else _changes(scene, twin, slow)
+    ratio, laws = twin.edge / mine.edge, table()["errors"]
+    errors = {}
+    for name, change in changes.items():
+        power = laws["quantities"][name]["power_of_three_elements"]     # the twin has as many as the run
+        errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
+    all_grown = {"run": mine, "coarser twin": twin, "slower twin": slow}
+    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in all_grown.items() if grown
+              for warning in grown.warnings]  # fmt: skip
+    if apart > ALIKE:
+        doubts.append(
+            f"The twin folded into another pattern (they differ by: {_listed(changes)} of T), so no error follows from "
+            "it: the mesh has its say in the pattern on such edges. Take a shorter one."
+        )
+    if pace is not None and pace["pial distance"] > ALIKE:
+        doubts.append("The slower twin folded into another pattern than the coarser: folds hang on the pace of growth.")
+    T = scene.thinnest
+    unlike = not_studied(scene, mine.edge / T)
+    if unlike:
+        doubts.append(f"The powers are {unstudied(unlike)}.")
+    return Estimate(
+        scene.growth.final, mine.edge / T, ratio, errors,
+        f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
+        f"of {laws['subject']}, three elements through the cortex", tuple(doubts), unlike, pace,
+    )  # fmt: skip
+
+
+def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
+    """By how much the last stages of two runs differ: quantities and units as those of ``Estimate.errors``."""
+    from morphofold import analysis
+    from morphofold.studies.accuracy.folds import distance
+
+    changes = {"pial distance": distance(one.pial, other.pial) / scene.geometry.cortex_thickness}
+    if scene.geometry.shape in ("sphere", "ellipsoid"):
+        here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (one, other))
+        changes = {"gyrification index": abs(there / here - 1), **changes}
+    return changes
+
+
+def _listed(shares: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {percent(share)}" for name, share in shares.items())
+
+
+def _grown(run: Simulation) -> Grown:
+    health = run.health
+    if "surface_edge_mm" not in health:
+        raise ValueError(f"{run.path / 'health.json'}: has no surface_edge_mm, it is an early version's. Grow it anew.")
+    return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
+
+
+def _digest(folder: Path) -> Any:
+    return input_records([folder / "health.json"])[0]["sha256"]

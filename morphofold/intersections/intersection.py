@@ -1,0 +1,340 @@
+"""Does a surface pass through itself, where, and how deep: independent of the solver's own contact, with exact signs.
+
+Two things are looked for. An edge that crosses a triangle with which it shares no vertex: surfaces that pass through
+each other have such a pair, also two triangles that meet in one vertex only. And a vertex that lies behind a wall which
+faces it: two smooth walls may overlap widely and cross only at the rim, at a small angle, where no single crossing is
+deep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from morphofold.intersections.boxes import BLOCK, BoxTree, box_tree, following, meets
+from morphofold.intersections.rays import ray_hits
+from morphofold.intersections.signs import plane_sign, side
+from morphofold.intersections.vectors import area_vector, cross, dot, less
+from morphofold.surface import Surface
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ANOTHER_WALL = 0.5      # a face belongs to another wall than a vertex if the cosine of their normals is less than this
+
+
+@dataclass(frozen=True, eq=False)
+class Intersections:
+    """Where a surface passes through itself: K crossings in the order of their edges, P passed vertices.
+
+    Attributes
+    ----------
+    edge : (K, 2) int64
+        Vertices of the edge that crosses, the lower number first.
+    face : (K,) int64
+        The face it crosses.
+    point : (K, 3) float64
+        Where [mm].
+    depth : (K,) float64
+        How far the edge has passed [mm]: the least displacement that undoes the crossing, either by drawing the nearer
+        end back to the plane of the face, or by lifting the edge over a ridge, a side or a corner of the face next to
+        which the surface, seen along the edge, turns its other side or ends. Over other sides there is no way out:
+        the edge would cross the next face. So the depth is zero for an edge that only grazes a ridge or touches a face
+        with its end, grows steadily from there, and does not depend on where in a smooth wall the sides of its faces
+        run. It is never more than half of the edge.
+    vertex : (P,) int64
+        Vertices behind a wall that faces them.
+    vertex_depth : (P,) float64
+        Distance of the vertex from that wall [mm].
+    mean_edge : float
+        Mean length of the edges of the surface [mm].
+    """
+
+    edge: Indices = field(repr=False)
+    face: Indices = field(repr=False)
+    point: Array = field(repr=False)
+    depth: Array = field(repr=False)
+    vertex: Indices = field(repr=False)
+    vertex_depth: Array = field(repr=False)
+    mean_edge: float
+
+    def __len__(self) -> int:
+        """How many edges cross a face."""
+        return len(self.edge)
+
+    @property
+    def deepest(self) -> float:
+        """Depth of the deepest crossing or vertex [mm]; 0 if there is none."""
+        return float(max(self.depth.max(initial=0.0), self.vertex_depth.max(initial=0.0)))
+
+    @property
+    def deepest_share(self) -> float:
+        """Depth of the deepest crossing or vertex, in mean edges."""
+        return self.deepest / self.mean_edge
+
+    def at(self, crossings: Indices) -> Intersections:
+        """The same, with these crossings only, by their numbers."""
+        some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
+        return replace(self, **some)
+
+    def crossed_faces(self, faces: Indices) -> Indices:
+        """Faces of the surface (F,) that another one crosses, ascending: a crossed one, and those at the edge."""
+        key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
+        at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
+        return np.union1d(self.face, np.flatnonzero(np.any(at_edge, axis=0)))
+
+    def deeper_than(self, share: float) -> int:
+        """How many crossings and vertices are deeper than ``share`` mean edges."""
+        least = share * self.mean_edge
+        return int((self.depth > least).sum() + (self.vertex_depth > least).sum())
+
+
+def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersections:
+    """Edges of a surface that cross its faces, and vertices that have passed through a facing wall.
+
+    Parameters
+    ----------
+    surface : Surface
+        Closed, with outward faces. An open one has no inside: of it, only edges that cross faces are told. Flat walls
+        that have passed through each other whole cross at their rims only, and not even there if what lies beyond both
+        rims is in one plane: on an open surface nothing tells of such walls.
+    vertices : bool
+        Whether to look for vertices, which takes three quarters of the time.
+
+    Returns
+    -------
+    Intersections
+
+    Notes
+    -----
+    Signs are exact (:mod:`morphofold.intersections.signs`). Touching is no crossing: ties are decided as if the
+    vertices were displaced by next to nothing, so that an edge exactly through another edge or a vertex crosses one
+    triangle there, and what then has the depth zero is left out. A surface that passes through its own mirror image
+    meets it edge on edge, and is found. Two triangles folded flat on each other over a common edge touch.
+
+    A vertex has passed if, first, it lies behind a face of another wall, whose normal is turned from its own by more
+    than 60 degrees, less than one mean edge from the nearest such face, and second, the surface winds around the space
+    in front of it, counted along its normal. Its depth is the distance to that face. Vertices deeper than an edge
+    aren't listed, but those nearer to the rim are. A vertex on a fold so sharp that a face around it is turned by more
+    than 60 degrees has no front, and isn't asked.
+    """
+    verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays here: compiled once
+    edges, closed = _edges(faces)
+    mean_edge = float(np.linalg.norm(verts[edges[:, 0]] - verts[edges[:, 1]], axis=1).mean())
+    tree = box_tree(verts, faces)
+    edge, face = _crossings(verts, faces, edges, tree)
+    point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
+    _measure(verts, faces, *_rings(faces, len(verts)), edge, face, point, depth)
+    kept = depth > 0
+    asked = closed and vertices
+    behind = _passed(verts, faces, _node_normals(verts, faces), *tree, mean_edge) if asked else np.zeros(len(verts))
+    vertex = np.flatnonzero(behind > 0)
+    return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
+
+
+def _edges(faces: Indices) -> tuple[Indices, bool]:
+    """Edges (E, 2), each once, lower number first, ascending; and whether each has two faces."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    n = int(faces.max()) + 1
+    key, count = np.unique(ends.min(axis=1) * n + ends.max(axis=1), return_counts=True)
+    return np.stack(np.divmod(key, n), axis=1), bool((count == 2).all())
+
+
+def _rings(faces: Indices, n: int) -> tuple[Indices, Indices]:
+    """Faces around each of n vertices: where they begin (n + 1,) in the list of all (3 M,)."""
+    corners = faces.ravel()
+    return np.concatenate([[0], np.cumsum(np.bincount(corners, minlength=n))]), np.argsort(corners, kind="stable") // 3
+
+
+def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
+    """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
+    first = np.concatenate([[0], np.cumsum(_count(verts, faces, edges, *tree))])
+    face = np.empty(first[-1], dtype=np.int64)
+    _fill(verts, faces, edges, *tree, first, face)
+    number = np.repeat(np.arange(len(edges)), np.diff(first))
+    order = np.lexsort([face, number])
+    return edges[number[order]], face[order]
+
+
+@njit(parallel=True, cache=True)
+def _count(verts, faces, edges, bounds, order, single):
+    count = np.empty(len(edges), dtype=np.int64)
+    for e in prange(len(edges)):
+        count[e] = _crossed(verts, faces, bounds, order, single, edges[e], np.empty(0, dtype=np.int64))
+    return count
+
+
+@njit(parallel=True, cache=True)
+def _fill(verts, faces, edges, bounds, order, single, first, face):
+    for e in prange(len(edges)):
+        if first[e + 1] > first[e]:
+            _crossed(verts, faces, bounds, order, single, edges[e], face[first[e] : first[e + 1]])
+
+
+@njit(cache=True)
+def _crossed(verts, faces, bounds, order, single, edge, found):
+    """Write the faces that an edge crosses to ``found``, as many as fit; returns how many there are."""
+    p, q = edge
+    box = np.empty(6)
+    for r in range(3):
+        box[r], box[3 + r] = min(verts[p, r], verts[q, r]), max(verts[p, r], verts[q, r])
+    n, k, leaves = 0, 1, len(bounds) // 2
+    while k > 0:
+        if meets(bounds[k], box):
+            if k < leaves:
+                k *= 2
+                continue
+            for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
+                f = order[s]
+                if meets(single[f], box) and _crosses(verts, p, q, faces[f]):
+                    if n < len(found):
+                        found[n] = f
+                    n += 1
+        k = following(k)
+    return n
+
+
+@njit(cache=True)
+def _crosses(verts, p, q, tri):
+    """Whether the edge pq crosses a triangle with which it shares no vertex."""
+    i, j, k = tri
+    if p == i or p == j or p == k or q == i or q == j or q == k:
+        return False
+    before = side(verts, i, j, k, p)
+    if before == 0 or side(verts, i, j, k, q) != -before:
+        return False
+    turn = side(verts, p, q, i, j)
+    return turn != 0 and side(verts, p, q, j, k) == turn and side(verts, p, q, k, i) == turn
+
+
+@njit(cache=True)
+def _measure(verts, faces, first, ring, edge, face, point, depth):
+    """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
+    for e in range(len(edge)):
+        p, q, tri = verts[edge[e, 0]], verts[edge[e, 1]], faces[face[e]]
+        a, b, c = verts[tri[0]], verts[tri[1]], verts[tri[2]]
+        n, along = area_vector(a, b, c), less(q, p)
+        length = max(dot(n, n) ** 0.5, 1e-300)
+        before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
+        share = before / (before + after) if before + after > 0.0 else 0.5
+        for r in range(3):
+            point[e, r] = p[r] + share * along[r]
+        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
+        for k in range(3):
+            reach = min(reach, _way_out(verts, faces, first, ring, edge[e], face[e], k, point[e], along))
+        depth[e] = reach
+
+
+@njit(cache=True)
+def _way_out(verts, faces, first, ring, edge, f, k, point, along):
+    """Distance of a crossing from corner k of face f, and from the side that begins there, where there is a way out.
+
+    There is one where the surface, seen along the edge, shows its other side next to f, or ends.
+    """
+    i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
+    p, q = verts[edge[0]], verts[edge[1]]
+    facing = dot(along, area_vector(verts[i], verts[j], verts[h]))
+    over_corner, open_side, over_side = False, True, False
+    for s in range(first[i], first[i + 1]):
+        a, b, c = faces[ring[s]]
+        if ring[s] != f:
+            turned = facing * dot(along, area_vector(verts[a], verts[b], verts[c])) <= 0.0
+            over_corner |= turned
+            if a == j or b == j or c == j:
+                open_side = False
+                over_side |= turned
+    away, side_line = less(point, verts[i]), less(verts[j], verts[i])
+    on_side = plane_sign(p, q, verts[i], verts[j], 1.0) == 0
+    distance = np.inf
+    if open_side or over_side:
+        offset = cross(side_line, away)
+        distance = 0.0 if on_side else (dot(offset, offset) / max(dot(side_line, side_line), 1e-300)) ** 0.5
+    if over_corner:
+        on_corner = on_side and plane_sign(p, q, verts[h], verts[i], 1.0) == 0
+        distance = min(distance, 0.0 if on_corner else dot(away, away) ** 0.5)
+    return distance
+
+
+@njit(cache=True)
+def _elsewhere(n, normal):
+    """Whether a triangle of area vector ``n`` belongs to another wall than a vertex of the unit normal ``normal``."""
+    return dot(n, normal) < ANOTHER_WALL * dot(n, n) ** 0.5
+
+
+@njit(cache=True)
+def _node_normals(verts, faces):
+    """Unit area-weighted normals (N, 3); zero where a face around the vertex is turned too far away."""
+    normals, area = np.zeros_like(verts), np.empty_like(faces, dtype=np.float64)
+    for f in range(len(faces)):
+        n = area_vector(verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+        for k in range(3):
+            area[f, k] = n[k]
+            for r in range(3):
+                normals[faces[f, k], r] += n[r]
+    for i in range(len(verts)):
+        length = dot(normals[i], normals[i]) ** 0.5
+        for r in range(3):
+            normals[i, r] /= max(length, 1e-300)
+    turned = np.zeros(len(verts), dtype=np.bool_)
+    for f in range(len(faces)):
+        for k in range(3):
+            turned[faces[f, k]] |= _elsewhere(area[f], normals[faces[f, k]])
+    for i in np.flatnonzero(turned):
+        for r in range(3):
+            normals[i, r] = 0.0
+    return normals
+
+
+@njit(parallel=True, cache=True)
+def _passed(verts, faces, normals, bounds, order, single, radius):
+    """Distance (N,) of each vertex from the facing wall that it has passed, 0 if none, within ``radius``."""
+    behind, none = np.zeros(len(verts)), np.empty(0)
+    for i in prange(len(verts)):
+        if dot(normals[i], normals[i]) == 0.0:
+            continue
+        own = np.int64(i)                                               # prange counts in another type: compiled once
+        distance = _wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
+        if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
+            behind[i] = distance
+    return behind
+
+
+@njit(cache=True)
+def _wall_behind(verts, faces, normal, bounds, order, single, i, radius):
+    """Distance of vertex i from the nearest face of another wall that doesn't have i in front; inf: none within."""
+    nearest = np.inf
+    box = np.empty(6)
+    for r in range(3):
+        box[r], box[3 + r] = verts[i, r] - radius, verts[i, r] + radius
+    k, leaves = 1, len(bounds) // 2
+    while k > 0:
+        if meets(bounds[k], box):
+            if k < leaves:
+                k *= 2
+                continue
+            for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
+                f = order[s]
+                if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(single[f], box):
+                    continue
+                a, b, c = verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]
+                if _elsewhere(area_vector(a, b, c), normal) and plane_sign(a, b, c, verts[i], 1.0) <= 0:
+                    nearest = min(nearest, _distance(verts[i], a, b, c))
+        k = following(k)
+    return nearest
+
+
+@njit(cache=True)
+def _distance(p, a, b, c):
+    """Distance of p from the triangle abc: from its plane if p lies over it, else from the nearest side."""
+    n, over, nearest = area_vector(a, b, c), True, np.inf
+    for x, y in ((a, b), (b, c), (c, a)):
+        along, to = less(y, x), less(p, x)
+        over &= dot(cross(along, to), n) >= 0.0
+        t = min(max(dot(along, to) / max(dot(along, along), 1e-300), 0.0), 1.0)
+        rest = to[0] - t * along[0], to[1] - t * along[1], to[2] - t * along[2]
+        nearest = min(nearest, dot(rest, rest))
+    square = dot(n, n)
+    return abs(dot(less(p, a), n)) / square**0.5 if over and square > 0.0 else nearest**0.5

@@ -1,0 +1,252 @@
+"""What the tables and sentences of a page say: a ``Comparison`` turned into plain rows for the template."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.mesh_quality.checks import cortex_label
+from morphofold.analysis.mesh_quality.defects import WARNINGS
+from morphofold.comparison.growth import matching_growth
+from morphofold.quantities import HEADLINES, RATIO, scalar_words
+from morphofold.report.pictures.surfaces import safe_name
+from morphofold.report.plots.svg import number
+
+if TYPE_CHECKING:
+    from morphofold.comparison import Comparison
+
+PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
+REGION_COLUMNS = (
+    "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
+    "gray_volume_mm3", "mean_H_per_mm",
+)  # fmt: skip
+HINGE_COLUMNS = (
+    "hinge", "confidence", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x",
+    "y", "z",
+)  # fmt: skip
+CREST_COLUMNS = (
+    "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "mean_H_per_mm",
+    "region",
+)  # fmt: skip
+WARNING = "simulation"                         # the note that speaks of a simulation's health
+OF_INPUT = ("average", "cortex_mask")          # notes that say what the surfaces are not: a person's, or marked out
+#: notes about a surface rather than about one number
+REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
+SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
+Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One surface of a page: what it is called there, its colour and marker in charts, other stages of its growth."""
+
+    name: str
+    measures: Measures
+    colour: str
+    marker: str = "circle"
+    dash: str = ""
+    group: str = ""
+    stages: tuple[Measures, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """One line about the surface, for below its name."""
+        cortex = self.measures.cortex
+        side = "" if cortex.origin == "simulation" else cortex.hemi
+        facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
+        g = cortex.info.get("g")
+        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):   # said once
+            facts.append(f"growth {_word(g)}")
+        return " · ".join(f for f in facts if f)
+
+
+def headlines(entries: Sequence[Entry], comparison: Comparison) -> Rows:
+    """The few scalars of the first screen, those that at least one surface has."""
+    return scalars(entries, comparison, HEADLINES)
+
+
+def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str] = ()) -> Rows:
+    """One row per scalar, values in the order of the entries; scalars that no surface has are left to ``left_out``."""
+    table = {row["measure"]: row for row in comparison.table}
+    rows = []
+    for key in keys or table:
+        values = [table[key][e.name] for e in entries]
+        if any(v is not None for v in values):
+            label, unit = scalar_words(key)
+            rows.append({"key": key, "label": label, "unit": unit, "values": values})
+    return rows
+
+
+def verdict(comparison: Comparison) -> list[str]:
+    """What linear theory says beside the ratio of gyral to cortical thickness, where that and a stiffness are known."""
+    row = next(row for row in comparison.table if row["measure"] == RATIO)
+    if not comparison.theory or all(row[name] is None for name in comparison.names):
+        return []
+    slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in comparison.theory)
+    return [f"Linear theory puts the wavelength of first wrinkles over cortical thickness at {slopes}."]
+
+
+def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
+    """What the points of each surface are, and the line through them."""
+    words = {"region": "regions", "crest": "crests"}
+    return [
+        {"entry": e, "fit": c.fit, "points": f"{len(c.points)} {words[c.kind]}" if c.kind in words else "whole surface"}
+        for e, c in zip(entries, comparison.clouds)
+        if c.points
+    ]
+
+
+def met(comparison: Comparison) -> Rows:
+    """At which growth each number of a growing body is that of each surface."""
+    rows = []
+    for curve in comparison.growth:
+        found = [matching_growth(curve, m) for m in comparison.measures]
+        for key in curve.numbers:
+            cells = [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in found]
+            rows.append({"curve": curve.name, "number": key, "values": cells})
+    return rows
+
+
+def left_out(entries: Sequence[Entry]) -> Rows:
+    """What could not be had and why, each reason once with the surfaces it concerns."""
+    rows = _notes(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
+    silent = [k for k in SCALARS if all(_silent(e.measures, k) for e in entries)]
+    if silent:
+        words = "; ".join(scalar_words(k)[0] for k in silent)
+        rows.append({"label": words, "why": "No reason was recorded.", "who": ""})
+    return rows
+
+
+def definitions(entries: Sequence[Entry]) -> Rows:
+    """What the measures' notes say of the numbers that were had."""
+    apart = (WARNING, *OF_INPUT, *REMARKS)
+    return _notes(
+        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
+    )
+
+
+def warnings(entries: Sequence[Entry]) -> list[str]:
+    """What may make the numbers of a surface wrong: the health warnings of its simulation."""
+    return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
+
+
+def cautions(entries: Sequence[Entry], comparison: Comparison) -> list[str]:
+    """Which surfaces are no person's or were not marked out, and what differs between them."""
+    told: dict[str, list[str]] = {}
+    for key in OF_INPUT:
+        for e in entries:
+            if said := e.measures.notes.get(key):
+                told.setdefault(said, []).append(e.name)
+    return [*(f"{', '.join(names)}: {said}" for said, names in told.items()), *comparison.cautions]
+
+
+def plot_notes(comparison: Comparison) -> list[str]:
+    """The notes of the comparison itself; those of the measures stand elsewhere on the page."""
+    pairs = zip(comparison.names, comparison.measures)
+    told = {f"{name}: {what} ({why})" for name, m in pairs for what, why in m.notes.items()}
+    return [note for note in comparison.notes if note not in told]
+
+
+def _silent(m: Measures, key: str) -> bool:
+    return m.scalars.get(key) is None and key not in m.notes
+
+
+def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> Rows:
+    """Notes that are wanted, in the order of their scalars; one row for scalars and surfaces that share a text."""
+    scalars: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
+    for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
+        for e in entries:
+            if key in e.measures.notes and wanted(e.measures, key):
+                why = e.measures.notes[key]
+                scalars[why] = list(dict.fromkeys([*scalars.get(why, []), scalar_words(key)[0]]))
+                names[why] = list(dict.fromkeys([*names.get(why, []), e.name]))
+    return [
+        {
+            "label": "; ".join(scalars[why]),
+            "why": why,
+            "who": ", ".join(names[why]) if len(names[why]) < len(entries) else "",
+        }
+        for why in scalars
+    ]
+
+
+def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a reader should know about the surfaces as drawn; ``shown`` is what ``pack`` says of each."""
+    said = []
+    for e, meta in zip(entries, shown):
+        cortex = e.measures.cortex
+        if meta["thinned"]:
+            drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
+            said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
+        if cortex.portion != 1:
+            part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
+            share = f"{part} of the closed surface of {e.name}"
+            said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
+        label = cortex_label(cortex)[0]
+        if not label.all():
+            out = number(int((~label).sum()))
+            said.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
+        said += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
+    return said
+
+
+def tables(entries: Sequence[Entry]) -> Rows:
+    """Tables of regions, hinges and crests of every surface that has them: what they are called, heads, values."""
+    found = []
+    for title, name, columns in (("Regions", "regions", REGION_COLUMNS), ("Hinges", "hinges", HINGE_COLUMNS),
+                                 ("Crests", "crests", CREST_COLUMNS)):  # fmt: skip
+        for e in entries:
+            rows = getattr(e.measures, name)
+            if rows:
+                found.append({
+                    "title": title, "entry": e,
+                    "name": safe_name(f"{e.measures.cortex.name}-{e.measures.cortex.hemi}-{name}"),
+                    "heads": [(key, *scalar_words(key)) for key in columns],
+                    "rows": [[row.get(key) for key in columns] for row in rows],
+                })  # fmt: skip
+    return found
+
+
+def parameters(entries: Sequence[Entry]) -> Rows:
+    """Scales and options used, one row per name."""
+    return _side_by_side([e.measures.parameters for e in entries])
+
+
+def facts(entries: Sequence[Entry]) -> Rows:
+    """What came with the surfaces."""
+    cortices = [e.measures.cortex for e in entries]
+    return _side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
+
+
+def _side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
+    keys = dict.fromkeys(k for column in columns for k in column)
+    return [{"key": k, "values": [_word(column.get(k)) for column in columns]} for k in keys]
+
+
+def _word(value: Any) -> str:
+    if value is None or isinstance(value, str):
+        return value or "–"
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return f"{value:.4g}".replace("-", "−")
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {_word(v)}" for k, v in value.items())
+    return ", ".join(map(_word, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def versions() -> list[tuple[str, str]]:
+    """Name and version of the packages that had a part in the numbers."""
+
+    def version(name: str) -> str:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            return "not installed as a package"
+
+    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]

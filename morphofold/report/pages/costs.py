@@ -1,0 +1,96 @@
+"""What an analysis, and a simulation that it is of, cost, as rows for the page: time and memory, and the errors that
+were to be expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from morphofold.forecast.afterwards import PHASES, Cost, cost_beside
+from morphofold.forecast.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
+from morphofold.forecast.richardson import Estimate, estimate_beside
+from morphofold.forecast.table import Expected
+from morphofold.forecast.text import called, percent, span
+from morphofold.report.pages.contents import Entry
+
+if TYPE_CHECKING:
+    from morphofold.timing import Stages
+
+Rows = list[tuple[str, str, str, str]]
+
+
+def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[str, Any]]:
+    """Of each simulation whose folder is still there and whole, and of the measuring if a clock went along with it: a
+    title, a sentence, times, errors, and how these were had."""
+    found = []
+    for e in entries:
+        stages = [Path(file) for file in e.measures.cortex.files if Path(file).name == "stage.json"]
+        cost = cost_beside(stages[0]) if stages else None
+        if cost is not None:
+            found.append(_of_run(e.name, cost))
+            _add_estimate(found[-1], estimate_beside(stages[0]))
+    if clock is not None:
+        found.append(_of_analysis(cost_of_analysis([e.measures for e in entries], clock)))
+    return found
+
+
+def _of_run(name: str, cost: Cost) -> dict[str, Any]:
+    """Times are of each phase, then of each effect that the scene called for."""
+    parts = []
+    if cost.elements is not None:
+        parts.append(f"{cost.elements:,} elements")
+    if cost.steps:
+        parts.append(f"{cost.steps:,} steps")
+    times = _times(cost.phases, PHASES) + _times(cost.effects, dict.fromkeys(cost.effects, "effect"))
+    times += [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
+    errors = [
+        (called(name), percent(e.error), f"{percent(e.low)} to {percent(e.high)}", f"{cost.how}{_beside(e)}")
+        for name, e in cost.errors.items()
+    ]
+    return {
+        "title": f"The simulation of {name}", "said": _said(cost, parts), "what": "Phase or effect", "times": times,
+        "errors": errors, "range": "Two of three runs",
+        "doubts": (f"Errors: {cost.how}.",) if cost.not_studied else cost.doubts,
+    }  # fmt: skip
+
+
+def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
+    errors = [(name, percent(e.error), "", f"against {e.against}") for name, e in cost.errors.items()]
+    sizes = [f"{hemi} of {n:,} vertices" for hemi, n in cost.vertices.items()]
+    how = f"Errors: {cost.how}."
+    return {
+        "title": "The measuring", "said": _said(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
+        "what": "Stage", "times": _times(cost.stages, STAGES), "errors": errors, "range": "",
+        "doubts": (how, *cost.doubts),
+    }  # fmt: skip
+
+
+def _said(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
+    threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
+    parts = [f"{span(cost.seconds)}{threads}, compiling left out", *parts]
+    if cost.memory_GiB is not None:
+        parts.append(f"{cost.memory_GiB:.2g} GiB of memory at most, of the whole process")
+    return "; ".join(parts) + "."
+
+
+def _times(taken: Mapping[str, tuple[float, float]], words: Mapping[str, str]) -> Rows:
+    """Name, time, share and remark."""
+    return [(name, span(seconds), percent(share), words.get(name, "")) for name, (seconds, share) in taken.items()]
+
+
+def _beside(expected: Expected) -> str:
+    return f"; other settings change it by {percent(expected.other)}" if expected.other else ""
+
+
+def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
+    """Errors from a coarser twin below those of the table, what the pace changes, and what they leave open."""
+    if estimate is not None:
+        said["errors"] = [*said["errors"], *(
+            (called(name), percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})")
+            for name, e in estimate.errors.items() if e.error is not None
+        ), *(
+            (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser twin at half the pace")
+            for name, change in (estimate.pace or {}).items()
+        )]  # fmt: skip
+        said["doubts"] = (*said["doubts"], *estimate.doubts)

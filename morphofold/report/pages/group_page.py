@@ -1,0 +1,414 @@
+"""The page of a group: how many were measured, distributions, left and right, outliers, and who failed.
+
+No row of the page stands for one subject but for outliers, failures and remarks, all of them cut; the tables beside it
+have the rest.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from morphofold.cohort.statistics import (
+    BOOTSTRAPPED,
+    FAR,
+    FEWEST,
+    HEMIS,
+    ROUND_OFF,
+    Asymmetry,
+    Outlier,
+    Outliers,
+    Scalars,
+    asymmetry,
+    distributions,
+    measures_of,
+    outliers,
+    region_cloud,
+    robust_z,
+    subject_cloud,
+    write_statistics,
+)
+from morphofold.quantities import RATIO, scalar_words
+from morphofold.report.colours import CATEGORICAL
+from morphofold.report.pages.contents import versions
+from morphofold.report.pages.methods import REFERENCES, measured
+from morphofold.report.pictures.group import SIDES, draw_outliers
+from morphofold.report.pictures.surfaces import renderer
+from morphofold.report.plots import svg
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from morphofold.cohort.tables import Group
+
+HEADLINES = (
+    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
+    "area_pial_mm2",
+)  # fmt: skip
+CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")      # in sight; those of the other measures are folded away
+PICTURES = 12
+ROWS = 200              # of failures, and of outliers
+REMARKS = 50            # subjects with remarks, and subjects under several names
+BEYOND = 10.0           # robust z of values that charts leave out
+FEWEST_DRAWN = 3        # values of a side of which a chart is drawn
+LISTED = 5              # measures that a sentence names
+POINTS = {"subject": "subjects", "region": "the means of regions"}      # of a plot, as methods call them
+STRIP = 260.0           # width of a line of the chart of asymmetry
+FILES = (
+    ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
+    ("distributions.tsv", "the distributions of this page"), ("asymmetry.tsv", "left against right"),
+    ("outliers.tsv", "all outliers"), ("hemispheres.tsv", "how each hemisphere was measured, and what FreeSurfer's "
+     "aseg.stats says of it"), ("failures.tsv", "who has no measures, and why"),
+    ("remarks.tsv", "what the measures of each subject warn of"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Side:
+    """How the subjects of one side are called and drawn."""
+
+    hemi: str
+    colour: str
+    marker: str
+    dash: str
+
+    @property
+    def name(self) -> str:
+        return SIDES[self.hemi].capitalize()
+
+
+BOTH = (Side("lh", CATEGORICAL[0], "circle", ""), Side("rh", CATEGORICAL[1], "square", "7 3"))
+
+
+def group_report(
+    group: Group, folder: Path, progress: Callable[[float, str], None] = lambda share, text: None
+) -> Path:
+    """Write ``folder/report.html``, ``folder/figures/`` with outliers, and the tables of its statistics.
+
+    ``progress`` is told the share done and what is being done. The same group and results give the same bytes.
+    """
+    progress(0.0, "statistics")
+    scalars = measures_of(group)
+    spread, sides, far = distributions(scalars), asymmetry(scalars), outliers(group.subjects, scalars)
+    write_statistics(folder, spread, sides, far.found)
+    told = [{"subject": name, "remark": said} for name, remarks in group.remarks.items() for said in remarks]
+    write_table(folder / "remarks.tsv", ("subject", "remark"), told)
+    progress(0.3, "charts")
+    there = [side for k, side in enumerate(BOTH) if known(group.scalars)[:, k].any()]
+    charts = {name: chart for name in scalars if (chart := _chart(name, scalars[name], there))}
+    clouds = [_clouds(group, there, kind) for kind in ("subject", "region")]
+    progress(0.5, "pictures of outliers")
+    by_subject = far.subjects
+    pictures = draw_outliers(
+        [rows[0] for rows in by_subject[:PICTURES]], group.subjects, scalars, group.results, folder / "figures"
+    )
+    progress(0.9, "page")
+    script = resources.files("morphofold.report").joinpath("templates", "tables.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
+    said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
+    page = svg.environment().get_template("group.html").render(
+        title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
+        script=Markup(script), number=svg.number, told=told_number, percent=percent, beside=beside, p_told=p_told,
+        words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
+        headlines=headlines(scalars, there), unlike=unlike(group), pooling=group.pooling,
+        charts=[charts[name] for name in CHARTS if name in charts],
+        other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
+        alike=alike(scalars),
+        strips=strips(sides), sided=sided(sides), scatters=[cloud for cloud in clouds if cloud["plot"]],
+        fitted=bool(lined),
+        outliers=far.found[:ROWS], more_outliers=len(far.found) - ROWS, outlying=outlying(far, len(by_subject)),
+        pictures=[one for one in pictures if one.data], others=[one for one in pictures if not one.data],
+        rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]}, far=FAR,
+        failures=group.failures[:ROWS], more_failures=len(group.failures) - ROWS,
+        remarks=list(group.remarks.items())[:REMARKS], n_remarks=len(group.remarks), most_remarks=REMARKS,
+        same=group.same[:REMARKS], n_same=len(group.same), methods=said, references=references,
+        files=FILES, renderer=renderer(), versions=versions(), bootstrapped=BOOTSTRAPPED,
+    )  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    progress(1.0, "done")
+    return path
+
+
+# --- sentences
+
+
+def known(scalars: Scalars) -> NDArray[np.bool_]:
+    """Which sides (subjects, 2) have a measure."""
+    return np.any([np.isfinite(values) for values in scalars.values()], axis=0)
+
+
+def plural(n: int, word: str) -> str:
+    return f"{svg.number(n)} {word}{'' if n == 1 else 's'}"
+
+
+def verdict(group: Group) -> str:
+    """How many subjects and hemispheres of how many were measured."""
+    there = known(group.scalars)
+    some, n = int(there.any(axis=1).sum()), len(group.subjects)
+    said = f"{svg.number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
+    if not some:
+        return f"{said}: none could be measured."
+    both = int(there.all(axis=1).sum())
+    parts = [f"{svg.number(both)} with both sides"] if both else []
+    for k, side in enumerate(("left", "right")):
+        if only := int((there[:, k] & ~there[:, 1 - k]).sum()):
+            parts.append(f"{svg.number(only)} with the {side} one alone")
+    said = f"{said}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
+    if group.simulated:
+        simulated = svg.number(group.simulated)
+        said += f" {simulated} of these are simulated: they have no side, and stand where their files do."
+    return said
+
+
+def warnings(group: Group) -> list[Markup]:
+    """What is to be known before the numbers are relied on, with links to where it is said in full."""
+    said = []
+    if group.failures:
+        who = len({row["subject"] for row in group.failures})
+        link = Markup('<a href="#failed">why</a>')
+        said.append(Markup("{} could not be measured, in whole or in part: {}.").format(plural(who, "subject"), link))
+    if group.same:
+        link = Markup('<a href="#same">which</a>')
+        count = sum(map(len, group.same))
+        said.append(
+            Markup("{} have the same surfaces as another one, and count as often as they are named: {}.").format(
+                plural(count, "subject"), link
+            )
+        )
+    if group.pooling.counts:
+        link = Markup('<a href="#unlike">what that leaves out</a>')
+        said.append(Markup("{} Statistics are of those alike: {}.").format(group.pooling.said[0], link))
+    return said
+
+
+def unlike(group: Group) -> list[dict[str, Any]]:
+    """Measures that are not pooled whole: values left out, and all."""
+    rows = ((scalar_words(name)[0], *numbers) for name, numbers in group.pooling.left_out.items())
+    return [{"label": label, "left_out": out, "n": n} for label, out, n in rows]
+
+
+def outlying(far: Outliers, subjects: int) -> list[str]:
+    """What was looked for, and what would have been found by chance."""
+    said = []
+    if far.looked_at or far.found:
+        said.append(f"Far from the median of their side: {plural(len(far.found), 'value')} of "
+                    f"{plural(subjects, 'subject')}.")
+    if far.looked_at:
+        chance = svg.number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
+        said.append(
+            f"Of the {svg.number(far.looked_at)} values looked at, {chance} would lie so far out if all were "
+            "normally distributed."
+        )
+    if far.too_few:
+        who = "Nothing was looked for" if not (far.looked_at or far.found) else f"Left out: {_listed(far.too_few)}"
+        said.append(f"{who}: fewer than {FEWEST} values, which say too little of what is usual.")
+    if far.divided:
+        said.append(
+            f"Left out: {_listed(far.divided)}: half of the values and more are alike, but more than a quarter differ."
+        )
+    return said
+
+
+def _listed(pairs: Sequence[tuple[str, str]]) -> str:
+    sides: dict[str, list[str]] = {}
+    for measure, hemi in pairs:
+        sides.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
+    return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
+
+
+def sided(sides: Sequence[Asymmetry]) -> str:
+    """Which measures differ between the sides, by the corrected test."""
+    tested = [row for row in sides if np.isfinite(row.p_holm)]
+    if not tested:
+        return "Too few subjects with both sides, or all alike: no test."
+    found = [
+        f"{scalar_words(row.measure)[0]} ({'left' if row.asymmetry > 0 else 'right'} greater)"
+        for row in tested if row.sided
+    ]  # fmt: skip
+    what = f"The sides differ in {'; '.join(found)}" if found else "No measure is told apart between the sides"
+    if len(found) > LISTED:
+        what = f"The sides differ in {len(found)} measures (filled dots)"
+    return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
+
+
+def methods(
+    version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()
+) -> tuple[str, list[str]]:
+    """A paragraph for a paper, and the references that it cites, of what the page has: ``sides`` against each other,
+    values ``far`` out, and lines through ``clouds`` of gyral against cortical thickness."""
+    said = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
+    if sides:
+        said.append(
+            "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides, given with its mean, a 95 % interval "
+            "by Student's t and the paired effect size d_z, mean over standard deviation; t-tests against 0 were "
+            "corrected over all measures (Holm 1979)."
+        )
+    if far:
+        said.append(
+            "Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
+            f"deviation of their measure and side, is above {FAR:g} in size (Iglewicz and Hoaglin 1993)."
+        )
+    if clouds:
+        through = " and through ".join(clouds)
+        said.append(
+            f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
+            "(after Razavi et al. 2015)."
+        )
+    text = " ".join(said)
+    return text, [work for cited, work in REFERENCES.items() if cited in text]
+
+
+# --- numbers
+
+
+def told_number(measure: str, value: float) -> str:
+    """A value as a page has it: counts as whole numbers where they are."""
+    if np.isfinite(value) and value == round(value) and measure.startswith(("n_", "euler")):
+        return svg.number(round(value))
+    return svg.number(value)
+
+
+def beside(one: Outlier) -> tuple[str, str]:
+    """An outlier's value and the median, in as many figures as tell them apart."""
+    value, median = told_number(one.measure, one.value), told_number(one.measure, one.median)
+    digits = 4
+    while value == median and digits < 8:
+        value, median = svg.number(one.value, digits), svg.number(one.median, digits)
+        digits += 1
+    return value, median
+
+
+def percent(x: float) -> str:
+    """A share in percent, with its sign."""
+    if not np.isfinite(x):
+        return "–"
+    return f"{'+' if x > 0 else ''}{svg.number(100 * x, 2)}"
+
+
+def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
+    """Medians and quartiles of the first screen: of each measure, by side, None where there is none.
+
+    Sides stand beside each other, so they are of the subjects that have both, if there are any.
+    """
+    paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINES}
+    table = {(row.measure, row.hemi): row for row in distributions(paired)}
+    rows = []
+    for key in HEADLINES:
+        cells = [table.get((key, side.hemi)) for side in there]
+        if any(cells):
+            label, unit = scalar_words(key)
+            rows.append({"key": key, "label": label, "unit": unit, "cells": cells})
+    return rows
+
+
+def of_both(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (subjects, 2) of the subjects that have both sides; all, if nobody has."""
+    both = np.isfinite(values).all(axis=1, keepdims=True)
+    return np.where(both, values, np.nan) if both.any() else values
+
+
+def p_told(p: float) -> str:
+    """A p-value as a page has it."""
+    return "< 0.001" if p < 0.001 else svg.number(p, 2)
+
+
+def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
+    """The chart of asymmetry, a strip for each measure: places in pixels of the dot, the interval and the ticks."""
+    if not sides:
+        return None
+    ends = [abs(x) for row in sides for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
+    top = 1.05 * max(ends) or 1.0
+    axes = svg.Axes((-top, top), (0, 1), width=STRIP, height=20, margin=(0, 12, 0, 12))
+
+    def place(x: float) -> float | None:
+        return float(axes.px(x)) if np.isfinite(x) else None
+
+    rows = [
+        {"row": row, "at": place(row.asymmetry), "low": place(row.low), "high": place(row.high)} for row in sides
+    ]
+    marks = [(place(x), percent(x) if x else "0") for x in svg.ticks(-top, top, about=5)]
+    return {"rows": rows, "ticks": marks, "zero": place(0.0), "width": STRIP}
+
+
+# --- charts
+
+
+def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Markup | None:
+    """Left and right over each other, without what lies far beyond, of which the chart says how many."""
+    label, unit = scalar_words(name)
+    held = np.isfinite(values)
+    if held.sum(axis=0).max() < FEWEST_DRAWN or are_alike(values[held]):
+        return None
+    z, _ = robust_z(values[held])
+    beyond = np.zeros(values.shape, dtype=bool)
+    beyond[held] = np.isfinite(z) & (np.abs(z) > BEYOND)
+    shown = np.where(beyond, np.nan, values)
+    bins = _bins(shown[np.isfinite(shown)], int(held.sum(axis=0).max()))
+    series = [
+        (side.name, shown[:, HEMIS.index(side.hemi)], np.ones(len(values)), side.colour, side.dash) for side in there
+    ]
+    chart = svg.histograms(series, label, unit, bins, counted="subjects")
+    numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
+    told = [f"n: {', '.join(f'{SIDES[side.hemi]} {svg.number(n)}' for side, n in zip(there, numbers))}."]
+    told = told if len(set(numbers)) > 1 else []                        # else the caption below all charts says it
+    told += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
+    if chart is not None and told:
+        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(told))
+    return chart
+
+
+def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Edges of bins that hold all values and suit ``n`` of a side; between whole numbers where all values are such."""
+    most = int(np.clip(2 * np.sqrt(n), 6, 48))
+    low, high = float(values.min()), float(values.max())
+    if (values != np.round(values)).any():
+        return np.linspace(low, high, most + 1)
+    step = int(np.ceil((high - low + 1) / most))
+    return np.asarray(np.arange(low - 0.5, high + step + 0.5, step))
+
+
+def are_alike(values: NDArray[np.float64]) -> bool:
+    """Whether known values are one number but for round-off."""
+    return bool(np.ptp(values) <= ROUND_OFF * np.abs(values).max())
+
+
+def alike(scalars: Scalars) -> list[str]:
+    """Measures that are the same of all subjects and sides, of which there is nothing to draw, and their value."""
+    said = []
+    for name, values in scalars.items():
+        known = values[np.isfinite(values)]
+        if known.size >= FEWEST_DRAWN and are_alike(known):
+            label, unit = scalar_words(name)
+            said.append(f"{label} {told_number(name, float(np.median(known)))} {unit}".strip())
+    return said
+
+
+def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
+    """The plot of gyral against cortical thickness over subjects or regions, and the lines through them."""
+    of = {"subject": subject_cloud, "region": region_cloud}[kind]
+    clouds = [(side, of(group, HEMIS.index(side.hemi))) for side in there]
+    clouds = [(side, cloud) for side, cloud in clouds if cloud.points]
+    drawn = [
+        {
+            "name": side.name, "colour": side.colour, "marker": side.marker, "dash": side.dash,
+            "points": () if kind == "subject" and cloud.bins else cloud.points,
+            "bins": cloud.bins if kind == "subject" else cloud.points, "fit": cloud.fit,
+        }
+        for side, cloud in clouds
+    ]  # fmt: skip
+    return {
+        "kind": kind, "title": "Subjects" if kind == "subject" else "Regions, means over subjects",
+        "plot": svg.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),
+        "binned": any(c.bins for _, c in clouds),
+        "fits": [{"side": side, "fit": cloud.fit, "n": len(cloud.points)} for side, cloud in clouds],
+    }  # fmt: skip

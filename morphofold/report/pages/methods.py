@@ -1,0 +1,104 @@
+"""A paragraph on methods for a paper, with its references, made of what a page shows and the scales that were used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from morphofold.analysis.measures import Measures
+from morphofold.report.plots.svg import number
+
+if TYPE_CHECKING:
+    from morphofold.comparison import Comparison
+
+#: works by how the paragraph cites them
+REFERENCES = {
+    "Chen and Hutchinson 2004": "Chen X, Hutchinson JW (2004). Herringbone buckling patterns of compressed thin films "
+    "on compliant substrates. J. Appl. Mech. 71, 597.",
+    "Fischl and Dale 2000": "Fischl B, Dale AM (2000). Measuring the thickness of the human cerebral cortex from "
+    "magnetic resonance images. PNAS 97, 11050.",
+    "Holm 1979": "Holm S (1979). A simple sequentially rejective multiple test procedure. Scand. J. Stat. 6, 65.",
+    "Iglewicz and Hoaglin 1993": "Iglewicz B, Hoaglin DC (1993). How to detect and handle outliers. ASQC "
+    "Quality Press.",
+    "Mota and Herculano-Houzel 2015": "Mota B, Herculano-Houzel S (2015). Cortical folding scales universally with "
+    "surface area and thickness, not number of neurons. Science 349, 74.",
+    "Razavi et al. 2015": "Razavi MJ, Zhang T, Li X, Liu T, Wang X (2015). Role of mechanical factors in cortical "
+    "folding development. Phys. Rev. E 92, 032701.",
+    "Schaer et al. 2008": "Schaer M et al. (2008). A surface-based approach to quantify local cortical gyrification. "
+    "IEEE Trans. Med. Imaging 27, 161.",
+}
+
+
+def methods(comparison: Comparison, version: str) -> tuple[str, list[str]]:
+    """What was done and how, in sentences, by this version of morphofold; the references that they cite."""
+    said = [*_grown(comparison), *measured(comparison.measures, version)]
+    if any(terms is not None for terms in comparison.folding):
+        said.append(
+            "The law of folding, total area times the root of thickness over exposed area to the power 5/4 (Mota and "
+            "Herculano-Houzel 2015), takes the convex hull as exposed."
+        )
+    if comparison.theory:
+        said.append("The wavelength of first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
+    text = " ".join(said)
+    return text, [work for cited, work in REFERENCES.items() if cited in text]
+
+
+def _grown(comparison: Comparison) -> list[str]:
+    """A sentence on each simulated cortex."""
+    said = []
+    for name, m in zip(comparison.names, comparison.measures):
+        info = m.cortex.info
+        if m.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
+            said.append(
+                f"{name} was grown by finite elements: a neo-Hookean cortex, {number(float(info['mu_ratio']))} times "
+                f"as stiff as its core, with {info['law']} growth to a stretch of {number(float(info['g']))} (after "
+                "Razavi et al. 2015)."
+            )
+    return said
+
+
+def measured(measures: Sequence[Measures], version: str) -> list[str]:
+    """Sentences on how white and pial surfaces were measured; of no measures, what holds of all."""
+    scales = sorted(float(mm) for m in measures if (mm := m.parameters.get("curvature_scale_mm")))
+    within = " or ".join(dict.fromkeys(number(mm, 2) for mm in scales)) or "a few"
+    caps = {m.parameters.get("cortical_thickness_cap_mm") for m in measures}
+    bounds = " or ".join(f"{cap:g}" for cap in sorted(cap for cap in caps if cap))
+    where = " in some of them" if None in caps else ""
+    simulated = {m.cortex.origin == "simulation" for m in measures} == {True, False}
+    return [
+        f"White and pial surfaces were measured with morphofold {version}"
+        f"{', the same code for simulated and reconstructed cortex' * simulated}.",
+        *_copied(measures),
+        f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface, convex "
+        "positive.",
+        "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the closest "
+        f"point that lies outward (inward) and faces the same way{f', each {bounds} mm at most{where}' * bool(bounds)} "
+        "(Fischl and Dale 2000).",
+        "Gyral thickness is the length of the horizontal chord through a gyrus, from wall to wall, at half the height "
+        "of the fold; the gyral net is the net of crests, and a hinge a point where three or more crests meet (after "
+        "Razavi et al. 2015).",
+        "The gyrification index is the area of the pial surface over that of its convex hull, the local one that of "
+        "the surface within 25 mm over that of its closing by a ball of 15 mm (Schaer et al. 2008).",
+        "Sulcal depth is the distance to the convex hull.",
+    ]
+
+
+def _copied(measures: Sequence[Measures]) -> list[str]:
+    """Which surfaces were measured on a copy with more or fewer vertices, and which in coarser or finer voxels."""
+    said = []
+    for kind, how in (("draft", "thinned"), ("fine", "finer")):
+        counts = sorted({
+            int(m.parameters["accuracy_vertices"]) for m in measures
+            if m.parameters.get("accuracy") == kind and m.parameters["accuracy_vertices"] != m.cortex.n_vertices
+        })  # fmt: skip
+        if counts:
+            sizes = " or ".join(f"{n:,}" for n in counts)
+            said.append(
+                f"Cortical and gyral thickness and the gyral net were measured on {how} copies of the surfaces with "
+                f"{sizes} vertices."
+            )
+    usual = 1.25
+    voxels = {float(m.parameters.get("local_gyrification_voxel_mm", usual)) for m in measures}
+    if voxels - {usual}:
+        said.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
+    return said

@@ -1,0 +1,215 @@
+"""Surfaces and maps as small text for the viewer: quantised, delta-coded, deflated, base64.
+
+Positions take 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain), maps at most 16 bits
+of their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
+zigzag-coded, low bytes before high bytes; ``templates/viewer.js`` undoes it.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.report.pages.layers import Net
+from morphofold.surface import Cortex, Faces, PerVertex, Verts
+
+DISPLAY_VERTICES = 60_000
+STAGED_VERTICES = 15_000        # of a body that is drawn at every stage of growth
+NAN16 = 65535
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """What the page inlines for one surface: ``meta`` goes into JSON, ``data`` into a text block."""
+
+    meta: dict[str, Any]
+    data: str
+
+
+@dataclass(frozen=True, eq=False)
+class Display:
+    """A cortex thinned for drawing: ``ids`` (n,) are vertices of the full surface, ``faces`` index ``ids``."""
+
+    ids: NDArray[np.int64]
+    faces: Faces
+    thinned: bool
+
+
+def pack(
+    cortex: Cortex,
+    maps: Mapping[str, PerVertex],
+    steps: Mapping[str, float] | None = None,
+    shown: Display | None = None,
+    net: Net | None = None,
+) -> Packed:
+    """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
+
+    ``steps`` names the coarsest step that will do for a map, which makes it smaller; without, 16 bits of its
+    range. ``shown`` is what ``thin`` made of the cortex; None: thinned here. ``net`` is drawn over it.
+    """
+    steps = steps or {}
+    shown = shown or thin(cortex)
+    writer = _Writer()
+    surfaces = {"pial": cortex.pial, "white": cortex.white, "inflated": cortex.inflated}
+    boxes = {}
+    for name, surface in surfaces.items():
+        if surface is not None:
+            boxes[name] = writer.positions(name, surface.verts[shown.ids])
+    writer.add("faces", shown.faces.astype(np.uint32).ravel(), stride=3)
+    writer.add("ids", shown.ids.astype(np.uint32))
+    ranges = {key: writer.values(f"map:{key}", values[shown.ids], steps.get(key, 0.0)) for key, values in maps.items()}
+    if cortex.regions is not None:
+        writer.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
+    if net is not None:
+        writer.add("crest-ids", np.concatenate([np.empty(0, np.uint32), *net.crests]).astype(np.uint32))
+        writer.add("crest-ends", np.cumsum([len(line) for line in net.crests]).astype(np.uint32))
+    meta = {
+        "vertices": len(shown.ids), "triangles": len(shown.faces), "all_vertices": cortex.n_vertices,
+        "thinned": shown.thinned, "surfaces": boxes, "maps": ranges, "arrays": writer.arrays,
+        "net": None if net is None else {"hinges": net.hinges},
+        "regions": ["no region", *cortex.regions.names] if cortex.regions is not None else None,
+    }  # fmt: skip
+    return Packed(meta, writer.text())
+
+
+def pack_stage(
+    cortex: Cortex, maps: Mapping[str, PerVertex], steps: Mapping[str, float], ids: NDArray[np.int64]
+) -> Packed:
+    """White and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the body's last one."""
+    writer = _Writer()
+    boxes = {n: writer.positions(n, s.verts[ids]) for n, s in (("pial", cortex.pial), ("white", cortex.white))}
+    ranges = {key: writer.values(f"map:{key}", values[ids], steps.get(key, 0.0)) for key, values in maps.items()}
+    meta = {"g": float(cortex.info["g"]), "surfaces": boxes, "maps": ranges, "arrays": writer.arrays}
+    return Packed(meta, writer.text())
+
+
+class _Writer:
+    """Collects encoded arrays one after the other and remembers where each begins."""
+
+    def __init__(self) -> None:
+        self.chunks: list[bytes] = []
+        self.arrays: dict[str, dict[str, Any]] = {}
+        self.size = 0
+
+    def text(self) -> str:
+        return base64.b64encode(zlib.compress(b"".join(self.chunks), 6)).decode("ascii")
+
+    def add(self, name: str, array: np.ndarray, stride: int = 1) -> None:
+        data = encode(array, stride)
+        self.arrays[name] = {"at": self.size, "n": int(array.size), "bytes": array.itemsize, "stride": stride}
+        self.chunks.append(data)
+        self.size += len(data)
+
+    def positions(self, name: str, verts: np.ndarray) -> dict[str, Any]:
+        low = verts.min(axis=0)
+        edge = float((verts.max(axis=0) - low).max()) or 1.0
+        self.add(name, np.round((verts - low) / edge * 65535).astype(np.uint16).ravel(), stride=3)
+        return {"low": [round(float(x), 5) for x in low], "edge": round(edge, 5)}
+
+    def values(self, name: str, values: np.ndarray, step: float) -> dict[str, float]:
+        known = np.isfinite(values)
+        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
+        codes = np.full(len(values), NAN16, dtype=np.uint16)
+        step = max(step, (high - low) / (NAN16 - 1)) or 1.0
+        codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
+        self.add(name, codes)
+        return {"low": low, "high": low + step * (NAN16 - 1)}  # of the codes, not of the values
+
+
+def encode(array: np.ndarray, stride: int = 1) -> bytes:
+    """Differences to the element ``stride`` before, zigzag, a plane per byte; uint16 or uint32, wraps."""
+    if array.dtype not in (np.uint16, np.uint32):
+        raise TypeError(f"encode takes uint16 or uint32, got {array.dtype}.")
+    array = np.ascontiguousarray(array)
+    step = array.copy()
+    step[stride:] -= array[:-stride]
+    bits = 8 * array.itemsize
+    sign = step >> (bits - 1)  # 1 where the difference is negative
+    zigzag = (step << 1) ^ (np.zeros_like(step) - sign)
+    little = zigzag.astype(zigzag.dtype.newbyteorder("<"))
+    return little.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
+
+
+def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
+    """The inverse of ``encode``, as the viewer does it."""
+    dtype: np.dtype[Any] = np.dtype(f"<u{itemsize}")
+    planes = np.frombuffer(data, dtype=np.uint8).reshape(itemsize, n)
+    zigzag = np.ascontiguousarray(planes.T).view(dtype).ravel()
+    step = (zigzag >> 1) ^ (np.zeros_like(zigzag) - (zigzag & 1))
+    whole = np.zeros(-(-n // stride) * stride, dtype=dtype)
+    whole[:n] = step
+    return np.cumsum(whole.reshape(-1, stride), axis=0, dtype=dtype).ravel()[:n]
+
+
+def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[Cortex] = ()) -> Display:
+    """At most about ``max_vertices`` vertices and faces between them, ordered so that they compress well.
+
+    The surface midway between white and pial is decimated by quadric errors and each
+    vertex that remains goes back to a nearest original vertex, so that every surface and map is read off the
+    same index. Midway, because decimating the pial alone leaves a white surface 20 % too large on an
+    individual (0.1 % so), and the other way round sulcal walls suffer. ``stages`` are other stages of the body, which
+    is then decimated in the mean of all, so that it doesn't fold over in any.
+    """
+    n = cortex.n_vertices
+    used = np.unique(cortex.faces)
+    if len(used) <= max_vertices:
+        ids, faces = used, np.searchsorted(used, cortex.faces)
+    else:
+        middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
+        ids, faces = _decimated(middle, cortex.faces, max_vertices / n)
+    order = np.argsort(_morton(cortex.pial.verts[ids]), kind="stable")
+    place = np.empty(len(ids), dtype=np.int64)
+    place[order] = np.arange(len(ids))
+    faces = place[faces]
+    first = faces.argmin(axis=1)  # turn each triangle so that its lowest corner leads
+    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
+    return Display(ids[order], faces, thinned=len(ids) < len(used))
+
+
+def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[NDArray[np.int64], Faces]:
+    from fast_simplification import simplify
+    from scipy.spatial import cKDTree
+
+    points, triangles = simplify(middle, faces.astype(np.int32), 1.0 - keep)
+    _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
+    chosen = distinct(near)
+    ids, place = np.unique(chosen, return_inverse=True)
+    faces = place[triangles]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return ids, faces[whole]
+
+
+def distinct(near: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One column of ``near`` (n, k) per row, nearest first, no value taken twice if that can be helped.
+
+    Two points on one vertex would pinch the surface there; a row that finds all its candidates taken shares
+    its nearest.
+    """
+    chosen = np.full(len(near), -1, dtype=np.int64)
+    taken = np.zeros(int(near.max()) + 1, dtype=bool)
+    for column in near.T:
+        rows = np.flatnonzero((chosen < 0) & ~taken[column])
+        values, first = np.unique(column[rows], return_index=True)
+        chosen[rows[first]] = values
+        taken[values] = True
+    return np.where(chosen < 0, near[:, 0], chosen)
+
+
+def _morton(points: np.ndarray) -> NDArray[np.uint64]:
+    """Place of each point (N, 3) along a Z-order curve through its bounding cube, 10 bits per axis."""
+    low = points.min(axis=0)
+    edge = float((points.max(axis=0) - low).max()) or 1.0
+    cell = np.minimum((points - low) / edge * 1024, 1023).astype(np.uint64)
+    code = np.zeros(len(points), dtype=np.uint64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
+    return code

@@ -1,0 +1,312 @@
+"""The HTML pages: contents gathered here, laid out in ``templates/report.html``.
+
+A page is one file that opens offline: styles, script, surfaces and charts are inlined, a content policy
+forbids everything else, and every name that came from a file is escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from morphofold.analysis.measures import Measures
+from morphofold.comparison.growth import NUMBERS
+from morphofold.forecast.analysis_cost import PAGE
+from morphofold.geometry import vertex_areas
+from morphofold.provenance import records_as_read
+from morphofold.quantities import MAIN, Quantity, common_limits, find, quantity
+from morphofold.report import colours
+from morphofold.report.pages import contents
+from morphofold.report.pages.contents import Entry
+from morphofold.report.pages.costs import costs
+from morphofold.report.pages.layers import net_of
+from morphofold.report.pages.methods import methods
+from morphofold.report.pages.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
+from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
+from morphofold.report.pictures.net import net_figure, net_row
+from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.surfaces import Looks, Picture, Row, figure, renderer, safe_name
+from morphofold.report.plots import svg
+from morphofold.surface import Surface
+
+if TYPE_CHECKING:
+    from morphofold.comparison import Comparison
+    from morphofold.timing import Stages
+
+ANALYSIS = "Analysis"
+SIDES = {"lh": "left", "rh": "right"}
+NONE: Mapping[str, str] = {}
+SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
+Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
+Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
+
+
+def analysis_report(
+    measures: Sequence[Measures], path: str | Path, *, failed: Mapping[str, str] = NONE, inputs: Inputs = (),
+    stages: Sequence[Measures] = (), clock: Stages | None = None,
+) -> Path:  # fmt: skip
+    """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
+
+    ``failed`` are hemispheres that could not be measured, and why. ``inputs`` are rows with ``path`` and ``sha256``;
+    without them the files the surfaces name are hashed. ``stages``
+    are those of the one body that was measured, to be drawn as it grows. ``clock`` went along with the measuring: with
+    it the page says what all this took.
+    """
+    from morphofold.comparison import compare
+
+    if clock is not None:
+        clock.begin(PAGE)
+    names = [m.cortex.name for m in measures]
+    unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
+    comparison = compare(dict(zip(unique, measures)))
+    if stages:
+        comparison = replace(comparison, stages={unique[0]: tuple(stages)})
+    sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
+    what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
+    if all(m.cortex.origin == "simulation" for m in measures):
+        what = "A simulated cortex"
+    lede = f"{what}, measured from white and pial surface."
+    title = ", ".join(dict.fromkeys(names))
+    missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
+    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs, missing, clock=clock)
+
+
+def comparison_report(
+    comparison: Comparison, folder: str | Path, *, inputs: Inputs = (),
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Path:  # fmt: skip
+    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told what and the share."""
+    pairs = zip(comparison.names, comparison.measures)
+    title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
+    lede = "Measured by the same code. Colours, bins and axes are shared by all surfaces."
+    return _write(comparison, Path(folder) / "report.html", "Comparison", title, lede, inputs, progress=progress)
+
+
+def _write(
+    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, missing: Sequence[str] = (),
+    progress: Callable[[str, float], None] = lambda what, share: None, clock: Stages | None = None,
+) -> Path:  # fmt: skip
+    entries = _entries(comparison)
+    shown = _shown(entries)
+    progress("thinning surfaces", 0.0)
+    thinned = [
+        thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
+        for e in entries
+    ]
+    progress("drawing pictures", 0.15)
+    pictures = _pictures(path.parent / "figures", entries, thinned, shown)
+    progress("packing surfaces", 0.65)
+    viewer, blocks = _viewer(entries, thinned, shown)
+    progress("drawing charts and hinges", 0.75)
+    paragraph, references = methods(comparison, contents.versions()[0][1])
+    templates = resources.files("morphofold.report").joinpath("templates")
+    script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
+    page = svg.environment().get_template("report.html").render(
+        kind=kind, title=title, lede=lede, entries=entries, number=svg.number, theory=comparison.theory,
+        headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
+        scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
+        left_out=contents.left_out(entries), definitions=contents.definitions(entries),
+        warnings=[*missing, *contents.warnings(entries)], cautions=contents.cautions(entries, comparison),
+        plot_notes=contents.plot_notes(comparison),
+        bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
+        tables=contents.tables(entries), methods=paragraph, references=references,
+        parameters=contents.parameters(entries),
+        facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
+        charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
+        maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
+        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
+        hinges=comparison.hinges, pairs=_pairs(path.parent / "figures", comparison),
+        growth=comparison.growth, growth_charts=_growth_charts(entries, comparison),
+        met=contents.met(comparison), law=_law(entries, comparison), ratio=_ratio(entries),
+        folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
+        sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
+        slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
+        inflated=any(e.measures.cortex.inflated is not None for e in entries),
+        costs=costs(entries, clock) if kind == ANALYSIS else [],
+    )  # fmt: skip
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    return path
+
+
+def _entries(comparison: Comparison) -> list[Entry]:
+    """What each surface is called and drawn like; a group that is one subject says nothing new."""
+    held = {name: group for group, names in comparison.groups.items() for name in names}
+    entries = []
+    for k, (name, m) in enumerate(zip(comparison.names, comparison.measures)):
+        group = held.get(name, "")
+        told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
+        marker, dash = svg.MARKERS[k % 4], svg.DASHES[(k + k // 4) % 4]             # sixteen before one comes again
+        stages = tuple(s for s in comparison.stages.get(name, ()) if _other_stage(s, m))
+        entries.append(Entry(name, m, comparison.colours[name], marker, dash, told, stages))
+    return entries
+
+
+def _other_stage(stage: Measures, m: Measures) -> bool:
+    """Whether it is an earlier stage of the same body: less growth, the same vertices (each stage cuts quads anew)."""
+    a, b = stage.cortex, m.cortex
+    same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
+    return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
+
+
+def _sha256(script: str) -> str:
+    """The one script the page may run, as a content security policy names it."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _inputs(entries: Sequence[Entry]) -> Inputs:
+    return records_as_read(e.measures.cortex for e in entries)
+
+
+def _having(entries: Sequence[Entry], key: str) -> list[tuple[Entry, NDArray[np.float64]]]:
+    """The entries that have the map ``key`` with at least one value, and the map."""
+    found = [(e, find(e.measures.maps, key)) for e in entries]
+    return [(e, a) for e, a in found if a is not None and np.isfinite(a).any()]
+
+
+def _shown(entries: Sequence[Entry]) -> Shown:
+    """The maps a page shows, the main ones first, with the limits that all its surfaces share."""
+    others = {quantity(n).key for e in entries for n in e.measures.maps} - set(MAIN)
+    shown = {}
+    for key in (*MAIN, *sorted(others)):
+        if arrays := [a for _, a in _having(entries, key)]:
+            what = quantity(key, arrays)
+            shown[key] = (what, common_limits(what, arrays))
+    return shown
+
+
+def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], contents.Rows]:
+    """What viewer.js reads as JSON, and one block of packed data per surface."""
+    surfaces, blocks = [], []
+    steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than colours show
+    for e, display in zip(entries, thinned):
+        maps = {key: a for key in shown for _, a in _having([e], key)}
+        cortex = e.measures.cortex
+        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
+        own = [key for key in MAIN if key in shown]
+        grown = [
+            pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)
+            for m in e.stages
+        ]
+        surfaces.append({
+            **packed.meta, "name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation",
+            "g": cortex.info.get("g"), "stages": [stage.meta for stage in grown],
+        })  # fmt: skip
+        for k, stage in enumerate([packed, *grown]):            # base64: nothing in it to escape
+            blocks.append({"id": f"{len(surfaces) - 1}" + (f"-{k - 1}" if k else ""), "data": Markup(stage.data)})
+    maps_shown = [
+        {
+            "key": key,
+            "label": what.label,
+            "unit": what.unit,
+            "signed": what.signed,
+            "main": key in MAIN,
+            "limits": list(limits),
+        }
+        for key, (what, limits) in shown.items()
+    ]
+    config = {
+        "surfaces": surfaces,
+        "maps": maps_shown,
+        "tables": {"sequential": colours.sequential().tolist(), "diverging": colours.diverging().tolist()},
+        "missing": colours.NOT_MEASURED,
+        "bare": colours.BARE,
+    }
+    return config, blocks
+
+
+def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> list[dict[str, Any]]:
+    """Write ``folder/KEY.png`` for the main maps and the gyral net; the same at half size for the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
+    ids = {e.name: d.ids for e, d in zip(entries, thinned)}
+    pictures = []
+    looks: Looks = {}
+    with ThreadPoolExecutor(1) as writer:                               # packs one picture while the next is drawn
+        for key in (k for k in MAIN if k in shown):
+            what, limits = shown[key]
+            rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
+            image = figure(rows, what, limits, looks=looks)
+            pictures.append(writer.submit(_saved, folder / f"{safe_name(key)}.png", image, what.title, limits))
+        if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
+            title = "Net of gyral crests, and its hinges"
+            pictures.append(writer.submit(_saved, folder / "gyral_net.png", net_figure(nets), title, None))
+    return [picture.result() for picture in pictures]
+
+
+def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
+    """Write ``folder/hinges-1.png`` and so on: pairs of hinges of every two groups whose surfaces have their graph."""
+    measures = dict(zip(comparison.names, comparison.measures))
+    pictures = []
+    for k, found in enumerate(comparison.hinges, start=1):
+        if chosen := clear_examples(found.matches, measures):
+            image = hinge_pairs(chosen, (found.one, found.other))
+            title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
+            pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
+    return pictures
+
+
+def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] | None) -> dict[str, Any]:
+    """Write a picture; what the page says of it."""
+    path.write_bytes(png_bytes(image))
+    small = base64.b64encode(png_bytes(halved(image))).decode()
+    return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": small, "limits": limits}
+
+
+def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
+    areas = {e.name: vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces) for e in entries}
+    charts = []
+    for key in (k for k in MAIN if k in shown):
+        what, _ = shown[key]
+        series = [(e.name, a, areas[e.name], e.colour, e.dash) for e, a in _having(entries, key)]
+        charts.append(svg.histograms(series, what.label, what.unit))
+    return [chart for chart in charts if chart is not None]
+
+
+def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
+    charts = []
+    for key, of in NUMBERS.items() if comparison.growth else ():
+        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
+        others = [(e.name, value, e.colour, e.dash) for e in entries if (value := of(e.measures)) is not None]
+        charts.append(svg.growth_chart(key, curves, others))
+    return [chart for chart in charts if chart is not None]
+
+
+def _law(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
+    terms = [(e.name, t, e.colour, e.marker) for e, t in zip(entries, comparison.folding) if t is not None]
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    return svg.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
+
+
+def _ratio(entries: Sequence[Entry]) -> Markup | None:
+    """Distribution of gyral over cortical thickness where both are known."""
+    series = []
+    for e in entries:
+        cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
+        if cortical is not None and gyral is not None and np.isfinite(cortical).any():
+            cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
+            ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
+            areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
+            series.append((e.name, ratio, areas, e.colour, e.dash))
+    return svg.histograms(series, "Gyral over cortical thickness", "")
+
+
+def _scatter(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
+    clouds = [
+        {
+            "name": e.name, "colour": e.colour, "marker": e.marker, "dash": e.dash,
+            "points": c.points, "bins": c.bins, "fit": c.fit,
+        }
+        for e, c in zip(entries, comparison.clouds)
+    ]  # fmt: skip
+    lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
+    return svg.thickness_plot(clouds, lines)

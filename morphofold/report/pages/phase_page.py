@@ -1,0 +1,299 @@
+"""The page of a sweep: phase diagrams with the theory in them, pial surfaces in the same order, numbers, failures."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.cohort.phases import Found, Phases
+from morphofold.io import read_surface
+from morphofold.quantities import Quantity
+from morphofold.report import colours
+from morphofold.report.pages import contents
+from morphofold.report.pictures import surfaces
+from morphofold.report.pictures.png import png_bytes
+from morphofold.report.plots import svg
+from morphofold.report.plots.line_plots import save
+from morphofold.report.plots.phase_plots import (
+    WAVELENGTH,
+    Shown,
+    axis_title,
+    beyond,
+    cell,
+    curve,
+    diagram,
+    measured,
+    others_words,
+    shown_of,
+    slices,
+)
+from morphofold.sim.scene import LEVELS
+from morphofold.surface import Surface
+
+MOST_ROWS = 400         # of the table of numbers, and of that of failures
+MOST_PIXELS = 190       # of a thumbnail
+WIDTH = 1520            # [px] of a picture of thumbnails
+SURFACES, SECTIONS = "Pial surfaces", "Sections"
+
+
+def phase_report(
+    phases: Phases, folder: Path, progress: Callable[[float, str], None] = lambda share, text: None
+) -> Path:
+    """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; the path of the page."""
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    measures, diagrams = shown_of(phases), []
+    for k, shown in enumerate(measures):
+        progress(0.5 * k / len(measures), shown.label)
+        if measured(phases, shown):
+            diagrams += _diagrams(phases, shown, folder / "figures")
+    progress(0.5, "surfaces")
+    pictures = _surfaces(phases, folder / "figures")
+    failed = [run for run in phases.runs if run.reason]
+    unhealthy = [run for run in phases.runs if run.warnings]
+    page = svg.environment().get_template("phases.html").render(
+        title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes, seeds=_seeds(phases),
+        seeds_n=len(phases.grid.seeds),
+        places=phases.grid.places, runs=phases.runs, done=len(phases.runs) - len(failed),
+        diagrams=diagrams, pictures=pictures, surfaces=_what(phases), shown=measures,
+        rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
+        more=max(0, len(phases.grid.places) - MOST_ROWS),
+        titles=[axis_title(phases, axis) for axis in phases.grid.axes], missing=missing(phases),
+        theory=theory_words(phases), verdict=verdict(phases), failed=failed, unhealthy=unhealthy, most=MOST_ROWS,
+        levels=_levels(phases), shape=_shape(phases), known=_known(phases),
+        final=all(axis.key != "growth.final" for axis in phases.grid.axes), versions=contents.versions(),
+    )  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    progress(1.0, "done")
+    return path
+
+
+def _seeds(phases: Phases) -> str:
+    known = [str(seed) for seed in phases.grid.seeds if seed is not None]
+    return f"seed{'s' if len(known) > 1 else ''} {', '.join(known)}" if known else "no imperfection, so no seeds"
+
+
+# diagrams ----------------------------------------------------------------------------------------------------
+
+
+def _diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]]:
+    """Write the diagrams of a measure; what the page says of each. None where nothing is varied but the seed."""
+    axes, found = phases.grid.axes, []
+    if len(axes) == 1:
+        found.append((f"{shown.key}.png", curve(phases, shown), f"{shown.label} over {axes[0].label}"))
+    elif axes:
+        for k, others in enumerate(slices(phases), start=1):
+            at = others_words(phases, others)
+            words = f"{shown.label} over {axes[0].label} and {axes[1].label}{f' at {at}' if at else ''}"
+            name = f"{shown.key}.png" if not others else f"{shown.key}-{k}.png"
+            found.append((name, diagram(phases, shown, others), words))
+    parts = []
+    for name, figure, words in found:
+        save(figure, folder / name)
+        parts.append(_picture(folder / name, words))
+    return parts
+
+
+def _picture(path: Path, words: str) -> dict[str, Any]:
+    data = base64.b64encode(path.read_bytes()).decode()
+    return {"data": data, "words": words, "file": f"{path.parent.name}/{path.name}"}
+
+
+# surfaces ----------------------------------------------------------------------------------------------------
+
+
+def _shape(phases: Phases) -> str:
+    return phases.grid.points[0].scene.geometry.shape
+
+
+def _what(phases: Phases) -> str:
+    """What thumbnails show."""
+    return SECTIONS if _shape(phases) == "strip" else SURFACES
+
+
+def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
+    """Write the pial surfaces of the first seed, or the sections of strips: a grid for each diagram, all at one
+    scale."""
+    first = {at: phases.at[at][0] for at in phases.grid.places}
+    view = "top" if _shape(phases) in ("patch", "strip") else "lateral"
+    extent = max((_extent(run, view) for run in first.values()), default=0.0)
+    if not extent:
+        return []
+    parts = []
+    for k, others in enumerate(slices(phases), start=1):
+        at = others_words(phases, others)
+        path = folder / ("surfaces.png" if not others else f"surfaces-{k}.png")
+        path.write_bytes(png_bytes(_mosaic(phases, first, others, view, extent)))
+        parts.append(_picture(path, f"{_what(phases)}{f' at {at}' if at else ''}"))
+    return parts
+
+
+def _extent(run: Found, view: str) -> float:
+    """Larger side of a surface as it is seen [mm]; 0 for a run without one."""
+    surface = _drawn(run)
+    return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
+
+
+def _drawn(run: Found) -> Surface | None:
+    """The pial surface of a run, or the section of a strip; None where there is none."""
+    if run.pial is None:
+        return None
+    try:
+        pial = read_surface(run.pial)
+        if run.point.scene.geometry.shape != "strip":
+            return pial
+        return section(pial, read_surface(run.pial.with_name(run.pial.name.replace("pial", "white"))))
+    except (OSError, ValueError):
+        return None
+
+
+def section(pial: Surface, white: Surface) -> Surface:
+    """The cortex of a strip, from the side: between the edges of both surfaces that have the least y, x to the right
+    and z up, in the plane z = 0."""
+    edges = np.unique(np.sort(np.concatenate([pial.faces[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
+    y = pial.verts[:, 1]
+    a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
+    n = len(y)
+    faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
+    verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
+    verts[:, 2] = 0.0
+    one, other = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
+    below = one[:, 0] * other[:, 1] < one[:, 1] * other[:, 0]
+    faces[below] = faces[below][:, [0, 2, 1]]                           # all are seen from above
+    used, place = np.unique(faces, return_inverse=True)
+    return Surface(verts[used], place.reshape(faces.shape))
+
+
+def _mosaic(
+    phases: Phases, first: dict[tuple[int, ...], Found], others: tuple[int, ...], view: str, extent: float
+) -> surfaces.Picture:
+    """Thumbnails, columns and rows as the cells of the diagram."""
+    axes = phases.grid.axes[:2]
+    columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
+    left, head, foot, gap = 110, 44 if len(axes) > 1 else 16, 104, 10
+    side = min(MOST_PIXELS, (WIDTH - left - gap) // columns - gap)
+    canvas = np.full((head + rows * (side + gap) + foot, left + columns * (side + gap) + gap, 3), 255, dtype=np.uint8)
+    per_mm = 0.94 * side / extent
+    plain = Quantity("", "")
+    for i, j in itertools.product(range(columns), range(rows)):
+        run = first[(i, j)[: len(axes)] + others]
+        x, y = left + i * (side + gap), head + (rows - 1 - j) * (side + gap)
+        surface = _drawn(run)
+        if surface is None:
+            canvas[y : y + side, x : x + side] = 244
+            words = "failed" if run.reason else "not there"
+            surfaces.write(canvas, words, (x + side / 2, y + side / 2 - 12), 15, anchor="middle", grey=90)
+            continue
+        rgb = np.tile(np.array(colours.BARE, dtype=np.uint8), (len(surface.verts), 1))
+        row = surfaces.Row(run.point.name, surface, np.zeros(len(surface.verts)), rgb=rgb)
+        canvas[y : y + side, x : x + side] = surfaces.draw(
+            row, [view], plain, (0.0, 1.0), (side, side), side / (2 * per_mm)
+        )[0]
+    bottom = head + rows * (side + gap)
+    if axes:
+        title = surfaces.fitted(axis_title(phases, axes[0]), 16, canvas.shape[1] - left)
+        across = left + np.arange(columns) * (side + gap) + side / 2
+        for x, word in zip(across.tolist(), axes[0].words):
+            surfaces.write(canvas, surfaces.fitted(word, 15, side), (x, bottom), 15, anchor="middle")
+        surfaces.write(canvas, title, (float(across.mean()), bottom + 26), 16, bold=True, anchor="middle")
+    if len(axes) > 1:
+        title = surfaces.fitted(axis_title(phases, axes[1]), 16, canvas.shape[1] - 12, bold=True)
+        up = head + np.arange(rows)[::-1] * (side + gap) + side / 2 - 12
+        for y, word in zip(up.tolist(), axes[1].words):
+            surfaces.write(canvas, surfaces.fitted(word, 15, 100), (left - 54, y), 15, anchor="middle")
+        surfaces.write(canvas, title, (12, 12), 16, bold=True)
+    surfaces.ruler(canvas, per_mm, (12, bottom + 62))
+    return canvas
+
+
+# words and numbers -------------------------------------------------------------------------------------------
+
+
+def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
+    """A line of the table of numbers."""
+    theory, final = phases.theory[at], phases.grid.scenes[at].growth.final
+    cells = [cell(phases, at, shown.key) for shown in shown_of(phases)]
+    return {
+        "values": [axis.words[i] for axis, i in zip(phases.grid.axes, at)] or ["the scene"],
+        "cells": [" ".join(one.words) for one in cells],
+        "final": svg.number(final), "g_crit": svg.number(theory.g_crit),
+        "wavelength": svg.number(theory.wavelength), "state": _state(beyond(phases, at)),
+        "runs": f"{cells[0].runs - cells[0].failed} of {cells[0].runs}",
+    }  # fmt: skip
+
+
+def _state(above: float) -> str:
+    return "–" if math.isnan(above) else "folded" if above > 0 else "smooth"
+
+
+def _known(phases: Phases) -> bool:
+    """Whether theory says something of any point."""
+    return any(math.isfinite(one.g_crit) for one in phases.theory.values())
+
+
+def theory_words(phases: Phases) -> list[str]:
+    """What the theory assumes, and where it says nothing."""
+    found = list(phases.theory.values())
+    said = []
+    if _known(phases):
+        said.append(
+            "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core, around a "
+            "hole whose wall is held, both of the energy of the simulation, the core not growing. Critical growth is "
+            "the least at which any wave grows; its wavelength is that of this wave on the sphere as it is by then."
+        )
+        said.append(
+            "It says when a smooth sphere can no longer stay smooth, and nothing of the folds that follow. The "
+            "wavelength that is measured is that of the folds at final growth, the way along the surface, down into "
+            "the sulcus and up again: deep folds have a longer one than the wrinkles that they began as. An imperfect "
+            "cortex folds gradually, and may need growth beyond the critical one until its folds are seen."
+        )
+    shapes = {point.scene.geometry.shape for point in phases.grid.points}
+    if "radial" in shapes:
+        said.append("A radial scene has one dimension and stays a sphere: it does not fold where theory says it would.")
+    nothing: dict[str, int] = {}
+    for one in found:
+        if math.isnan(one.g_crit):
+            nothing[one.reason] = nothing.get(one.reason, 0) + 1
+    for reason, count in sorted(nothing.items()):
+        where = "" if count == len(found) else f" at {count} of {len(found)} points"
+        said.append(f"Theory says nothing here{where}: {reason or 'no wave was found to grow'}.")
+    return said
+
+
+def verdict(phases: Phases) -> str:
+    """How measured wavelengths lie to those of theory, in a sentence; empty without both."""
+    ratios = []
+    for at in phases.grid.places:
+        measured, theory = cell(phases, at, WAVELENGTH).mean, phases.theory[at].wavelength
+        if math.isfinite(measured) and math.isfinite(theory):
+            ratios.append(measured / theory)
+    if not ratios:
+        return ""
+    span = " to ".join(dict.fromkeys(svg.number(ratio) for ratio in (min(ratios), max(ratios))))
+    points = f"{len(ratios)} point{'s' if len(ratios) > 1 else ''}"
+    return f"Where both are known ({points}), the measured wavelength is {span} times that of theory's first wrinkles."
+
+
+def missing(phases: Phases) -> list[str]:
+    """How many runs lack which of the measures that are shown, and what one of them says of it."""
+    said = []
+    done = [run for run in phases.runs if not run.reason]
+    for shown in shown_of(phases):
+        without = [run for run in done if shown.key not in run.measures]
+        if without:
+            why = without[0].notes.get(shown.key, "")
+            example = f" {without[0].point.name} says: {why.rstrip('.')}." if why else ""
+            said.append(f"{shown.label}: {len(without)} of {len(done)} runs have none.{example}")
+    return said
+
+
+def _levels(phases: Phases) -> str:
+    """Accuracies of the scenes of a sweep, in words."""
+    levels = {scene.accuracy.level for scene in phases.grid.scenes.values() if scene.geometry.shape != "mesh"}
+    return ", ".join(level for level in LEVELS if level in levels)

@@ -1,0 +1,1 @@
+"""Pictures of surfaces, drawn without a graphics library."""

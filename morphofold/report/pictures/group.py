@@ -1,0 +1,84 @@
+"""Pictures of outliers of a group: the pial surface beside that of the subject nearest to the median."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.cohort.statistics import HEMIS, Outlier, Scalars
+from morphofold.quantities import MAP_OF, common_limits, quantity
+from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
+from morphofold.results import read_pial
+
+SIDES = {"lh": "left", "rh": "right"}
+FOLDS = "H"             # the map of measures that are of none
+WIDTH = 860             # [pixels]
+EMBEDDED = 1_500_000    # letters of pictures that a page holds at most; further ones lie beside it
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The picture of a subject's farthest value: its file, and what the page holds of it, or why there is none."""
+
+    outlier: Outlier
+    file: str = ""
+    data: str = ""
+    typical: str = ""
+    reason: str = ""
+
+    @property
+    def map(self) -> str:
+        return quantity(map_of(self.outlier.measure)).label
+
+
+def map_of(measure: str) -> str:
+    """The map that shows a measure, or the folds."""
+    return MAP_OF.get(measure, FOLDS)
+
+
+def draw_outliers(
+    far: Sequence[Outlier], subjects: Sequence[str], scalars: Scalars, results: Mapping[str, Path], folder: Path
+) -> list[Drawn]:
+    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``; what the page says of each."""
+    drawn: list[Drawn] = []
+    for k, one in enumerate(far, start=1):
+        typical = nearest_to_median(one, subjects, scalars)
+        try:
+            image = _picture(one, typical, results)
+        except (OSError, ValueError) as error:
+            drawn.append(Drawn(one, reason=" ".join(str(error).split())))
+            continue
+        folder.mkdir(exist_ok=True)
+        path = folder / f"outlier-{k:02}.png"
+        path.write_bytes(png_bytes(image))
+        data = base64.b64encode(png_bytes(halved(image))).decode()
+        held = sum(len(other.data) for other in drawn) + len(data) <= EMBEDDED
+        drawn.append(Drawn(one, f"{folder.name}/{path.name}", data if held else "", typical))
+    return drawn
+
+
+def nearest_to_median(one: Outlier, subjects: Sequence[str], scalars: Scalars) -> str:
+    """The first subject whose value of an outlier's measure, on its side, is nearest to the median."""
+    apart = np.abs(scalars[one.measure][:, HEMIS.index(one.hemi)] - one.median)
+    return subjects[int(np.nanargmin(apart))]
+
+
+def _picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
+    """Lateral and medial view of the two, in the same colours and at one scale."""
+    key = map_of(one.measure)
+    pairs = {name: read_pial(results[name], one.hemi, key) for name in (one.subject, typical)}
+    rows = [
+        Row(
+            fitted(name, 17, WIDTH - 60) if name == one.subject else fitted(f"{name}, at the median", 17, WIDTH - 60),
+            surface, np.full(len(surface.verts), np.nan) if values is None else values, one.hemi,
+        )
+        for name, (surface, values) in pairs.items()
+    ]  # fmt: skip
+    known = [row.values for row in rows]
+    what = quantity(key, known)
+    return figure(rows, what, common_limits(what, known), ("lateral", "medial"), WIDTH)

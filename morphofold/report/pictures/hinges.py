@@ -1,0 +1,191 @@
+"""Three-hinge patterns in pairs: patches of pial surface about two hinges, crests in red, each in its own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import Measures
+from morphofold.analysis.graph.hinges import hinge_at
+from morphofold.comparison.hinges import Match, examples
+from morphofold.quantities import Quantity
+from morphofold.report.colours import rgb_of
+from morphofold.report.pictures.net import paint_lines, shaded
+from morphofold.report.pictures.png import lettering
+from morphofold.report.pictures.raster import look
+from morphofold.report.pictures.surfaces import Picture, Row, draw, fitted, write
+from morphofold.surface import Faces, Surface
+
+OWN, OTHERS = "#c8102e", "#e8a5a0"      # crests of the hinge, and the others
+REACH = 2.0                             # radius of a patch, in gyral widths
+LINE = 0.16                             # breadth of a crest, in gyral widths
+FINER = 2                               # halvings of edges, so that lines are smooth
+TILT = 25.0                             # degrees by which a patch is tipped back, so that its height is seen
+PANEL, WORDS = 330, 30                  # pixels
+LABEL, EDGE = 260, 10                   # pixels that the name of a row may take, and around it
+CLEAR = 0.7                             # share of the crests of a hinge that a picture must show to be an example
+NOTHING = Quantity("patch", "Patch")
+
+
+def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
+    """Pial surface within two gyral widths of a hinge, as far as it hangs together, in gyral widths.
+
+    The hinge's own crests are red, others pale. They run on the white surface, and are drawn where the pial one has the
+    same vertices.
+
+    Parameters
+    ----------
+    measures : Measures
+        With a gyral graph.
+    number : int
+        Of the hinge, in the table of hinges and in the graph.
+    pose : int
+        Which arm points right, and whether the patch is mirrored (3 and more), as in
+        :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`.
+
+    Returns
+    -------
+    Row
+        The hinge is the origin, its normal z before the patch is tipped back.
+
+    Raises
+    ------
+    ValueError
+        If there is no graph, or no such hinge in it.
+    """
+    graph = measures.graph
+    if graph is None or number not in graph or graph.degree(number) < 3:
+        raise ValueError(f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again.")
+    from trimesh.remesh import subdivide
+
+    hinge, width = hinge_at(graph, number), graph.graph["scales"].width
+    normal = np.asarray(graph.nodes[number]["normal"])
+    right = np.array(hinge.arms[pose % 3].direction)
+    frame = np.stack([right, np.cross(normal, right), normal]) / width
+    if pose >= 3:
+        frame[1] *= -1
+    pial = measures.cortex.pial
+    verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tipped() @ frame).T
+    kept, faces = _connected(pial.faces[(np.linalg.norm(verts, axis=1) < REACH)[pial.faces].all(axis=1)], hinge.vertex)
+    white, edge = cKDTree(measures.cortex.white.verts[kept]), graph.graph["edge"]
+
+    def carried(at: int | None) -> list[NDArray[np.float64]]:
+        lines = [crest["polyline"] for *_, crest in graph.edges(at, data=True)]
+        return [part for line in lines for part in _carried(line, white, verts[kept], edge)]
+
+    grey = shaded(measures.maps["sulcal_depth"])[kept].astype(np.float64)
+    fine, look = verts[kept], {"grey": grey}
+    for _ in range(FINER):
+        fine, faces, look = subdivide(fine, faces, vertex_attributes=look)
+    rgb = np.round(look["grey"]).astype(np.uint8)
+    paint_lines(rgb, fine, carried(None), LINE, OTHERS)
+    paint_lines(rgb, fine, carried(number), LINE, OWN)
+    faces = faces[:, ::-1] if pose >= 3 else faces
+    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])              # of no face: they put the hinge into the middle
+    fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
+    return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
+
+
+def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
+    """The vertices that faces (M, 3) join to one of them, and the faces between those."""
+    names, ends = np.unique(faces, return_inverse=True)
+    faces = ends.reshape(-1, 3)
+    joined = coo_matrix((np.ones(2 * len(faces)), (faces[:, :2].ravel(), faces[:, 1:].ravel())), (len(names),) * 2)
+    part = connected_components(joined)[1]
+    faces = faces[part[faces[:, 0]] == part[np.searchsorted(names, vertex)]]
+    kept, ends = np.unique(faces, return_inverse=True)
+    return names[kept], ends.reshape(-1, 3)
+
+
+def _carried(
+    line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
+) -> list[NDArray[np.float64]]:
+    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, along ``verts`` in their place.
+
+    Going from vertex to vertex it zigzags; that is smoothed away, the ends of each part stay.
+    """
+    far, nearest = white.query(line, distance_upper_bound=edge)
+    inside = np.flatnonzero(np.isfinite(far))
+    parts = []
+    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+        part = verts[nearest[run]]
+        for _ in range(4 if len(part) > 2 else 0):
+            part = np.concatenate([part[:1], (part[:-2] + 2 * part[1:-1] + part[2:]) / 4, part[-1:]])
+        parts += [part] if len(part) > 1 else []
+    return parts
+
+
+def _tipped() -> NDArray[np.float64]:
+    c, s = np.cos(np.radians(TILT)), np.sin(np.radians(TILT))
+    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+
+
+def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
+    """The patches of a match; the second lies as it resembles the first most."""
+    one = hinge_patch(measures[match.surface], match.hinge)
+    return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
+
+
+def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
+    """The best matches whose crests can be seen in a picture, of surfaces that have their graph, with their patches."""
+    pairs: dict[Match, tuple[Row, Row]] = {}
+
+    def clear(match: Match) -> bool:
+        if measures[match.surface].graph is None or measures[match.other_surface].graph is None:
+            return False
+        pairs[match] = pair_of(match, measures)
+        return all(in_sight(patch) > CLEAR for patch in pairs[match])
+
+    return {match: pairs[match] for match in examples(matches, wanted=clear)}
+
+
+def in_sight(patch: Row) -> float:
+    """Share of a hinge's own crests that nothing hides in the picture of its patch."""
+    faces = patch.surface.faces
+    seen = look(patch.surface.verts, faces, (PANEL, PANEL), REACH, oversample=1).face
+    shown = np.zeros(len(patch.surface.verts), dtype=bool)
+    shown[faces[np.unique(seen[seen >= 0])]] = True
+    assert patch.rgb is not None
+    own = (patch.rgb == rgb_of(OWN)).all(axis=1)
+    return float(shown[own].mean()) if own.any() else 0.0
+
+
+def hinge_pairs(
+    pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], backend: str | None = None
+) -> Picture:  # fmt: skip
+    """Pairs of hinges in columns, the first group above the second.
+
+    Parameters
+    ----------
+    pairs : mapping of matches to their patches
+    rows : two str
+        What stands before the rows, shortened beyond ``LABEL`` pixels.
+    backend : {"pyvista", "raster"}, optional
+        As for :func:`morphofold.report.pictures.surfaces.draw`.
+    """
+    labels = [fitted(words, 22, LABEL, bold=True) for words in rows]
+    left, top = 2 * EDGE + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
+    canvas = np.full((top + 2 * (PANEL + WORDS) + 12, left + PANEL * len(pairs), 3), 255, dtype=np.uint8)
+    for k, (match, patches) in enumerate(pairs.items()):
+        numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
+        for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
+            (image,) = draw(patch, ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, backend)
+            y, x = top + line * (PANEL + WORDS), left + k * PANEL
+            canvas[y : y + PANEL, x : x + PANEL] = image
+            words = _caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))
+            write(canvas, words, (x + PANEL / 2, y + PANEL), 20, anchor="middle", grey=60)
+    for line, words in enumerate(labels):
+        write(canvas, words, (EDGE, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 22, bold=True)
+    return canvas
+
+
+def _caption(surface: str, group: str, number: str) -> str:
+    """The number of a hinge, and what its surface is called beyond its group, as far as a panel has room."""
+    name = surface.removeprefix(group).strip()
+    room = PANEL - 2 * EDGE - lettering(f", {number}", 20).shape[1]
+    return f"{fitted(name, 20, room)}, {number}" if name else number

@@ -1,0 +1,86 @@
+"""The gyral net painted on its surface: crests, and hinges by the number of their arms; and crest lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import Measures, crest_lines, vertex_normals
+from morphofold.analysis.graph.hinges import counts
+from morphofold.analysis.graph.net import resampled
+from morphofold.geometry import mean_edge_length
+from morphofold.quantities import Quantity
+from morphofold.report import colours
+from morphofold.report.colours import rgb_of
+from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.surface import PerVertex, Verts
+
+CREST = "#333333"
+DISC = 0.27             # radius of a hinge, in gyral widths
+#: hinges by the number of their arms, five or more being one kind
+ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
+CREST_EDGES = 4.0       # of the scale of crest lines, at least: a surface is never without noise
+KINDS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
+DOUBT = "#8c8c8c"         # hinges that do not count, however many arms they have
+LEGEND = (
+    ("crest", CREST), ("hinge, 3 arms", ARMS[3]), ("4 arms", ARMS[4]), ("5 or more", ARMS[5]), ("doubtful", DOUBT),
+)  # fmt: skip
+
+
+def net_row(measures: Measures, name: str) -> Row:
+    """The white surface of measures with their net, sulci darker; they must have a graph."""
+    cortex, graph = measures.cortex, measures.graph
+    if graph is None:
+        raise ValueError(f"{name}: measures of an older analysis have no graph. Measure the cortex again.")
+    verts = cortex.white.verts
+    rgb = shaded(measures.maps["sulcal_depth"])
+    normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
+    paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST)
+    tree = cKDTree(verts)
+    for _, node in graph.nodes(data=True):
+        if node["degree"] > 2:
+            near = np.array(tree.query_ball_point(node["position"], DISC * width))
+            colour = ARMS[min(node["degree"], 5)] if counts(node) else DOUBT
+            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
+    return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
+
+
+def crest_row(measures: Measures, name: str) -> Row:
+    """The pial surface of measures with its crest lines, at the scale of their curvature, sulci darker."""
+    pial = measures.cortex.pial
+    edge = mean_edge_length(pial.verts, pial.faces)
+    scale = max(CREST_EDGES * edge, measures.parameters["curvature_scale_mm"])
+    found = crest_lines(pial.verts, pial.faces, scale=scale)
+    rgb = shaded(measures.maps["sulcal_depth"])
+    for kind, colour in KINDS.items():
+        paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
+    return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
+
+
+def shaded(depth: PerVertex) -> colours.RGB:
+    """The bare surface (N, 3), darker with its sulcal depth (N,)."""
+    deep = float(np.nanquantile(depth, 0.95))
+    share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
+    return np.round(np.array(colours.BARE) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
+
+
+def paint_lines(
+    rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str
+) -> None:
+    """Colour the vertices that lines (P, 3) pass within about half an ``edge`` [mm]."""
+    if lines:
+        points = np.concatenate([resampled(line, 0.3 * edge) for line in lines])
+        rgb[cKDTree(points).query(verts)[0] < 0.55 * edge] = rgb_of(colour)
+
+
+def net_figure(rows: Sequence[Row]) -> Picture:
+    """The rows from all sides."""
+    return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=LEGEND)
+
+
+def crest_figure(rows: Sequence[Row]) -> Picture:
+    """The rows of crest lines from all sides."""
+    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*KINDS.items()])

@@ -1,0 +1,266 @@
+"""Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
+
+pyvista draws the surfaces on a graphics card. Where there is none, ``raster`` draws the same picture, three times as
+fast as GL in software and with the same bytes on every machine; where there is no GL library at all the first picture
+by GL would kill the process, so a child process asks. Titles, rulers and colour bars are ours either way.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.geometry import vertex_normals
+from morphofold.quantities import Quantity
+from morphofold.report import colours
+from morphofold.report.pictures import raster
+from morphofold.report.pictures.png import lettering
+from morphofold.report.plots.svg import ticks
+from morphofold.surface import Surface
+
+Picture = NDArray[np.uint8]  # (height, width, 3)
+
+VIEWS = ("lateral", "medial", "top", "bottom")
+_PROBE = """
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+window = vtkRenderWindow()
+window.SetOffScreenRendering(1)
+window.SetSize(32, 32)
+window.Render()
+print(window.ReportCapabilities())
+"""
+IN_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
+
+
+@cache
+def graphics() -> str:
+    """Name of what answers to GL, as it says itself, found once per process; empty if nothing does."""
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    try:
+        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=60, text=True)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    found = re.search(r"OpenGL renderer string:\s*(\S.*)", trial.stdout) if trial.returncode == 0 else None
+    return found[1].strip() if found else ""
+
+
+@cache
+def renderer() -> str:
+    """``"pyvista"`` if a graphics card answers, else ``"raster"``.
+
+    ``MORPHOFOLD_RENDERER`` set to one of the two names decides without a trial.
+    """
+    wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
+    if wanted in ("pyvista", "raster"):
+        return wanted
+    card = graphics().lower()
+    return "pyvista" if card and not any(word in card for word in IN_SOFTWARE) else "raster"
+
+
+def camera(view: str, hemi: str) -> NDArray[np.float64]:
+    """The screen's right, up and towards-the-viewer axes, rows of a (3, 3) rotation.
+
+    Coordinates are right, anterior, superior (RAS): a left hemisphere is seen laterally from -x, a right one
+    from +x; seen from the top or the bottom, anterior is up.
+    """
+    side = 1.0 if (hemi == "rh") == (view == "lateral") else -1.0
+    axes = {
+        "lateral": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
+        "medial": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
+        "top": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "bottom": [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+        "front": [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
+    }
+    if view not in axes:
+        raise ValueError(f"view must be one of {', '.join(axes)}; got {view!r}.")
+    return np.array(axes[view], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One surface of a figure: what it is called, its shape, and a value (N,) per vertex, or its colour (N, 3)."""
+
+    name: str
+    surface: Surface
+    values: NDArray[np.float64]
+    hemi: str = "lh"
+    rgb: NDArray[np.uint8] | None = None
+
+
+Looks = dict[tuple[Any, ...], Any]  # what was seen of which surface, from where
+
+
+def draw(
+    row: Row, views: Sequence[str], what: Quantity, limits: tuple[float, float], size: tuple[int, int],
+    half_height: float, backend: str | None = None, looks: Looks | None = None,
+) -> list[Picture]:  # fmt: skip
+    """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
+
+    ``looks`` keeps what is seen of a surface; a next picture of the same surface that gets it only has to be coloured.
+    """
+    looks = {} if looks is None else looks
+    verts, faces = row.surface.verts, row.surface.faces
+    points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
+    mine = (row.surface,)                                               # as a key it also keeps the surface alive
+    if mine not in looks:
+        looks[mine] = vertex_normals(points, faces)
+    normals = looks[mine]
+    cameras = [camera(view, row.hemi) for view in views]
+    if (backend or renderer()) == "pyvista":
+        return _pyvista(points, normals, faces, rgb, cameras, size, half_height)
+
+    def picture(turned: NDArray[np.float64]) -> Picture:
+        place = (row.surface, turned.tobytes(), size, half_height)
+        if place not in looks:
+            looks[place] = raster.look(points @ turned.T, faces, size, half_height)
+        seen: raster.Seen = looks[place]
+        return seen.coloured(normals @ turned.T, rgb)
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:           # the kernels let go of the interpreter
+        return list(pool.map(picture, cameras))
+
+
+def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
+    import pyvista as pv
+
+    mesh = pv.PolyData.from_regular_faces(points, faces)
+    mesh.point_data["colour"] = rgb
+    mesh.point_data["Normals"] = normals
+    mesh.point_data.active_normals_name = "Normals"
+    plotter: Any = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
+    look: dict[str, Any] = {
+        "ambient": 0.26,
+        "diffuse": 0.8,
+        "specular": 0.06,
+        "specular_power": 24,
+        "interpolation": "Phong",
+    }
+    pictures = []
+    try:
+        plotter.add_mesh(mesh, scalars="colour", rgb=True, smooth_shading=True, render=False, **look)
+        for position, intensity in (((-0.35, 0.55, 0.75), 0.55), ((0.0, 0.0, 1.0), 0.45)):
+            plotter.add_light(pv.Light(position=position, intensity=intensity, light_type="camera light"))
+        plotter.set_background("white")
+        plotter.camera.parallel_projection = True
+        plotter.camera.parallel_scale = half_height
+        for right_up_out in cameras:
+            plotter.camera.position = 1e3 * right_up_out[2]
+            plotter.camera.focal_point = (0.0, 0.0, 0.0)
+            plotter.camera.up = right_up_out[1]
+            plotter.renderer.ResetCameraClippingRange()
+            plotter.render()  # a second screenshot alone would repeat the first
+            image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
+            image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
+            pictures.append(np.round(image).astype(np.uint8))
+    finally:
+        plotter.close()
+    return pictures
+
+
+def figure(
+    rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
+    width: int = 1520, backend: str | None = None, legend: Sequence[tuple[str, str]] = (), looks: Looks | None = None,
+) -> Picture:  # fmt: skip
+    """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``:
+    words and the colour ("#d55e00") of each. ``looks`` is that of :func:`draw`."""
+    extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
+    gap, edge, head, foot, label = 24, 20, 72, 112, 30
+    per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
+    columns = np.ceil(per_mm * extent[:, :, 0].max(axis=0)).astype(int) + gap
+    lines = np.ceil(per_mm * extent[:, :, 1].max(axis=1)).astype(int) + gap
+    canvas = np.full((head + int(lines.sum()) + len(rows) * label + foot, width, 3), 255, dtype=np.uint8)
+    write(canvas, what.title, (edge, 10), 20, bold=True)
+    lefts, top = edge + np.cumsum(columns) - columns, head
+    for left, column, view in zip(lefts, columns, views):
+        write(canvas, view, (left + column / 2, 42), 15, anchor="middle", grey=110)
+    for row, line in zip(rows, lines):
+        write(canvas, row.name, (edge, top), 17)
+        top += label
+        wide = int(columns.max())
+        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend, looks)
+        for left, column, picture in zip(lefts, columns, pictures):
+            cut = (wide - column) // 2
+            canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
+        top += line
+    ruler(canvas, per_mm, (edge, top + 34))
+    if legend:
+        for k, (words, colour) in enumerate(legend):
+            x = edge + 220 + 230 * k
+            canvas[top + 26 : top + 42, x : x + 16] = colours.rgb_of(colour)
+            write(canvas, words, (x + 24, top + 21), 15, grey=60)
+        return canvas
+    colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
+    if any(np.isnan(row.values).any() for row in rows):
+        x = width // 2 + 240
+        canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED
+        write(canvas, "not measured", (x + 34, top + 19), 14, grey=80)
+    return canvas
+
+
+def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
+    """A ruler of a round length, its top left at ``at``."""
+    mm = max((m for m in (1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=1)
+    end = at[0] + round(mm * px_per_mm)
+    canvas[at[1] : at[1] + 3, at[0] : end] = 60
+    write(canvas, f"{mm} mm", ((at[0] + end) / 2, at[1] + 6), 14, anchor="middle", grey=60)
+
+
+def colour_bar(
+    canvas: Picture, what: Quantity, limits: tuple[float, float], at: tuple[int, int], size: tuple[int, int]
+) -> None:
+    """The colours between the limits, (width, height) pixels from the top left ``at``, numbers and unit below."""
+    x, y = at
+    ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
+    canvas[y : y + size[1], x : x + size[0]] = ramp
+    clear = 0.12 * (limits[1] - limits[0])  # of the numbers at both ends
+    inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
+    for mark in (limits[0], *inner, limits[1]):
+        column = x + round((mark - limits[0]) / (limits[1] - limits[0]) * (size[0] - 1))
+        canvas[y + size[1] : y + size[1] + 5, column] = 60
+        write(canvas, f"{mark:.3g}", (column, y + size[1] + 6), 14, anchor="middle", grey=60)
+    write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
+
+
+_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # glyphs VTK's font lacks
+
+
+def write(
+    canvas: Picture, text: str, at: tuple[float, float], size: int, bold: bool = False, anchor: str = "start",
+    grey: int = 20,
+) -> None:  # fmt: skip
+    """Put a line of text on a picture, its top left (or top middle) at ``at``; the rest is cut off."""
+    ink = lettering(text.translate(_ASCII), size, bold)
+    x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
+    y = round(at[1] + 1.4 * size) - ink.shape[0]  # bottoms of all letterings lie alike
+    left, top = max(-x, 0), max(-y, 0)
+    under = canvas[y + top : y + ink.shape[0], x + left : x + ink.shape[1]]
+    ink = ink[top : top + under.shape[0], left : left + under.shape[1], None]
+    under[:] = np.round(under * (1 - ink) + grey * ink).astype(np.uint8)
+
+
+def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
+    """A line of text, or as much of its beginning and end as is at most ``width`` pixels wide, "…" between them."""
+    words, kept = text, len(text)
+    while kept > 2 and lettering(words.translate(_ASCII), size, bold).shape[1] > width:
+        kept -= 1
+        words = text[: kept - kept // 2] + "…" + text[len(text) - kept // 2 :]
+    return words
+
+
+def safe_name(key: str) -> str:
+    """A map's name, which a file may have brought, as a file name of letters, digits, ``-`` and ``_``."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"

@@ -1,0 +1,304 @@
+"""Phase diagrams of a sweep: a measure over two varied keys as coloured cells, or over one as a curve, with the theory.
+
+Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold.report.plots.line_plots.save`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
+from morphofold.quantities import round_out
+from morphofold.report import colours
+from morphofold.report.plots.line_plots import BLACK, GREY, new_figure
+from morphofold.report.plots.svg import number
+from morphofold.studies.pages.scenes import MEANINGS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from morphofold.cohort.grid import Axis
+
+Place = tuple[int, ...]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A measure of the diagrams: ``least`` is where its colours and axes begin."""
+
+    key: str
+    label: str
+    unit: str
+    least: float
+
+    @property
+    def title(self) -> str:
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+WAVELENGTH = "wavelength_mm"
+ROUND_OFF = 1e-3        # of the measures that are shown, in their units
+SHOWN = (
+    Shown("gyrification_index", "Gyrification index", "", 1.0),
+    Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
+    Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
+)
+FLAT = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A measure at one place: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
+    where there is none, and how many runs failed, and are not healthy."""
+
+    mean: float
+    sd: float
+    n: int
+    runs: int
+    failed: int
+    unhealthy: int = 0
+
+    @property
+    def words(self) -> list[str]:
+        """The cell in at most three short lines."""
+        if self.n == 0:
+            return ["failed" if self.failed == self.runs else "–"]
+        mean = number(float(f"{self.mean:.3g}"))                        # 0.99999 is 1.00, as 1.00001 is
+        lines = [mean + "*" * bool(self.unhealthy)]
+        if self.n > 1:
+            places = len(mean.partition(".")[2])                        # as many as the mean has
+            sd = f"{self.sd:.{places}f}"
+            lines.append(f"± {number(self.sd, 1) if self.sd > ROUND_OFF and not float(sd) else sd}")
+        if self.n < self.runs:
+            lines.append(f"({self.n} of {self.runs})")
+        return lines
+
+
+def shown_of(phases: Phases) -> tuple[Shown, ...]:
+    """The measures that mean something of the shape of a sweep.
+
+    A patch or strip has a border, so no gyrification index: its area over that of the flat piece takes its place. A
+    strip is a section through folds: it has no hinges, and is too narrow for the relief that wavelengths are taken of.
+    """
+    shape = phases.grid.points[0].scene.geometry.shape
+    if shape not in ("patch", "strip"):
+        return SHOWN
+    return (FLAT, *SHOWN[1:]) if shape == "patch" else (FLAT,)
+
+
+def measured(phases: Phases, shown: Shown) -> bool:
+    """Whether any run has a measure."""
+    return any(math.isfinite(run.measures.get(shown.key, math.nan)) for run in phases.runs)
+
+
+def cell(phases: Phases, at: Place, key: str) -> Cell:
+    """What the seeds of one place say of a measure."""
+    runs = phases.at[at]
+    values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
+    mean = float(np.mean(values)) if values else math.nan
+    sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    failed, unhealthy = (sum(map(bool, found)) for found in zip(*((run.reason, run.warnings) for run in runs)))
+    return Cell(mean, sd, len(values), len(runs), failed, unhealthy)
+
+
+def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
+    """From ``shown.least`` to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
+    values = [run.measures[shown.key] for run in phases.runs if math.isfinite(run.measures.get(shown.key, math.nan))]
+    above = max([*values, shown.least]) - shown.least
+    return shown.least, shown.least + (round_out(above) if above > ROUND_OFF else 1.0)
+
+
+def slices(phases: Phases) -> list[Place]:
+    """Places of the third and further axes, one diagram each; one empty place where there are none."""
+    return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
+
+
+def beyond(phases: Phases, at: Place) -> float:
+    """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
+    return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
+
+
+# diagrams ----------------------------------------------------------------------------------------------------
+
+
+def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
+    """A measure over the first two axes, at ``others`` of the further ones: a cell for each point.
+
+    The dashed line is where final growth is theory's critical growth, straight between numbers; between words, which
+    have no order, there is none.
+    """
+    across, up = phases.grid.axes[:2]
+    cells = {(i, j): cell(phases, (i, j, *others), shown.key)
+             for i in range(len(across.values)) for j in range(len(up.values))}  # fmt: skip
+    means = np.full((len(up.values), len(across.values)), np.nan)
+    for (i, j), one in cells.items():
+        means[j, i] = one.mean
+    limits = limits_of(phases, shown)
+    rgb = colours.apply(means, limits, signed=False)
+    size = (max(4.8, 1.15 * len(across.values) + 2.2), max(3.4, 0.95 * len(up.values) + 1.4))
+    with new_figure(*size, 1, 1) as (figure, ((ax,),)):
+        ax.grid(False)
+        ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
+        for (i, j), one in cells.items():
+            _write_cell(ax, (i, j), [*one.words, *_theory_words(phases, (i, j, *others), shown)], rgb[j, i], one)
+        if _draw_boundary(ax, phases, others):
+            line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
+            figure.legend(handles=[line], loc="outside lower center")
+        _name_axes(ax, phases)
+        ax.set_title(_title(phases, shown, others), loc="left")
+        if np.isfinite(means).any():
+            _colour_bar(figure, ax, shown, limits)
+    return figure
+
+
+def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np.uint8], one: Cell) -> None:
+    from matplotlib.patches import Rectangle
+
+    if one.failed:
+        corner = (at[0] - 0.5, at[1] - 0.5)
+        ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
+    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}     # over hatches and the line of theory
+    words = "\n".join(lines)
+    ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
+
+
+def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
+    """What theory says beside a cell: its wavelength beside the measured one, critical growth beside gyrification."""
+    found = phases.theory[at]
+    if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
+        return [f"theory {number(found.wavelength)}"]
+    if shown.key == SHOWN[0].key and math.isfinite(found.g_crit):
+        return [f"theory g {number(found.g_crit)}"]
+    return []
+
+
+def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
+    """The line between folded and smooth, if it lies inside: a piece for each word of an axis of words."""
+    first, second = phases.grid.axes[:2]
+    across, up = len(first.values), len(second.values)
+    above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
+    x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
+    pieces = []                                                         # (x, y, values at them), each with a line
+    if first.numeric and second.numeric and min(across, up) > 1:
+        pieces = [(x, y, above)]
+    elif second.numeric and up > 1:
+        pieces = [(np.array([i - 0.5, i, i + 0.5]), y, above[:, i : i + 1]) for i in range(across)]
+    elif first.numeric:
+        pieces = [(x, np.array([j - 0.5, j, j + 0.5]), above[j : j + 1]) for j in range(up)]
+    pieces = [one for one in pieces if (one[2] < 0).any() and (one[2] > 0).any()]
+    for x, y, values in pieces:
+        to_the_rim = np.ma.masked_invalid(np.pad(values, 1, mode="edge"))
+        for colour, width in (("white", 4.0), (BLACK, 1.9)):
+            ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+    return bool(pieces)
+
+
+def _name_axes(ax: Axes, phases: Phases) -> None:
+    across, up = phases.grid.axes[:2]
+    ax.set_xticks(range(len(across.words)), [_short(word) for word in across.words])
+    ax.set_yticks(range(len(up.words)), [_short(word) for word in up.words])
+    ax.tick_params(length=0)
+    ax.set(xlabel=_plain(axis_title(phases, across)), ylabel=_plain(axis_title(phases, up)))
+
+
+def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    table = ListedColormap(colours.sequential() / 255)
+    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), ax=ax, pad=0.02)
+    bar.set_label(shown.title)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+# curves ------------------------------------------------------------------------------------------------------
+
+
+def curve(phases: Phases, shown: Shown) -> Figure:
+    """A measure over the one axis: every seed a dot, the means a line, theory's wavelength dashed, its boundary dotted.
+
+    Over words, which have no order, nothing is joined: means and theory are level marks.
+    """
+    (axis,) = phases.grid.axes
+    x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
+    order = np.argsort(x, kind="stable")
+    style: dict[str, Any] = {} if axis.numeric else {"linestyle": "", "marker": "_", "markersize": 26}
+    with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
+        for i, at in enumerate(x):
+            values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
+            ax.plot(np.full(len(values), at), values, "o", color=colours.CATEGORICAL[0], markersize=5, alpha=0.6)
+            doubted = [run.measures.get(shown.key, math.nan) for run in phases.at[i,] if run.warnings]
+            ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
+            if failed := sum(bool(run.reason) for run in phases.at[i,]):
+                ax.annotate(
+                    f"{failed} failed", (at, 0), xycoords=("data", "axes fraction"), xytext=(0, 4),
+                    textcoords="offset points", ha="center", color=GREY, fontsize=9,
+                )  # fmt: skip
+        means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
+        if np.isfinite(means).any():
+            label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
+            if axis.numeric or len(phases.grid.seeds) > 1:
+                ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label, **style)
+        top = limits_of(phases, shown)[1]
+        if shown.key == WAVELENGTH:
+            theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
+            if np.isfinite(theory).any():
+                dashed = {"linestyle": "--", "marker": "."} if axis.numeric else style
+                ax.plot(x[order], theory[order], color=BLACK, label="theory, first wrinkles", **dashed)
+                top = max(top, 1.08 * float(np.nanmax(theory)))
+        above = np.array([beyond(phases, (i,)) for i in range(len(x))])[order]
+        for k, place in enumerate(crossings(x[order], above) if axis.numeric else []):
+            words = "final growth = theory's critical growth" if k == 0 else None
+            ax.axvline(place, color=GREY, linestyle=":", label=words)
+        ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
+        if not axis.numeric:
+            ax.set_xticks(x, [_short(word) for word in axis.words])
+        ax.set(xlabel=_plain(axis_title(phases, axis)), ylabel=_plain(shown.title))
+        ax.set_title(_plain(shown.label), loc="left")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def crossings(x: Array, y: Array) -> list[float]:
+    """Where a curve, straight between its points (N,), passes through zero from one side to the other."""
+    return [
+        float(a + (b - a) * u / (u - v)) for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
+        if u * v < 0
+    ]  # fmt: skip
+
+
+def _title(phases: Phases, shown: Shown, others: Place) -> str:
+    fixed = others_words(phases, others)
+    return _plain(shown.label + (f" at {fixed}" if fixed else ""))
+
+
+def axis_title(phases: Phases, axis: Axis) -> str:
+    """A varied key and its unit."""
+    table, _, key = axis.key.rpartition(".")
+    model: Any = phases.grid.points[0].scene
+    for part in table.split("."):
+        model = getattr(model, part, None)
+    unit, _ = MEANINGS.get((type(model).__name__, key)) or MEANINGS.get(("", key), ("", ""))
+    return f"{axis.label} [{unit}]" if unit else axis.label
+
+
+def others_words(phases: Phases, others: Place) -> str:
+    """The values of the third and further axes, in words."""
+    return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
+
+
+def _short(word: str) -> str:
+    return _plain(word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}")
+
+
+def _plain(text: str) -> str:
+    """Text in which matplotlib sees no formula."""
+    return text.replace("$", r"\$")

@@ -1,0 +1,158 @@
+"""A gyral graph on disk: node-link JSON, as ``networkx.node_link_graph(..., edges="edges")`` reads it too."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from morphofold.analysis.graph.crest_net import GyralScales
+from morphofold.io.json_files import Amount, Count, Number, Record, read_json
+
+CURE = "Analyze anew."
+Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class Scales(Record):
+    """As :class:`morphofold.analysis.graph.crest_net.GyralScales` has them [mm]."""
+
+    width: Amount
+    reach: Amount
+    smoothing: Amount
+    persistence: Amount
+    merge: Amount
+    prune: Amount
+    tip: Amount
+
+
+class Head(Record):
+    """Of the graph itself."""
+
+    scales: Scales | None
+    surface: str
+    edge: Number
+    wavelength: Number | None
+
+
+class Node(Record):
+    """Where crests meet or end."""
+
+    id: Count
+    position: Point
+    normal: Point
+    vertex: Count
+    degree: Count
+    cut: bool
+    persistence: Number | None
+    confidence: Number | None = None                                    # older graphs have none
+
+
+class Edge(Record):
+    """A crest between two nodes."""
+
+    source: Count
+    target: Count
+    polyline: Annotated[list[Point], Field(min_length=2)]
+    vertices: list[Count]
+    blind: bool
+    number: Count
+    length: Number
+    altitude: Number
+    lowest: Number
+    strength: Number
+    curvature: Number
+
+
+class GraphFile(Record):
+    """A whole file."""
+
+    directed: Literal[False]
+    multigraph: Literal[True]
+    graph: Head
+    nodes: list[Node]
+    edges: list[Edge]
+
+
+def write_graph(path: Path, graph: nx.MultiGraph) -> None:
+    """Write what :func:`morphofold.analysis.gyral_graph` found; numbers with seven figures, NaN as null."""
+    scales = graph.graph["scales"]
+    plain: nx.MultiGraph = nx.MultiGraph(
+        **{**_plain(graph.graph), "scales": None if scales is None else asdict(scales)}
+    )
+    plain.add_nodes_from((node, _plain(data)) for node, data in graph.nodes(data=True))
+    plain.add_edges_from((a, b, _plain(data)) for a, b, data in graph.edges(data=True))
+    path.write_text(json.dumps(nx.node_link_data(plain, edges="edges"), allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_graph(path: Path, n: int) -> nx.MultiGraph:
+    """What :func:`write_graph` wrote, for a surface of ``n`` vertices.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it holds anything else, or names vertices that the surface lacks.
+    """
+    content = read_json(path, GraphFile, CURE)
+    ids = {node["id"] for node in content["nodes"]}
+    for edge in content["edges"]:
+        if not ids >= {edge["source"], edge["target"]} or len(edge["vertices"]) != len(edge["polyline"]):
+            raise ValueError(f"{path}: edge {edge['number']} joins no two nodes, or lacks vertices. {CURE}")
+    for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
+        if max(place) >= n:
+            raise ValueError(f"{path}: names vertex {max(place)}, the surface has 0..{n - 1}. {CURE}")
+    return _graph(content)
+
+
+def _plain(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _short(value) for key, value in data.items()}
+
+
+def _short(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [_short(x) for x in value.tolist()]
+    if isinstance(value, list):
+        return [_short(x) for x in value]
+    if isinstance(value, np.generic):
+        return _short(value.item())
+    if isinstance(value, float):
+        return float(f"{value:.7g}") if np.isfinite(value) else None
+    return value
+
+
+def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
+    head, scales = content["graph"], content["graph"]["scales"]
+    names = GyralScales.__dataclass_fields__
+    graph: nx.MultiGraph = nx.MultiGraph(
+        scales=None if scales is None else GyralScales(**{name: float(scales[name]) for name in names}),
+        surface=head["surface"], edge=float(head["edge"]), wavelength=_number(head["wavelength"]),
+    )  # fmt: skip
+    for node in content["nodes"]:
+        graph.add_node(
+            node["id"], position=_array(node["position"]), vertex=node["vertex"], degree=node["degree"],
+            cut=node["cut"], normal=_array(node["normal"]), persistence=_number(node["persistence"]),
+            confidence=_number(node.get("confidence")),                 # older graphs have none
+        )  # fmt: skip
+    for edge in content["edges"]:
+        graph.add_edge(
+            edge["source"], edge["target"], polyline=_array(edge["polyline"]),
+            vertices=np.array(edge["vertices"], dtype=np.int64), blind=edge["blind"], number=edge["number"],
+            **{key: float(edge[key]) for key in ("length", "altitude", "lowest", "strength", "curvature")},
+        )  # fmt: skip
+    return graph
+
+
+def _array(values: Any) -> NDArray[Any]:
+    return np.array(values, dtype=np.float64)
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)

@@ -1,0 +1,164 @@
+"""A weak stiffness of the pial surface against zigzags of the size of one cell, which no affine map wakes.
+
+Elements under extreme compression fall into saw-teeth; this stops them. Of a smooth surface its energy is of order h^4.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from morphofold.sim.elements import brick_kernels
+from morphofold.sim.mesh.bilayer import Bilayer
+
+Array = NDArray[np.float64]
+
+FLAT = 1e-7             # singular value, over the largest, below which a stencil is flat that way
+SAME = 1e-4             # distance at which two points of a stencil are one [cell sizes]
+
+
+class SurfaceFilter:
+    """Energy ``strength H/2 sum_i w_i |(M u)_i|^2`` of the displacements u = x - X of the pial surface.
+
+    A row of M is that of L L, where L u is the mean of a node's neighbours minus the node, less its projection onto
+    the affine functions of position on its stencil. So M x = 0 for every affine map x of X, and the energy of M u =
+    M x stays the same under any rigid motion. Beyond a symmetry plane stand the mirror images of the nodes; w halves
+    on the plane. H is the size of a cell before growth times the mean stretch of growth: it does not depend on x, and
+    forces are the energy's derivative.
+
+    Parameters
+    ----------
+    bilayer : Bilayer
+        Stencils are laid out at its mesh's own positions, so that an imperfection makes no normal of a flat surface.
+    X : (N, 3) float64
+        Reference positions [mm].
+    strength : float
+        [Pa]
+    cell : float
+        Size of a cell of the reference surface [mm].
+    """
+
+    def __init__(self, bilayer: Bilayer, X: Array, strength: float, cell: float):
+        n = bilayer.n_surface
+        stencils = _affine_free(_twice(_umbrella(bilayer)), bilayer.mesh.p.T, cell)
+        on_planes = sum((bilayer.mesh.p[axis, :n] == at for axis, at, _ in bilayer.planes), np.zeros(n))
+        share = sparse.diags(0.5**on_planes)
+
+        def stiffness(values: Array) -> sparse.csr_matrix:
+            M = sparse.csr_matrix((values, (stencils.row, stencils.node)), shape=(n, n))
+            return sparse.csr_matrix(M.T @ share @ M)
+
+        even = stiffness(stencils.value)
+        self._B = [even] * 3
+        for axis in {plane.axis for plane in bilayer.planes}:           # this component changes sign in the mirror
+            self._B[axis] = stiffness(stencils.value * stencils.sign[:, axis])
+        self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
+        odd = [sparse.coo_matrix(B - even) for B in self._B]
+        joined = [np.concatenate([getattr(D, name) for D in odd]) for name in ("row", "col", "data")]
+        self._even = even.indptr, even.indices, even.data
+        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
+        self._X, self._u = X[:n].copy(), np.zeros((n, 3))
+        self._cell, self._strength = cell, strength
+        self.grow(1.0)
+
+    def grow(self, stretch: float) -> None:
+        """Set the size of a cell for a mean ``stretch`` of growth."""
+        self._scale = self._strength * self._cell * stretch
+
+    @property
+    def stiffness(self) -> Array:
+        """Row sums of the filter's stiffness matrix (S,), an upper bound of its eigenvalues."""
+        return self._scale * self._row_sum
+
+    def forces(self, x: Array, out: Array | None = None) -> Array:
+        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), into ``out`` if that is given."""
+        out = np.empty_like(self._X) if out is None else out
+        brick_kernels.filter_forces(*self._even, *self._odd, x, self._X, self._scale, self._u, out)
+        return out
+
+    def energy(self, x: Array) -> float:
+        """Energy of the filter at positions ``x``: half the work of its forces on the way back, as it is quadratic."""
+        forces = self.forces(x)
+        return -0.5 * float(np.sum(forces * self._u))
+
+    def matrix(self, axis: int) -> sparse.csr_matrix:
+        """Stiffness (S, S) of one component at the present growth."""
+        return self._scale * self._B[axis]
+
+
+class _Stencils(NamedTuple):
+    """Rows of an operator on the surface, mirror images of nodes beyond the planes among them.
+
+    Entry e of row ``row`` is ``value`` times the function at ``sign * position of node + offset``; entries of a row
+    stand together. ``row``, ``node`` (E,) int, ``sign``, ``offset`` (E, 3), ``value`` (E,) float64.
+    """
+
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    sign: Array
+    offset: Array
+    value: Array
+
+    def taken(self, where: NDArray[np.generic]) -> _Stencils:
+        return _Stencils(*(part[where] for part in self))
+
+
+def _umbrella(bilayer: Bilayer) -> _Stencils:
+    """The mean of a node's neighbours minus the node."""
+    faces, n = bilayer.faces, bilayer.n_surface
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    i, j = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0).T
+    found = _Stencils(i, j, np.ones((len(i), 3)), np.zeros((len(i), 3)), np.ones(len(i)))
+    for axis, at, _ in bilayer.planes:
+        on = bilayer.mesh.p[axis, :n] == at
+        images = found.taken(on[found.row] & ~on[found.node])
+        images.sign[:, axis] *= -1
+        images.offset[:, axis] = 2 * at - images.offset[:, axis]
+        found = _Stencils(*(np.concatenate(parts) for parts in zip(found, images)))
+    mean = 1 / np.bincount(found.row, minlength=n)[found.row]
+    own = np.arange(n)
+    itself = _Stencils(own, own, np.ones((n, 3)), np.zeros((n, 3)), -np.ones(n))
+    joined = _Stencils(*(np.concatenate(parts) for parts in zip(found._replace(value=mean), itself)))
+    return joined.taken(np.argsort(joined.row, kind="stable"))
+
+
+def _twice(one: _Stencils) -> _Stencils:
+    """The operator applied to itself: from each entry on to all of its node's row."""
+    count = np.bincount(one.row)
+    first = np.cumsum(count) - count
+    onward = count[one.node]
+    a = np.repeat(np.arange(len(one.row)), onward)
+    b = np.arange(len(a)) - np.repeat(np.cumsum(onward) - onward, onward) + first[one.node[a]]
+    return _Stencils(
+        one.row[a], one.node[b], one.sign[a] * one.sign[b], one.sign[a] * one.offset[b] + one.offset[a],
+        one.value[a] * one.value[b],
+    )  # fmt: skip
+
+
+def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
+    """Each row less its projection onto 1 and the three coordinates of its points, which it comes to once each."""
+    at = stencils.sign * p[stencils.node] + stencils.offset
+    places = np.rint(at / (SAME * cell)).astype(np.int64)
+    order = np.lexsort((*places.T, stencils.node, stencils.row))
+    keys = np.column_stack([stencils.row, stencils.node, places])[order]
+    new = np.concatenate([[True], np.any(keys[1:] != keys[:-1], axis=1)])
+    first = np.flatnonzero(new)
+    value = np.add.reduceat(stencils.value[order], first)
+    found, at = stencils.taken(order[first])._replace(value=value), at[order[first]]
+
+    size = np.bincount(found.row)
+    start = np.cumsum(size) - size
+    for m in np.unique(size):
+        rows = np.flatnonzero(size == m)
+        entries = start[rows, None] + np.arange(m)
+        affine = np.concatenate([np.ones((len(rows), m, 1)), (at[entries] - p[rows, None]) / cell], axis=2)
+        U, s, _ = np.linalg.svd(affine, full_matrices=False)
+        U *= (s > FLAT * s[:, :1])[:, None, :]
+        row = value[entries][..., None]
+        for _ in range(2):                                              # again for what round-off left
+            row = row - U @ (U.swapaxes(1, 2) @ row)
+        value[entries] = row[..., 0]
+    return found._replace(value=value)

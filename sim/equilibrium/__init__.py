@@ -1,0 +1,1 @@
+"""Rest, equilibrium and loss of stability of a body: gauges, Newton's method, exact stiffness."""

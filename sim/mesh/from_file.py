@@ -1,0 +1,211 @@
+"""A cortex on a core from any file of tetrahedra: layers by depth or by label, thickness direction, white surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+from skfem import MeshTet
+
+from morphofold.intersections.boxes import _morton
+from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.streamlines import descend
+from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
+from morphofold.sim.scene import MeshFile
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+STRIDE = 0.25           # step towards the white surface, in mean edges of the pial surface
+
+
+class Layers(NamedTuple):
+    """Which tetrahedra are cortex (E,). Of the nodes, the pial point above them and the direction there (N, 3), and a
+    level (N,): 1 on the pial surface, 0 on the white one, negative below."""
+
+    cortex: Bools
+    foot: Array
+    radial: Array
+    level: Array
+
+
+def bilayer_from_file(geometry: MeshFile) -> Bilayer:
+    """The body of a scene whose shape is ``mesh``.
+
+    Parameters
+    ----------
+    geometry : MeshFile
+        Its ``file`` is a path, or the name of a sample (``data_samples``). Triangles and lines beside the tetrahedra
+        are left out, and so are points that no tetrahedron has.
+
+    Returns
+    -------
+    Bilayer
+        Elements and nodes in the order of a space-filling curve, those of the cortex and of the pial surface first.
+        The pial surface is the part of the boundary that encloses the others; depth is the exact distance to it.
+        ``radial`` is minus the gradient of depth in a smoothed form, the normal at the nearest pial point. ``share``
+        is 1 - depth / cortex_thickness; with a label it is the distance to the cortex's inner boundary over its sum
+        with the depth. The white vertex of a pial one is where the way along -radial meets share 0, or its least value:
+        a crown may be thinner than that, and where a label puts no cortex at the surface, white and pial are one.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If the file doesn't hold such a body (:func:`morphofold.sim.mesh.tetmesh.read_tets`), or there is no cortex,
+        no core, or nothing to hold.
+    """
+    name, body = geometry.file, read_tets(geometry)
+    if geometry.held == "inner" and not len(body.inner):
+        raise ValueError(f"{name}: has no hollow to hold (geometry.held = 'inner'); set held to 'nothing'.")
+    pial = _Sheet(body.points, body.pial)
+    thickness = geometry.cortex_thickness
+    layers = _by_depth(name, body, pial, thickness) if body.cortex is None else _by_label(name, body, body.cortex, pial)
+
+    surface, n_cortex = np.unique(body.pial), int(layers.cortex.sum())
+    node, element = _order(body, surface, layers.cortex)
+    rank, n_surface = _inverse(node), len(surface)
+    points, tets = body.points[node], rank[body.tets[element]]
+    across = np.append(_inverse(element), -1)[body.across[element]]
+    faces = tets[:, FACES][(across < 0) & (tets[:, FACES] < n_surface).all(axis=2)]
+    edge = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
+    radial, level = layers.radial[node], layers.level[node]
+    white = _white(points, tets, across, radial, level, n_surface, STRIDE * float(edge.mean()))
+    mesh = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
+        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
+    )
+    held = np.unique(rank[body.inner]) if geometry.held == "inner" else np.empty(0, dtype=np.int64)
+    return Bilayer(
+        mesh, faces, n_surface, white, radial, layers.foot[node], np.clip(level, 0.0, 1.0), held, (), (),
+        float(edge.max()),
+    )  # fmt: skip
+
+
+class Nearest(NamedTuple):
+    """Of points (P, 3): distance to a sheet (P,), the sheet's nearest point and the normal there (P, 3)."""
+
+    distance: Array
+    foot: Array
+    normal: Array
+
+
+class _Sheet:
+    """Distances to a surface of triangles (F, 3) over the ``points`` of a mesh.
+
+    Normals at the vertices are weighted by angle, and linear in a triangle: the gradient of the distance itself
+    is constant below each triangle.
+    """
+
+    def __init__(self, points: Array, faces: Ints):
+        import pyvista
+        import trimesh
+
+        self._nodes, local = np.unique(faces, return_inverse=True)
+        corners = points[self._nodes]
+        self._shape = trimesh.Trimesh(corners, local.reshape(-1, 3), process=False)
+        self._tree = cKDTree(corners)
+        self._locator = pyvista.PolyData.from_regular_faces(corners, self._shape.faces)
+        #: the nearest vertex is at most this much farther than the surface
+        self.reach = float(self._shape.edges_unique_length.max()) / 3**0.5
+
+    def measure(self, points: Array, exactly: Ints) -> Nearest:
+        """Distances of the mesh's points: to the nearest vertex, but for those ``exactly``, which get their own."""
+        distance, vertex = self._tree.query(points)
+        found = Nearest(distance, np.array(self._shape.vertices)[vertex], self._shape.vertex_normals[vertex])
+        exactly = np.setdiff1d(exactly, self._nodes)                    # those have their own already, 0 to the bit
+        for all_, own in zip(found, self.nearest(points[exactly])):
+            all_[exactly] = own
+        return found
+
+    def nearest(self, points: Array) -> Nearest:
+        """Distances of points to the surface."""
+        import trimesh
+
+        if not len(points):
+            return Nearest(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
+        face, foot = self._locator.find_closest_cell(points, return_closest_point=True)
+        weights = trimesh.triangles.points_to_barycentric(self._shape.triangles[face], foot)
+        normal = np.einsum("ik,ikr->ir", weights, self._shape.vertex_normals[self._shape.faces[face]])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return Nearest(np.linalg.norm(points - foot, axis=1), foot, normal)
+
+    def nodes_above(self, points: Array, tets: Ints, depth: float) -> Ints:
+        """Nodes of the tetrahedra that reach nearer to the surface than ``depth``, and perhaps some more."""
+        rough = self._tree.query(points)[0]
+        return np.unique(tets[(rough[tets] <= depth + self.reach).any(axis=1)])
+
+
+def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layers:
+    """The cortex is what has its centroid less than ``thickness`` below the pial surface."""
+    points, tets = body.points, body.tets
+    under = pial.measure(points, pial.nodes_above(points, tets, thickness))
+    depth = under.distance
+    centroid = points[tets].mean(axis=1)
+    arm = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
+    cortex = (depth[tets] + arm).min(axis=1) < thickness                # distance changes no faster than place
+    open_ = np.flatnonzero(~cortex & ((depth[tets] - arm).max(axis=1) < thickness))
+    cortex[open_] = pial.nearest(centroid[open_]).distance < thickness
+    cure = "or set geometry.scale if lengths aren't in mm."
+    if cortex.all():
+        raise ValueError(
+            f"{name}: a cortex of {thickness:g} mm leaves no core in a body {depth.max():.3g} mm deep; make "
+            f"geometry.cortex_thickness smaller, {cure}"
+        )
+    bare = int((~cortex & ((body.across < 0) & (depth[tets[:, FACES]] == 0).all(axis=2)).any(axis=1)).sum())
+    if bare:
+        raise ValueError(
+            f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thickness:g} mm; "
+            f"refine the mesh, make geometry.cortex_thickness larger, {cure}"
+        )
+    return Layers(cortex, under.foot, under.normal, 1 - depth / thickness)
+
+
+def _by_label(name: str, body: TetMesh, cortex: Bools, pial: _Sheet) -> Layers:
+    """The cortex is what is labelled so; its inner boundary is where it meets other tetrahedra."""
+    points, tets = body.points, body.tets
+    inside = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
+    border, grey = _Sheet(points, tets[:, FACES][inside]), np.unique(tets[cortex])
+    under = pial.measure(points, grey)
+    if not (under.distance[grey] == 0).any():
+        raise ValueError(f"{name}: the cortex (geometry.cortex_label) lies nowhere at the outer surface; name another.")
+    above = border.measure(points, grey).distance
+    level = -above / border.reach
+    total = above + under.distance
+    level[grey] = np.divide(above, total, out=np.zeros(len(points)), where=total > 0)[grey]
+    return Layers(cortex, under.foot, under.normal, level)
+
+
+def _order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
+    """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
+    low, size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
+    below = np.ones(len(body.points), dtype=bool)
+    below[surface] = False
+    centroid = body.points[body.tets].mean(axis=1)
+    return (np.lexsort((_morton((body.points - low) / size), below)),
+            np.lexsort((_morton((centroid - low) / size), ~cortex)))  # fmt: skip
+
+
+def _inverse(order: Ints) -> Ints:
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return rank
+
+
+def _white(
+    points: Array, tets: Ints, across: Ints, radial: Array, level: Array, n_surface: int, stride: float
+) -> sparse.csr_matrix:
+    """The white surface (S, N) from the nodes: the point below each pial vertex at which the level is 0."""
+    start = np.zeros(n_surface, dtype=np.int64)
+    for k in range(4):
+        at = np.flatnonzero(tets[:, k] < n_surface)
+        start[tets[at, k]] = at
+    where, weights = np.empty(n_surface, dtype=np.int64), np.empty((n_surface, 4))
+    longest = float(np.linalg.norm(np.ptp(points, axis=0)))
+    descend(points, tets, across, start, radial, level, stride, int(longest / stride), where, weights)
+    weights = np.clip(weights, 0.0, 1.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(n_surface), 4)
+    return sparse.csr_matrix((weights.ravel(), (rows, tets[where].ravel())), (n_surface, len(points)))

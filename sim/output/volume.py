@@ -1,0 +1,99 @@
+"""What ParaView opens: the volume of each stage, and ``stages.pvd``, their series over growth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.io import atomic_file
+from morphofold.sim.output.folder_check import stage_folder
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+    from morphofold.sim.scene import Scene
+
+Array = NDArray[np.float64]
+
+VOLUME, SERIES = "volume.vtu", "stages.pvd"
+
+
+def write_volume(folder: Path, body: Body, x: Array) -> None:
+    """``volume.vtu``: the body at positions ``x`` (N, 3) [mm], its reference positions, and fields of its elements.
+
+    Stresses and energies are in units of the core's shear modulus, and energies times mm^3.
+    """
+    import meshio
+
+    from morphofold.sim.elements.bricks import BINARY_CORNERS
+    from morphofold.sim.equilibrium.tangent import stress_of_elements
+
+    element = body.elements.state()
+    layer = np.zeros(body.elements.n)
+    layer[: body.elements.n_cortex] = 1
+    corners = body.bilayer.mesh.t.T
+    bricks = corners.shape[1] == 8
+    if bricks:
+        corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]              # VTK's order of i, j, k
+    meshio.Mesh(
+        x,
+        [("hexahedron" if bricks else "tetra", corners)],
+        point_data={"reference": body.X, "displacement": x - body.X},
+        cell_data={
+            "cortex": [layer],
+            "volume_ratio": [element["volume_ratio"]],
+            "min_J": [element["J_min"]],
+            "energy": [element["energy"]],
+            "cauchy_stress": [stress_of_elements(body, x)],
+        },
+    ).write(folder / VOLUME)
+
+
+def read_volume(path: Path) -> tuple[Array, Array]:
+    """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, as they were written, to the last bit."""
+    import meshio
+
+    from morphofold.io.vtk_blocks import check_blocks
+
+    check_blocks(path.read_bytes())
+    mesh = meshio.read(path)
+    return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
+
+
+def stages_with_volume(out: Path, scene: Scene) -> list[float]:
+    """Growth of the stages in a run's folder that have a volume, ascending."""
+    return [g for g in scene.stages if (stage_folder(out, g) / VOLUME).is_file()]
+
+
+def write_series(out: Path, scene: Scene) -> None:
+    """Write ``stages.pvd`` of the stages there are, unless it is there; nothing where none has a volume."""
+    text = _series(out, scene)
+    if text and _there(out) != text.encode():
+        with atomic_file(out / SERIES) as temporary:
+            temporary.write_bytes(text.encode())
+
+
+def check_series(out: Path, scene: Scene) -> None:
+    """Refuse a ``stages.pvd`` that isn't that of the stages there are; one that is missing can be written anew."""
+    if _there(out) not in (None, _series(out, scene).encode()):
+        raise ValueError(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it anew.")
+
+
+def _there(out: Path) -> bytes | None:
+    return (out / SERIES).read_bytes() if (out / SERIES).exists() else None
+
+
+def _series(out: Path, scene: Scene) -> str:
+    """A collection of VTK files, whose time is the growth g; empty without one."""
+    rows = [
+        f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME}"/>\n'
+        for g in stages_with_volume(out, scene)
+    ]
+    if not rows:
+        return ""
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        f"{''.join(rows)}  </Collection>\n</VTKFile>\n"
+    )

@@ -1,0 +1,231 @@
+"""Scenes from TOML files, built-in names and ``table.key=value`` settings, and back to TOML."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from morphofold.sim.scene import SHAPES, Scene
+from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, root_problems, with_notes
+
+MOST_PROBLEMS = 20      # that are told of one scene
+#: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
+_SAID = re.compile(
+    r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
+    r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""", re.DOTALL,
+)  # fmt: skip
+#: a dotted key of more than 32 parts, of which tomllib would keep every beginning
+_DEEP = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
+
+
+def scene_names() -> list[str]:
+    """Names of the built-in scenes."""
+    folder = resources.files("morphofold.sim") / "scenes"
+    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+
+
+def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scene:
+    """A scene from a built-in name, a TOML file, or a ``Scene``, with ``table.key=value`` settings put over it.
+
+    A file may begin with ``like``: a built-in scene, or a file by its path from the folder of this one, over which it
+    is put. Where a file or a setting changes ``growth.final`` and leaves ``output.stages``, stages beyond are dropped;
+    where it names an ``accuracy.level`` and leaves ``accuracy.edge``, the edge is dropped that would overrule it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither a built-in scene nor a file of that name.
+    ValueError
+        If the file is not TOML, or says something unknown, impossible or contradictory; the first problem,
+        with the line or the setting that says it, and the others as notes of the error.
+    """
+    own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read(source)
+    keyed = [(_key_of(setting), setting) for setting in settings]
+    try:
+        base = _base(own, None if isinstance(source, Scene) else Path(source).parent)
+        tables = _tables(own, base, keyed)
+        try:
+            return Scene.model_validate(tables)
+        except ValidationError as error:
+            problems = root_problems(error.errors())
+    except RecursionError:
+        raise ValueError(f"{own.where}: not a scene: lists or tables are nested too deeply.") from None
+    sources = [own] if base is None else [own, base]
+
+    def still(fewer: Sequence[tuple[str, str]]) -> list[Problem]:
+        try:
+            Scene.model_validate(_tables(own, base, fewer))
+        except ValidationError as error:
+            return root_problems(error.errors())
+        return []
+
+    lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
+    more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
+    raise with_notes(lines + more)
+
+
+def _read(source: str | Path) -> Source:
+    path = Path(source)
+    if path.suffix != ".toml" and str(source) in scene_names():
+        text = (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8")
+        return Source(str(source), text)
+    if not str(source):
+        raise ValueError(f"no scene is named. Built-in scenes: {', '.join(scene_names())}.")
+    if path.is_dir():
+        inside = path / "scene.toml"
+        more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
+        raise ValueError(f"{path}: is a folder, not a scene; {more}.")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
+    if not path.is_file():
+        close = difflib.get_close_matches(str(source), scene_names(), n=1)
+        hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
+        raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
+    if path.stat().st_size > 1_000_000:
+        raise ValueError(f"{path}: {path.stat().st_size:,} bytes is no scene file.")
+    try:
+        return Source(str(path), path.read_text("utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a TOML file: it is not UTF-8 text.") from None
+
+
+def _parsed(source: Source) -> dict[str, Any]:
+    try:
+        return _loads(source.text)
+    except RecursionError:
+        raise ValueError(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
+    except ValueError as error:                                         # a number of too many digits is no decode error
+        raise ValueError(f"{source.where}: not a TOML file: {error}.") from None
+
+
+def _loads(text: str) -> dict[str, Any]:
+    if _DEEP.search(_SAID.sub("s", text)):
+        raise RecursionError("a key of too many parts")
+    return tomllib.loads(text)
+
+
+def _base(own: Source, folder: Path | None) -> Source | None:
+    """The scene that ``like`` names, by its path from ``folder`` or built in."""
+    tables = _parsed(own)
+    if "like" not in tables:
+        return None
+    like = tables["like"]
+    if not isinstance(like, str) or not like:
+        raise ValueError(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
+    try:
+        base = _read(like if folder is None or like in scene_names() else folder / like)
+        if "like" in _parsed(base):
+            raise ValueError("is itself like another scene; name that one.")
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{own.where}: like = {as_toml(like)}: {error}") from None
+    return base
+
+
+def _tables(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """What a scene says: its own tables over those of its base, the settings over both."""
+    tables = _parsed(own)
+    tables.pop("like", None)
+    if base is not None:
+        above = tables
+        tables = _over(_parsed(base), above)
+        if "final" in _table(above, "growth") and "stages" not in _table(above, "output"):
+            _drop_late_stages(tables)
+        if "level" in _table(above, "accuracy") and "edge" not in _table(above, "accuracy"):
+            _table(tables, "accuracy").pop("edge", None)
+    for key, setting in settings:
+        _put(tables, key, setting)
+    changed = {key for key, _ in settings}
+    if changed & {"growth", "growth.final"} and not changed & {"output", "output.stages"}:
+        _drop_late_stages(tables)
+    if "accuracy.level" in changed and not changed & {"accuracy", "accuracy.edge"}:
+        _table(tables, "accuracy").pop("edge", None)
+    return tables
+
+
+def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _over(merged[key], value) if both else value
+    return merged
+
+
+def _key_of(setting: str) -> str:
+    """``table.key`` of ``table.key=value``."""
+    key, equals, _ = setting.partition("=")
+    parts = [part.strip() for part in key.split(".")]
+    if not equals or not all(parts):
+        raise ValueError(f"setting {as_toml(setting)} must read table.key=value, for example growth.final=1.8.")
+    if parts == ["like"]:
+        raise ValueError(f"setting {as_toml(setting)}: like stands in a file only; name that scene instead.")
+    return ".".join(parts)
+
+
+def _put(tables: dict[str, Any], key: str, setting: str) -> None:
+    """Put the value of ``table.key=value`` into the tables."""
+    value = setting.partition("=")[2].strip()
+    try:
+        parsed = _loads(f"v = {value}")
+    except RecursionError:
+        raise ValueError(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
+    except ValueError:
+        parsed = {}
+    *path, last = key.split(".")
+    table = tables
+    for part in path:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ValueError(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
+    table[last] = parsed["v"] if list(parsed) == ["v"] else value       # a bare word is a string
+
+
+def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of the tables, empty if there is none."""
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _drop_late_stages(tables: dict[str, Any]) -> None:
+    """Stages that a smaller final growth no longer reaches."""
+    final, output = _table(tables, "growth").get("final"), _table(tables, "output")
+    if isinstance(final, int | float) and isinstance(output.get("stages"), list):
+        output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
+
+
+def to_toml(scene: Scene) -> str:
+    """A scene, every value spelled out, as TOML."""
+    return _toml(scene.model_dump(exclude_none=True))
+
+
+def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:
+    lines = [f"{key} = {toml_value(v)}" for key, v in tables.items() if not isinstance(v, dict)]
+    for key, v in tables.items():
+        if isinstance(v, dict):
+            lines.append(f"\n[{prefix}{key}]")
+            body = _toml(v, f"{prefix}{key}.")
+            if body.strip():
+                lines.append(body.rstrip("\n"))
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(v: Any) -> str:
+    """A value as TOML spells it."""
+    if isinstance(v, bool):
+        return "true" if v else "false"
+    if isinstance(v, str):
+        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")    # as TOML, but DEL
+    if isinstance(v, dict):
+        return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
+    if isinstance(v, tuple | list):
+        return "[" + ", ".join(toml_value(x) for x in v) + "]"
+    return repr(v)

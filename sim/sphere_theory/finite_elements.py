@@ -1,0 +1,493 @@
+"""The growing bilayer sphere at rest and its loss of stability, by finite elements in the radius.
+
+Reference body: fixed hole at R = A, core A < R < B, cortex B < R < C, free surface at C; F = A_el G with
+G = g_core I in the core, g I or diag(1, g, g) in the cortex. Energy, with the pressure p as a second unknown,
+
+    E = int det G (mu/2 (J^-2/3 tr(A_el^T A_el) - 3) + p (J - 1) - p^2 / (2 kappa)) dV,    J = det A_el,
+
+so that p = kappa (J - 1) gives ``material.energy`` back (but for its clamp below J = 0.1), and 1/kappa = 0 is the
+incompressible body. Displacements are continuous polynomials of degree ``order``, pressures discontinuous ones of
+a degree less. Lengths are in units of C, stresses in units of the core's shear modulus. Nothing here comes from
+the closed forms of ``theory``: this is the second route to the same numbers.
+
+A perturbation of degree l is u = U(R) Y N + V(R) grad Y (spheroidal) or W(R) N x grad Y (toroidal), with N the
+radial direction, Y a spherical harmonic and grad on the unit sphere. By Grad N = (I - N N)/R and Grad Y = grad Y/R,
+
+    Grad u = U' Y N N + (U - V)/R N grad Y + V' grad Y N + (U Y P + V H)/R,    P = I - N N,  H = Hess Y,
+
+and with n = l (l + 1), on the unit sphere, int Y^2 = 1, int |grad Y|^2 = n, tr H = -n Y, int |H|^2 = n (n - 1).
+The energy to second order is then a quadratic form in six functions of R (:func:`_second_variation`); for n = 0 it
+is the tangent of the radial problem itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cholesky, eigvalsh, solve_triangular
+from scipy.optimize import brentq
+from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
+
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, Sphere
+
+Array = NDArray[np.float64]
+Growth = tuple[float, float]
+LAYERS = ("core", "cortex")
+
+
+@dataclass(frozen=True)
+class RadialState:
+    """Radial equilibrium at points, from the hole outwards (quadrature points) or as asked of :meth:`at`.
+
+    Attributes
+    ----------
+    R, r : (Q,) float64
+        Reference and deformed radius, in units of C.
+    sigma_r, sigma_theta : (Q,) float64
+        Radial and tangential Cauchy stress, in units of the core's shear modulus; tension is positive.
+    p : (Q,) float64
+        Mean Cauchy stress (tension positive), same unit; kappa (J - 1) where kappa is finite.
+    J : (Q,) float64
+        Elastic volume ratio det A_el.
+    cortex : (Q,) bool
+        Whether the point belongs to the cortex.
+    """
+
+    R: Array
+    r: Array
+    sigma_r: Array
+    sigma_theta: Array
+    p: Array
+    J: Array
+    cortex: NDArray[np.bool_]
+    _solution: Any = field(repr=False, compare=False)
+
+    def at(self, R: ArrayLike, layer: str) -> RadialState:
+        """The state at radii R (units of C) of one layer, "core" or "cortex", ends included.
+
+        Raises
+        ------
+        ValueError
+            For another layer, or a radius outside of it.
+        """
+        sphere, x, growth = self._solution
+        return sphere.state(x, growth, sphere.points(np.ravel(np.asarray(R, dtype=np.float64)), layer))
+
+
+def radial_equilibrium(
+    g: float, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
+    A_over_C: float = 0.5, g_core: float = 1.0, elements: int | None = None, order: int = 8,
+) -> RadialState:  # fmt: skip
+    """Radial equilibrium of the grown sphere, whether stable or not.
+
+    Parameters
+    ----------
+    g : float
+        Growth stretch of the cortex, 1 is none.
+    T_over_C : float
+        Thickness of the cortex over the outer radius, both ungrown.
+    mu_ratio : float
+        Shear modulus of the cortex over that of the core.
+    law : {"isotropic", "tangential"}
+        Growth of the cortex, ``g I`` or ``diag(1, g, g)`` in (r, theta, phi).
+    kappa_ratio : float
+        kappa / mu in both layers; ``inf`` is exactly incompressible.
+    A_over_C, g_core : float
+        Radius of the hole over C; growth stretch of the core.
+    elements : int, optional
+        Elements in each layer, graded; by default as many as keep the error in g of a degree below about 1e-8.
+    order : int
+        Degree of the displacement, 2 or more.
+
+    Returns
+    -------
+    RadialState
+        At the quadrature points.
+
+    Raises
+    ------
+    ValueError
+        For values outside of the ranges above.
+    ConvergenceError
+        If the path of equilibria from no growth could not be followed to g.
+    """
+    growth = (_positive("g", g), _positive("g_core", g_core))
+    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
+    return sphere.state(sphere.grow(growth), growth, sphere.quadrature)
+
+
+def unstable_modes(
+    g: float, l: int, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
+    toroidal: bool = False, A_over_C: float = 0.5, g_core: float = 1.0, elements: int | None = None, order: int = 8,
+) -> int:  # fmt: skip
+    """Number of unstable spheroidal (or toroidal) modes of degree l >= 1 at growth g.
+
+    Parameters and errors are those of :func:`radial_equilibrium`. Counted are the functions of R; each comes with
+    2 l + 1 harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
+    """
+    growth = (_positive("g", g), _positive("g_core", g_core))
+    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
+    x = sphere.grow(growth)
+    if toroidal:
+        return int(np.sum(eigvalsh(sphere.toroidal(x, growth)) < 0))
+    return int(np.sum(sphere.spheroidal(x, growth) < 0) - sphere.q.N)
+
+
+def critical_growth_of_degree(
+    l: int, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
+    A_over_C: float = 0.5, g_core: float = 1.0, g_max: float = 4.0, step: float = 0.05,
+    elements: int | None = None, order: int = 8,
+) -> float:  # fmt: skip
+    """Smallest growth g > 1 of the cortex at which a spheroidal mode of degree l becomes unstable.
+
+    Parameters
+    ----------
+    T_over_C, mu_ratio, law, kappa_ratio, A_over_C, g_core, elements, order
+        As in :func:`radial_equilibrium`.
+    l : int
+        Degree of the spherical harmonic, 1 or more.
+    g_max : float
+        Where the search ends.
+    step : float
+        The path is looked at each time g has grown by this fraction; an instability that comes and goes within
+        one step is not seen.
+
+    Returns
+    -------
+    g : float
+        NaN if degree l is stable at every step up to g_max.
+
+    Raises
+    ------
+    ValueError
+        For values out of range, or where core growth alone has made degree l unstable at g = 1.
+    ConvergenceError
+        If the radial path ends before g_max and before the instability.
+    """
+    if not 1 < g_max < np.inf or not 0 < step < np.inf:
+        raise ValueError(f"g_max must exceed 1 and step 0, got g_max = {g_max}, step = {step}.")
+    g_core, graded = _positive("g_core", g_core), min(1.5, g_max)
+    while True:
+        sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
+        g = sphere.first_instability(g_core, g_max, step)
+        need = g_max if np.isnan(g) else g
+        if need <= 1.2 * graded:
+            return g
+        graded = need                                   # once more, on a mesh for the state that it met
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points of elements, with the values (and slopes) of the shape functions there, each (shapes, E, Q)."""
+
+    element: NDArray[np.int64]
+    R: Array
+    phi: Array
+    slope: Array
+    psi: Array
+
+
+class _Sphere:
+    """Mesh, shape functions and moduli of one sphere, and what is assembled on them.
+
+    The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures. The mesh is
+    graded for growth g, at which a mode of degree l is to be resolved.
+    """
+
+    def __init__(self, T: float, mu_ratio: float, law: str, kappa_ratio: float, A: float, l: int,
+                 elements: int | None, order: int, g: float):  # fmt: skip
+        Sphere(T, mu_ratio, law, kappa_ratio, A)        # refuses what is none
+        for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
+            if value is not None and (value != int(value) or value < least):
+                raise ValueError(f"{name} must be a whole number of at least {least}, got {value}.")
+        self.law, self.order, self.n = law, order, l * (l + 1)
+        swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
+        self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements, swelling)}
+        self.mesh = MeshLine(np.concatenate([self.edges["core"], self.edges["cortex"][1:]]))
+        self.cortex = np.arange(self.mesh.nelements) >= len(self.edges["core"]) - 1
+        self.mu = np.where(self.cortex, mu_ratio, 1.0)
+        self.compliance = 1 / (kappa_ratio * self.mu)
+        self.u, self.q = (Basis(self.mesh, e, intorder=2 * order + 2) for e in _shapes(order))
+        self.held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
+        self.free = np.setdiff1d(np.arange(self.u.N), self.held)
+        self.quadrature = _Points(
+            np.arange(self.mesh.nelements),
+            np.asarray(self.u.global_coordinates())[0],
+            *_values(self.u.basis),
+            _values(self.q.basis)[0],
+        )
+
+    def points(self, R: Array, layer: str) -> _Points:
+        """Shape functions at chosen radii of one layer."""
+        if layer not in LAYERS:
+            raise ValueError(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
+        edges = self.edges[layer]
+        if not ((R >= edges[0]) & (R <= edges[-1])).all():
+            raise ValueError(f"the {layer} reaches from R = {edges[0]:g} to {edges[-1]:g}, got {R.min()} to {R.max()}.")
+        inside = np.clip(np.searchsorted(edges, R, side="right") - 1, 0, len(edges) - 2)
+        element = inside + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
+        X = ((R - edges[inside]) / (edges[inside + 1] - edges[inside]))[None, :, None]
+        u, q = (
+            [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
+            # new elements, for ElementLinePp keeps its last values when only the place of the points has changed
+            for e, b in zip(_shapes(self.order), (self.u, self.q))
+        )
+        return _Points(element, R[:, None], *_values(u), _values(q)[0])
+
+    def stretches(self, x: Array, growth: Growth, at: _Points) -> tuple[Array, ...]:
+        """Radial and tangential growth (E, 1); radial and tangential elastic stretch, pressure (E, Q)."""
+        tangential = np.where(self.cortex, *growth)[at.element][:, None]
+        radial = np.where(self.cortex, growth[0] if self.law == "isotropic" else 1.0, growth[1])[at.element][:, None]
+        w = x[self.u.element_dofs[:, at.element]]
+        alpha = (1 + np.einsum("ie,ieq->eq", w, at.slope)) / radial
+        beta = (1 + np.einsum("ie,ieq->eq", w, at.phi) / at.R) / tangential
+        p = np.einsum("ie,ieq->eq", x[self.u.N + self.q.element_dofs[:, at.element]], at.psi)
+        return radial, tangential, alpha, beta, p
+
+    def state(self, x: Array, growth: Growth, at: _Points) -> RadialState:
+        _, tangential, alpha, beta, p = self.stretches(x, growth, at)
+        J = alpha * beta**2
+        shear = self.mu[at.element][:, None] * J ** (-5 / 3)
+        mean = (alpha**2 + 2 * beta**2) / 3
+        sigma_r, sigma_theta = shear * (alpha**2 - mean) + p, shear * (beta**2 - mean) + p
+        r, cortex = at.R * beta * tangential, np.repeat(self.cortex[at.element], at.R.shape[1])
+        R, r, sigma_r, sigma_theta, p, J = (v.ravel() for v in (at.R, r, sigma_r, sigma_theta, p, J))
+        return RadialState(R, r, sigma_r, sigma_theta, p, J, cortex, (self, x, growth))
+
+    def grow(self, end: Growth, x: Array | None = None, start: Growth = (1.0, 1.0)) -> Array:
+        """Follow the radial equilibrium from x at growth (g, g_core) to another; increments halve when Newton fails."""
+        x = np.zeros(self.u.N + self.q.N) if x is None else x
+        begin, way = np.log(start), np.log(end) - np.log(start)
+        done, step = 0.0, 1 / max(1.0, np.ceil(np.abs(way).max() / 0.2))
+        while done < 1:
+            try:
+                here = np.exp(begin + min(done + step, 1.0) * way)
+                x = self.newton(x, (here[0], here[1]))
+                done += step
+            except (FloatingPointError, np.linalg.LinAlgError) as error:
+                step /= 2
+                if step < 1e-4:
+                    g, g_core = np.exp(begin + done * way).tolist()
+                    message = f"no radial equilibrium found beyond g = {g:.6g}, g_core = {g_core:.6g}: {error}."
+                    raise ConvergenceError(message) from None
+        return x
+
+    def first_instability(self, g_core: float, g_max: float, step: float) -> float:
+        """Least growth at which a mode is lost, followed from none in steps; NaN if none is."""
+        start = (1.0, g_core)
+        x = self.grow(start)
+
+        def softest(g: float) -> float:
+            return self.softest(self.grow((g, g_core), x, start), (g, g_core))    # x, start: the last stable step
+
+        if softest(1.0) <= 0:
+            raise ValueError(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
+        while start[0] < g_max:
+            end = (min(start[0] * (1 + step), g_max), g_core)
+            ahead = self.grow(end, x, start)
+            if self.softest(ahead, end) < 0:
+                return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
+            x, start = ahead, end
+        return float("nan")
+
+    def newton(self, x: Array, growth: Growth) -> Array:
+        free = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
+        unit = np.where(free < self.u.N, 1.0, self.mu.max())
+        for _ in range(12):
+            gradient, tangent = self.radial(x, growth)
+            update = np.linalg.solve(tangent[np.ix_(free, free)], gradient[free])
+            x = x.copy()
+            x[free] -= update
+            if np.abs(update / unit).max() < 1e-8:    # the step is quadratic: what is left is round-off
+                return x
+        raise FloatingPointError("Newton's method does not converge")
+
+    def radial(self, x: Array, growth: Growth) -> tuple[Array, Array]:
+        """Gradient (N,) and tangent (N, N) of the energy, over 4 pi, in the unknowns of the radial problem."""
+        at, mu, compliance = self.quadrature, self.mu[:, None], self.compliance[:, None]
+        radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
+        J, I1 = alpha * beta**2, alpha**2 + 2 * beta**2
+        if not J.min() > 0:
+            raise FloatingPointError("the body turns inside out")
+        shear = mu * J ** (-2 / 3)
+        force = np.zeros((*J.shape, 6))
+        force[..., 0] = shear * (alpha - I1 / (3 * alpha)) + p * beta**2
+        force[..., 1] = shear * (beta - I1 / (3 * beta)) + p * alpha * beta
+        force[..., 5] = J - 1 - p * compliance
+        D = _second_variation(alpha, beta, p, mu, compliance, 0)
+        table, dofs = self.table(0, radial, tangential), self.dofs(0, 2)
+        weight = self.u.dx * at.R**2 * radial * tangential**2
+        residual = np.zeros(self.u.N + self.q.N)
+        np.add.at(residual, dofs, np.einsum("eqai,eqa,eq->ei", table, force, weight))
+        return residual, _assemble(table, D, weight, dofs)
+
+    def second_variation(self, x: Array, growth: Growth) -> Array:
+        """Quadratic form of twice the energy, of one degree l, in the free unknowns of U, V and pressure."""
+        radial, tangential, alpha, beta, p = self.stretches(x, growth, self.quadrature)
+        D = _second_variation(alpha, beta, p, self.mu[:, None], self.compliance[:, None], self.n)
+        return self.quadratic(D, radial, tangential)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Cholesky factor of the norm ``int mu |Grad u|^2 + q^2 / mu dV``, which keeps eigenvalues of order one."""
+        mu, one = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
+        D = mu * np.diag([1, 0.5, self.n, self.n, _twist(self.n), 0]) + np.diag([0, 0, 0, 0, 0, 1]) / mu
+        return cholesky(self.quadratic(D, one, one), lower=True)
+
+    def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
+        weight = self.u.dx * self.quadrature.R**2 * radial * tangential**2
+        M = _assemble(self.table(self.n, radial, tangential), D, weight, self.dofs(0, 1, 2))
+        free = np.concatenate([self.free, self.u.N + self.free, 2 * self.u.N + np.arange(self.q.N)])
+        return M[np.ix_(free, free)]
+
+    def spheroidal(self, x: Array, growth: Growth, index: int | None = None) -> Array:
+        """Eigenvalues, or the one of that index, of the second variation.
+
+        As many are negative as there are pressures plus unstable modes (Sylvester's law of inertia): where kappa is
+        finite the pressures complete a square; where it is not, each takes one displacement for a pair of opposite
+        signs, and what remains is the second variation on the constraint.
+        """
+        half = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
+        M = solve_triangular(self.scale, half.T, lower=True)
+        return eigvalsh(M, subset_by_index=None if index is None else [index, index])
+
+    def softest(self, x: Array, growth: Growth) -> float:
+        """The eigenvalue that is negative as soon as one spheroidal mode is unstable; 1 at rest if incompressible."""
+        return float(self.spheroidal(x, growth, self.q.N)[0])
+
+    def toroidal(self, x: Array, growth: Growth) -> Array:
+        """Second variation in W, over n: the perturbation keeps volumes, so no pressure enters.
+
+        grad of N x grad Y is the Hessian turned by a right angle: no trace, twice its determinant has the mean n.
+        """
+        at, mu = self.quadrature, self.mu[:, None]
+        radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
+        shear, hydrostatic = _shear_and_hydrostatic(alpha, beta, p, mu)
+        D = np.empty((*alpha.shape, 2, 2))
+        D[..., 0, 0] = shear
+        D[..., 0, 1] = D[..., 1, 0] = hydrostatic * beta
+        D[..., 1, 1] = self.n * shear + hydrostatic * alpha
+        table = np.stack([at.slope / radial, at.phi / (at.R * tangential)]).transpose(2, 3, 0, 1)
+        weight = self.u.dx * at.R**2 * radial * tangential**2
+        return _assemble(table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
+
+    def dofs(self, *fields: int) -> NDArray[np.int64]:
+        """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one row of unknowns."""
+        blocks = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
+        return np.concatenate([b + i * self.u.N for i, b in enumerate(blocks)]).T
+
+    def table(self, n: int, radial: Array, tangential: Array) -> Array:
+        """The six functions of ``_second_variation`` made by each shape function of U, V (if n) and pressure."""
+        at = self.quadrature
+        slope, phi, zero, none = at.slope / radial, at.phi / (at.R * tangential), 0 * at.phi, 0 * at.psi
+        U = np.stack([slope, 2 * phi, phi, zero, zero, zero])
+        V = np.stack([zero, -n * phi, -phi, slope, phi, zero])
+        q = np.stack([none, none, none, none, none, at.psi])
+        return np.concatenate([U, V, q] if n else [U, q], axis=1).transpose(2, 3, 0, 1)
+
+
+def _twist(n: int) -> float:
+    """Mean over the sphere of the squared traceless part of Hess Y."""
+    return n * (n - 2) / 2
+
+
+def _shear_and_hydrostatic(alpha: Array, beta: Array, p: Array, mu: Array) -> tuple[Array, Array]:
+    """Factors of |h|^2 and of the second derivative of J: mu J^-2/3, and p less the part of J^-2/3."""
+    J = alpha * beta**2
+    shear = mu * J ** (-2 / 3)
+    return shear, p - shear * (alpha**2 + 2 * beta**2) / (3 * J)
+
+
+def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance: Array, n: int) -> Array:
+    """Quadratic form of the energy per grown volume, (E, Q, 6, 6), in the mean over the sphere.
+
+    Parameters
+    ----------
+    alpha, beta, p : (E, Q) float64
+        Radial and tangential elastic stretch, pressure.
+    mu, compliance : (E, 1) float64
+        Shear modulus and 1/kappa.
+    n : int
+        l (l + 1).
+
+    Notes
+    -----
+    With h = Grad u G^-1 the six functions are the factors of Y in h_rr and in the trace of the tangential part h_t,
+    of grad Y in h_rt and in h_tr, of the Hessian in h_t, and of Y in the pressure. Twice the energy is
+
+        mu J^-2/3 (|h|^2 - 4/3 t (A:h) + 5/9 |A|^2 t^2) + (p - mu J^-2/3 |A|^2/(3 J)) J'' + 2 q J t - q^2/kappa,
+
+    t = tr(h A^-1), J'' = 2 A : cof h. Means over the sphere: |h_t|^2 is (tr h_t)^2/2 + n (n - 2)/2 V^2 and twice
+    det h_t is (tr h_t)^2/2 - n (n - 2)/2 V^2, where V stands for the fifth function.
+    """
+    shear, hydrostatic = _shear_and_hydrostatic(alpha, beta, p, mu)
+    zero, twist = 0 * alpha, _twist(n)
+    trace = np.stack([1 / alpha, 1 / beta, zero, zero, zero, zero], axis=-1)
+    work = np.stack([alpha, beta, zero, zero, zero, zero], axis=-1)
+    I1 = alpha**2 + 2 * beta**2
+    mixed = trace[..., :, None] * work[..., None, :]
+    D = np.diag([1, 0.5, n, n, twist, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
+    D = D + (5 / 9 * I1)[..., None, None] * trace[..., :, None] * trace[..., None, :]
+    D = shear[..., None, None] * D
+    D[..., 1, 1] += hydrostatic * alpha / 2
+    D[..., 4, 4] -= hydrostatic * alpha * twist
+    for i, j, value in ((0, 1, hydrostatic * beta), (2, 3, -n * hydrostatic * beta)):
+        D[..., i, j] += value
+        D[..., j, i] += value
+    D[..., 0, 5] = D[..., 5, 0] = beta**2
+    D[..., 1, 5] = D[..., 5, 1] = alpha * beta
+    D[..., 5, 5] = -compliance
+    return D
+
+
+def _assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) -> Array:
+    """Sum of table^T D table over the quadrature points, (N, N)."""
+    E, Q, a, b = table.shape
+    right = (D * weight[..., None, None] @ table).reshape(E, Q * a, b)
+    M = np.zeros((dofs.max() + 1,) * 2)
+    np.add.at(M, (dofs[:, :, None], dofs[:, None, :]), table.reshape(E, Q * a, b).swapaxes(1, 2) @ right)
+    return M
+
+
+def _edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
+    """Edges of the elements of a layer, finest at the interface and the surface.
+
+    A mode of degree l decays within r/l or faster from where it lives, and as a power of the deformed radius r. The
+    edges therefore divide the integral of 1/(1/l + distance) + 1/r evenly; the distance is from the interface and
+    the outer surface. r is that of a layer whose volume grew by ``swelling`` and whose inner radius stayed.
+    """
+    R = np.linspace(inner**3, outer**3, 40001) ** (1 / 3)
+    r = np.cbrt(inner**3 + swelling * (R**3 - inner**3))
+    ends = (r[-1],) if outer < 1 else (r[0], r[-1])
+    total = np.log(r / inner)
+    for end in ends:
+        total += np.sign(r - end) * np.log1p(l * np.abs(r - end))
+    total -= total[0]
+    number = 1 + int(np.ceil(1.5 * total[-1])) if elements is None else elements
+    edges = np.interp(np.linspace(0, total[-1], number + 1), total, R)
+    edges[[0, -1]] = inner, outer
+    return edges
+
+
+def _shapes(order: int) -> tuple[Any, ElementDG]:
+    """Elements of the displacement and of the pressure."""
+    low = {1: ElementLineP1, 2: ElementLineP2}
+    u, q = (low[k]() if k in low else ElementLinePp(k) for k in (order, order - 1))
+    return u, ElementDG(q)
+
+
+def _values(basis: Iterable[Any]) -> tuple[Array, Array]:
+    """Values and slopes (shapes, E, Q) of shape functions."""
+    fields = [f[0] for f in basis]
+    return np.array([np.asarray(f) for f in fields]), np.array([f.grad[0] for f in fields])
+
+
+def _positive(name: str, value: float) -> float:
+    if not 0 < value < np.inf:
+        raise ValueError(f"{name} must be positive and finite, got {value}.")
+    return float(value)

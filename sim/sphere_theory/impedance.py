@@ -1,0 +1,210 @@
+"""What a spherical harmonic meets in the smooth sphere: the impedance Z, momenta over displacements, of its layers.
+
+The smooth state (radial.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m doesn't
+matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
+linear ones of first order, for U, V and their momenta. Two solutions are marched through a layer at a time, outwards
+from the fixed hole and inwards from the free surface. docs/theory.md has the derivation. Lengths are over the outer
+reference radius C, moduli over the core's shear modulus.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import schur
+
+from morphofold.sim.sphere_theory.smooth_sphere import (
+    COMPLIANCE,
+    LAMBDA_R,
+    LAMBDA_T,
+    PRESSURE,
+    RADIUS,
+    RATE,
+    Sphere,
+    smooth_state,
+)
+
+Array = NDArray[np.float64]
+
+_R15 = math.sqrt(15)
+#: Gauss collocation of three stages (Butcher 1964): order 6, A-stable, and keeps Z symmetric
+NODES = np.array([0.5 - _R15 / 10, 0.5, 0.5 + _R15 / 10])
+WEIGHTS = np.array([5 / 18, 4 / 9, 5 / 18])
+STAGES = np.array(
+    [
+        [5 / 36, 2 / 9 - _R15 / 15, 5 / 36 - _R15 / 30],
+        [5 / 36 + _R15 / 24, 2 / 9, 5 / 36 - _R15 / 24],
+        [5 / 36 + _R15 / 30, 2 / 9 + _R15 / 15, 5 / 36],
+    ]
+)
+#: the fastest exponent of a mode times the step: 1e-9 in the growth found
+STEP = 0.25
+#: steps per layer at least
+LEAST_STEPS = 16
+#: the march begins where a mode has died out to exp(-DEPTH) of what it is at the interface
+DEPTH = 20.0
+#: degree at which the short-wave limit is taken: 1/l is below rounding in what is kept
+SHORT = 1e12
+
+
+def impedances(sphere: Sphere, degree: float, g: float) -> tuple[Array, Array, int]:
+    """Z of one degree l at growth g: at the free surface, and its jump at the interface.
+
+    Parameters
+    ----------
+    sphere : Sphere
+    degree : float
+        l >= 1.
+    g : float
+        Growth stretch of the cortex, above 1.
+
+    Returns
+    -------
+    surface, interface : (2, 2) float64
+        Symmetric, of (U, sqrt(l (l + 1)) V), over sqrt(l (l + 1)).
+    poles : int
+        How often Z was infinite on the way to either.
+
+    Raises
+    ------
+    ConvergenceError
+        If there is no smooth state at g.
+    """
+    y, fields = smooth_state(sphere, g)
+    free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
+    start = max(y[0, 0], y[0, -1] - DEPTH / degree)
+    below, poles_core = _march(fixed, degree, start, y[0, -1], y[0], fields[0], sphere.mu[0])
+    surface, poles_out = _march(fixed, degree, y[1, 0], y[1, -1], y[1], fields[1], sphere.mu[1])
+    above, poles_in = _march(free, degree, y[1, -1], y[1, 0], y[1], fields[1], sphere.mu[1])
+    return surface, below - above, poles_core + poles_out + poles_in
+
+
+def short_wave_impedances(sphere: Sphere, g: float) -> tuple[Array, Array] | None:
+    """:func:`impedances` for l -> inf: of a half-space like the outer surface, and of two joined like the interface.
+
+    None where a half-space has lost its ellipticity.
+    """
+    fields = smooth_state(sphere, g).fields
+    surface = _half_space(fields[1, :, -1], sphere.mu[1], "rhp")
+    below, above = _half_space(fields[0, :, -1], sphere.mu[0], "rhp"), _half_space(fields[1, :, 0], sphere.mu[1], "lhp")
+    return None if surface is None or below is None or above is None else (surface, below - above)
+
+
+def _half_space(fields: Array, mu: float, side: str) -> Array | None:
+    """Z (2, 2) of a half-space in one state, waves of unit number; None where it has lost its ellipticity."""
+    M = np.empty((4, 4))
+    _coefficients(M, SHORT, 1.0, np.array([fields[LAMBDA_R], fields[LAMBDA_T], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0]))
+    M[:2, :2] /= SHORT
+    M[2:, 2:] /= SHORT
+    M[2:, :2] /= SHORT**2
+    _, basis, dying = schur(M, sort=side)
+    if dying != 2:
+        return None
+    Z = mu * basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
+    # the work of a uniform pressure is one of the boundary: kept out of M, where it would drown the rest
+    return (Z + Z.T) / 2 - fields[PRESSURE] * np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+@njit(cache=True)
+def _coefficients(M, n, mu, fields):
+    """Fill M (4, 4) of d(U, v, P, Q)/dy = M (U, v, P, Q) at one point of a smooth state; n = sqrt(l (l + 1)).
+
+    v = n V; P and Q are the momenta of U and v, r^2 times the tractions. E = 1/2 int L ds, s = ln r, with
+    S = 2U - n v, D = dU/ds + S and a dot for d/ds::
+
+        L = r [al U.^2 + 2 be U. S + ga S^2 + bulk D^2 + de ((n^2 - 1) v^2 + 2 U^2 - 2 n U v)
+               + b_rt v.^2 + b_tr (n U - v)^2 + 2 c v. (n U - v)]
+
+    bulk = J h''(J) enters by its inverse, 0 if incompressible; the moduli are Ogden's for the energy of material.py.
+    """
+    lr, lt, h1, compliance = fields[LAMBDA_R], fields[LAMBDA_T], fields[PRESSURE], fields[COMPLIANCE]
+    r, rate = fields[RADIUS], fields[RATE]
+    m = mu * (lr * lt * lt) ** (-5.0 / 3.0)
+    rr, tt = m * lr * lr, m * lt * lt
+    mean = (rr + 2.0 * tt) / 3.0
+    c = mean - h1
+    al = 2.0 / 3.0 * (rr + mean) - (rr - mean)
+    be = 2.0 / 3.0 * (mean - rr - tt) + h1
+    ga = 2.0 / 3.0 * (mean - 2.0 * tt) + h1
+    de = tt + c
+    k = 1.0 / (1.0 + compliance * al)
+    # U. = k (compliance P/r - (1 + compliance be) S);   v. = (Q/r - c (n U - v)) / rr
+    uS, uP = -k * (1.0 + compliance * be), k * compliance / r
+    vU, vv, vQ = -c * n / rr, c / rr, 1.0 / (rr * r)
+    # be U. + bulk D + ga S, the moment of S, in S and P/r
+    gS, gP = be * uS + k * (al - be) + ga, be * uP * r + k
+    M[0, 0], M[0, 1], M[0, 2], M[0, 3] = 2.0 * uS, -n * uS, uP, 0.0
+    M[1, 0], M[1, 1], M[1, 2], M[1, 3] = vU, vv, 0.0, vQ
+    M[2, 0] = r * (4.0 * gS + 2.0 * de + tt * n * n + c * n * vU)
+    M[2, 1] = r * (-2.0 * n * gS - n * de - n * tt + c * n * vv)
+    M[2, 2], M[2, 3] = 2.0 * gP, c * n / rr
+    M[3, 0] = r * (-2.0 * n * gS - n * de - n * tt - c * vU)
+    M[3, 1] = r * (n * n * gS + (n * n - 1.0) * de + tt - c * vv)
+    M[3, 2], M[3, 3] = -n * gP, -c / rr
+    for i in range(4):
+        for j in range(4):
+            M[i, j] *= rate
+
+
+@njit(cache=True)
+def _interpolate(x, nodes, table, fields):
+    """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
+    last = len(nodes) - 1
+    total, sign = 0.0, 1.0
+    fields[:] = 0.0
+    for k in range(last + 1):
+        distance = x - nodes[k]
+        if distance == 0.0:
+            fields[:] = table[:, k]
+            return
+        weight = sign / distance
+        if k == 0 or k == last:
+            weight *= 0.5
+        sign = -sign
+        total += weight
+        for i in range(len(fields)):
+            fields[i] += weight * table[i, k]
+    fields /= total
+
+
+@njit(cache=True)
+def _march(Y, degree, start, end, nodes, table, mu):
+    """Carry two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
+
+    Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and how often it was infinite on the way.
+    """
+    n = math.sqrt(degree * (degree + 1.0))
+    fields, M = np.empty(6), np.empty((3, 4, 4))
+    lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
+    steps = max(LEAST_STEPS, math.ceil(abs(end - start) * n * max(1.0, table[RATE].max()) / STEP))
+    h = (end - start) / steps
+    poles, before = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+    for step in range(steps):
+        for i in range(3):
+            _interpolate(start + (step + NODES[i]) * h, nodes, table, fields)
+            _coefficients(M[i], n, mu, fields)
+        for i in range(3):
+            for j in range(3):
+                lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * STAGES[i, j] * M[i]
+            for p in range(4):
+                lhs[4 * i + p, 4 * i + p] += 1.0
+            rhs[4 * i : 4 * i + 4] = M[i] @ Y
+        slope = np.linalg.solve(lhs, rhs)
+        for i in range(3):
+            Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
+        # orthonormal columns span the same solutions; without it both turn into the faster one
+        Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
+        Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
+        Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())
+        now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+        if now * before < 0.0:
+            poles += 1
+        before = now
+    Z = np.empty((2, 2))
+    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
+    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before
+    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before
+    return Z / n, poles

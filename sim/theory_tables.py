@@ -1,0 +1,294 @@
+"""Tables of the theory, one row per point: what ``morphofold theory`` prints and what paper.py draws.
+
+Lengths are in mm; only their ratios matter (the paper's 50 and 2 have no unit). Growth stretches are ratios of lengths,
+stresses are over a shear modulus, and the names of the columns say which.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.sim import theory
+
+if TYPE_CHECKING:
+    from morphofold.sim.equilibrium.statics import Look
+    from morphofold.sim.scene import Scene
+
+Row = dict[str, Any]
+
+#: growth up to which wrinkles and creases are looked for
+G_MAX = 10.0
+_NOT_FOUND = f"found up to g = {G_MAX:g}, or as far as the smooth state could be followed"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sphere's first wrinkles beside its first creases.
+
+    Attributes
+    ----------
+    thickness, radius : float
+        Of the cortex, and of the outer surface [mm].
+    mu_ratio : float
+        Shear modulus of the cortex over the core's.
+    law : {"isotropic", "tangential"}
+    kappa_ratio, A_over_C : float
+        Bulk over shear modulus (inf is incompressible); radius of the fixed hole over the outer one.
+    bifurcation : Bifurcation
+        Of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
+    g_elements : float, optional
+        g_crit of the same mode by finite elements (:mod:`~morphofold.sim.sphere_theory.finite_elements`), if asked for;
+        NaN for none.
+    """
+
+    thickness: float
+    radius: float
+    mu_ratio: float
+    law: str
+    kappa_ratio: float
+    A_over_C: float
+    bifurcation: theory.Bifurcation
+    g_elements: float | None = None
+
+    def row(self) -> Row:
+        """Critical growth, mode and wavelength; what is NaN or infinite has its reason in ``reason``."""
+        b, T = self.bifurcation, self.thickness / self.radius
+        reasons = [b.reason] if b.reason else []
+        if np.isinf(b.mode):
+            reasons.append("the shortest waves come first: their degree has no bound")
+        if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
+            reasons.append("these wrinkles live on the interface: no creasing amplitude")
+        if np.isnan(b.g_crease):
+            reasons.append(f"no crease {_NOT_FOUND}")
+        checked = {}
+        if self.g_elements is not None:
+            checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
+        return {
+            **self._named(), "g_crit": b.g_crit, **checked, "degree": _degree(b.mode),
+            "wavelength_mm": b.wavelength * self.radius, "wavelength_over_T": b.wavelength / T,
+            "wavelength_deformed_mm": b.wavelength_deformed * self.radius,
+            "wavelength_deformed_over_T": b.wavelength_deformed / T,
+            "creasing_amplitude_over_T": b.creasing_amplitude / T,
+            "g_crease": b.g_crease, "first": b.first or None, "reason": "; ".join(reasons) or None,
+        }  # fmt: skip
+
+    def curve_rows(self) -> list[Row]:
+        """Critical growth of each degree that was looked at; NaN, with the reason, where none was found."""
+        none = f"none {_NOT_FOUND}"
+        return [
+            {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
+            for degree, g in zip(*self.bifurcation.curve)
+        ]
+
+    def _named(self) -> Row:
+        return {
+            "law": self.law, "thickness_mm": self.thickness, "outer_radius_mm": self.radius,
+            "T_over_C": self.thickness / self.radius, "hole_ratio": self.A_over_C, "mu_ratio": self.mu_ratio,
+            "kappa_ratio": "inf" if np.isinf(self.kappa_ratio) else self.kappa_ratio,
+        }  # fmt: skip
+
+
+def _degree(mode: float) -> int | str | None:
+    """A whole number; "inf" where it has no bound, for JSON has no such number; None where there is no mode."""
+    return None if np.isnan(mode) else "inf" if np.isinf(mode) else int(mode)
+
+
+def radius_rows(
+    growth: Iterable[float],
+    thickness: float = 2.0,
+    radius: float = 50.0,
+    laws: Sequence[str] = ("isotropic",),
+    *,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+) -> list[Row]:
+    """Outer radius c of the smooth grown sphere over B and over C, Eqs. (9) to (11); one row per law and growth."""
+    growth = np.asarray(list(growth), dtype=np.float64)
+    C_bar = outer_ratio(thickness, radius, A_over_C)
+    rows = []
+    for law in laws:
+        c_bar = theory.deformed_radius(growth, C_bar, law, g_core=g_core, A_bar=A_over_C * C_bar)
+        rows += [
+            {
+                "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": float(g),
+                "c_over_B": float(c), "c_over_C": float(c / C_bar),
+            }
+            for g, c in zip(growth, c_bar)
+        ]  # fmt: skip
+    return rows
+
+
+def stress_rows(
+    growth: float = 2.0,
+    thicknesses: Iterable[float] = (1.0, 2.0, 3.0),
+    radius: float = 50.0,
+    laws: Sequence[str] = ("isotropic",),
+    *,
+    mu_ratio: float = 1.0,
+    points: int = 11,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+    layers: Sequence[str] = ("core", "cortex"),
+) -> list[Row]:
+    """Cauchy stress along a radius, tension positive; ``points`` rows per law, thickness and layer.
+
+    ``position`` goes from 0 at the inner to 1 at the outer side of the grown layer: (r - b)/(c - b) in the cortex.
+    """
+    rows = []
+    for law in laws:
+        for thickness in thicknesses:
+            B = radius / outer_ratio(thickness, radius, A_over_C)
+            for layer in layers:
+                R = np.linspace(*((B, radius) if layer == "cortex" else (A_over_C * radius, B)), points)
+                s = theory.stresses(
+                    growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A_over_C * radius, g_core=g_core
+                )
+                rows += [
+                    {
+                        "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": growth,
+                        "mu_ratio": mu_ratio, "layer": layer, "R_mm": R[i], "r_mm": s.r[i],
+                        "position": (s.r[i] - s.r[0]) / (s.r[-1] - s.r[0]),
+                        "sigma_r_over_mu_core": s.sigma_r[i], "sigma_theta_over_mu_core": s.sigma_theta[i],
+                        "sigma_theta_over_mu_cortex": s.sigma_theta[i] / mu_ratio,
+                    }
+                    for i in range(points)
+                ]  # fmt: skip
+    return rows
+
+
+def critical_rows(
+    C_bar: Iterable[float],
+    laws: Sequence[str] = ("isotropic", "tangential"),
+    *,
+    g_core: float = 1.0,
+    A_over_C: float = 0.5,
+) -> list[Row]:
+    """Growth at which the outer surface can crease, Eqs. (12) and (13), and at which it is unstable by Biot."""
+    C_bar = np.asarray(list(C_bar), dtype=np.float64)
+    if g_core != 1 and not 0 <= A_over_C * C_bar.max() <= 1:
+        raise ValueError(f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}.")
+    hole = A_over_C * C_bar if g_core != 1 else None            # it matters only if the core grows
+    rows = []
+    for law in laws:
+        crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
+        biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
+        rows += [
+            {
+                "law": law, "C_over_B": float(C), "T_over_C": float(1 - 1 / C),
+                "g_crease": float(g), "g_biot": float(g_biot), "reason": _out_of_reach(law, g, g_biot),
+            }
+            for C, g, g_biot in zip(C_bar, crease, biot)
+        ]  # fmt: skip
+    return rows
+
+
+def bifurcation_cases(
+    thicknesses: Iterable[float] = (1.0, 2.0, 3.0),
+    radius: float = 50.0,
+    mu_ratios: Iterable[float] = (1.0, 2.0, 4.0),
+    laws: Sequence[str] = ("isotropic", "tangential"),
+    *,
+    kappa_ratio: float = np.inf,
+    A_over_C: float = 0.5,
+    check: bool = False,
+    progress: Any = None,
+) -> list[Case]:
+    """Wrinkles and creases of every law, shear modulus ratio and thickness; ``progress(share, text)`` after each.
+
+    ``check`` finds every g_crit a second time, by finite elements.
+    """
+    wanted = [(law, mu, T) for law in laws for mu in mu_ratios for T in thicknesses]
+    for _, _, T in wanted:
+        outer_ratio(T, radius, A_over_C)                # before the first of them takes its time
+    cases = []
+    for law, mu_ratio, T in wanted:
+        sphere = (T / radius, mu_ratio, law, kappa_ratio)
+        found = theory.bifurcation(*sphere, A_over_C=A_over_C, g_max=G_MAX)
+        again = _by_elements(found.mode, sphere, A_over_C) if check else None
+        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found, again))
+        if progress is not None:
+            progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
+    return cases
+
+
+def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
+    from morphofold.sim.sphere_theory.finite_elements import critical_growth_of_degree
+
+    if not np.isfinite(mode):
+        return np.nan                                               # no mode, or none that a mesh can resolve
+    return critical_growth_of_degree(int(mode), *sphere, A_over_C=A_over_C, g_max=G_MAX)
+
+
+def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
+    """Critical growth of a scene's body as it is meshed, beside the theory of the sphere if it is one or a part of one.
+
+    The scene's effects are left out of both. ``seconds`` are those of the body alone; ``look`` is called with growth
+    and lowest eigenvalue of each state on the way, see :func:`morphofold.sim.equilibrium.statics.bifurcation_of_body`.
+    """
+    from morphofold.sim.build import build_bilayer
+    from morphofold.sim.equilibrium.statics import bifurcation_of_scene
+
+    bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
+    g_theory, degree, reason = _theory_of(scene)
+    started = time.perf_counter()
+    found = bifurcation_of_scene(scene, look=look)
+    reasons = [reason] if reason else []
+    if np.isnan(found.g_crit):
+        reasons.append(f"this body is stable up to g = {found.history[:, 0].max():g}")
+    if found.rounded:
+        reasons.append("this uneven body bends into folds without a bifurcation: g_crit is about where, and not sharp")
+    return {
+        "scene": scene.name, "shape": scene.geometry.shape, "portion": getattr(scene.geometry, "portion", None),
+        "law": scene.growth.law, "thickness_mm": T, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio,
+        "left_out": scene.effects.named, "elements": bilayer.mesh.nelements, "edge_over_T": bilayer.edge / T,
+        "g_crit": found.g_crit, "rounded": found.rounded, "degree": found.degree,
+        "wavelength_mm": found.wavelength, "wavelength_over_T": found.wavelength / T,
+        "g_theory": g_theory, "degree_theory": _degree(degree),
+        "difference_percent": 100 * (found.g_crit / g_theory - 1), "seconds": time.perf_counter() - started,
+        "reason": "; ".join(reasons) or None,
+    }  # fmt: skip
+
+
+def _theory_of(scene: Scene) -> tuple[float, float, str]:
+    """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has harmonics of even degree alone."""
+    geometry, material = scene.geometry, scene.material
+    if geometry.shape != "sphere":
+        return np.nan, np.nan, f"the theory is that of a sphere, not of a body with shape = {geometry.shape!r}"
+    if geometry.thickness_spots:
+        return np.nan, np.nan, "the theory is that of a sphere of even thickness (no thickness_spots)"
+    sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
+    try:
+        found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
+    except ValueError as error:
+        return np.nan, np.nan, f"no theory: {error}"
+    if geometry.portion != "octant" or not np.isfinite(found.mode):
+        return found.g_crit, found.mode, found.reason and f"in theory {found.reason}"
+    degrees, g = (values[found.curve.degree % 2 == 0] for values in found.curve)
+    least = int(np.nanargmin(g))
+    return float(g[least]), float(degrees[least]), ""
+
+
+def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
+    """C/B of a cortex of thickness T = C - B; ``ValueError`` unless 0 < T < C and the hole is inside the interface."""
+    if not (np.isfinite(radius) and 0 < thickness < radius):
+        raise ValueError(f"thickness must lie between 0 and the outer radius {radius:g} mm, got {thickness:g} mm.")
+    if not 0 <= A_over_C < 1 - thickness / radius:
+        raise ValueError(
+            f"the fixed hole must lie inside the interface B = {radius - thickness:g} mm: its radius is {A_over_C:g} C "
+            f"= {A_over_C * radius:g} mm. Give a thinner cortex or a smaller hole."
+        )
+    return radius / (radius - thickness)
+
+
+def _out_of_reach(law: str, crease: float, biot: float) -> str | None:
+    reasons = []
+    if np.isnan(crease):
+        reasons.append(f"no crease if {law} from C/B = {theory.thickest_creasing(law):.3f} on")
+    if np.isnan(biot):
+        reasons.append(f"Biot's stretch not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f} on")
+    return "; ".join(reasons) or None

@@ -1,0 +1,77 @@
+"""The forces of bricks once more, assembled by scikit-fem: a readable twin of the kernels, and a peer in speed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import Basis, ElementHex1, ElementVector, LinearForm
+
+from morphofold.sim.body import Body
+from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
+from morphofold.sim.growth import growth_tensor
+from morphofold.sim.material import brick_energy, brick_stress
+from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
+from morphofold.studies.speed.solver import SHAKE, speed_body
+
+Array = NDArray[np.float64]
+
+SIZES = (12, 24, 40)    # surface cells along a quarter circle of an octant
+GROWTH = 1.2
+SKFEM = "scikit-fem assembly"
+
+
+class Twin:
+    """Forces and energies of a ``Body`` of bricks at its present growth, from scikit-fem's basis on its reference
+    positions and :mod:`morphofold.sim.material`."""
+
+    def __init__(self, body: Body):
+        self.body = body
+        mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
+        self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS, np.full(8, GAUSS_WEIGHT)))
+        shape = np.stack([ElementHex1().lbasis(GAUSS, i)[0] for i in range(8)])
+        at = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
+        stretch = np.ones(mesh.nelements)
+        stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
+        radial = at / np.linalg.norm(at, axis=-1, keepdims=True)
+        G = growth_tensor(np.repeat(stretch[:, None], 8, axis=1), radial, body.law)
+        self.G_inverse, self.det_G = np.linalg.inv(G), np.linalg.det(G)
+
+    def elastic(self, x: Array) -> Array:
+        """A (E, 8, 3, 3) at the Gauss points, for positions x (N, 3)."""
+        u = np.zeros(self.basis.N)
+        u[self.basis.nodal_dofs] = (x - self.body.X).T
+        F = np.eye(3) + np.moveaxis(self.basis.interpolate(u).grad, (0, 1), (-2, -1))
+        A: Array = F @ self.G_inverse
+        return A
+
+    def energy(self, x: Array) -> Array:
+        """Energy of each brick (E,), for positions x (N, 3)."""
+        return brick_energy(self.elastic(x), self.basis.dx * self.det_G, self.body.mu, self.body.kappa)
+
+    def forces(self, x: Array) -> Array:
+        """Nodal forces (N, 3), minus the gradient of the energy, for positions x (N, 3)."""
+        S = brick_stress(self.elastic(x), self.basis.dx * self.det_G, self.body.mu, self.body.kappa)
+        P = self.det_G[..., None, None] * S @ np.swapaxes(self.G_inverse, -1, -2)    # per reference volume
+        P = np.moveaxis(P, (-2, -1), (0, 1))
+        form = LinearForm(lambda v, w: np.einsum("ij...,ij...", w["P"], v.grad))
+        forces: Array = -form.assemble(self.basis, P=P)[self.basis.nodal_dofs].T
+        return forces
+
+
+def assembly_points(cells: int) -> list[Point]:
+    """Forces of a grown, shaken octant by the kernels and by scikit-fem, in double precision; the error is what parts
+    them."""
+    body = speed_body("brick", cells, "octant", single=False)
+    body.grow(GROWTH)
+    x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
+    twin = Twin(body)
+    theirs = twin.forces(x)
+    error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
+    return [
+        Point(
+            "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER, "mesh",
+            f"{body.elements.n:,} bricks",
+            body.bilayer.edge, body.elements.n, *timed(work)[1], method=method,
+        )
+        for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
+    ]  # fmt: skip

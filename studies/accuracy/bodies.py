@@ -1,0 +1,145 @@
+"""The settings of the solver that the study varies, and the body that each of them makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from morphofold.sim.build import build_bilayer, build_body
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.contact import STIFFNESS, Contact
+from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.scene import LEVELS, Scene, elements_through
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.speed.solver import cut_bricks
+
+SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far finer than any that is used
+PORTION = "octant"
+SUBJECT = f"{SCENE}, {PORTION}"
+STANDARD = LEVELS["standard"]
+FIXED = "mesh, 3 elements"   # an axis of the mesh along which elements through the cortex stay three
+PACED = "mesh and pace"     # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the body of the study is discretised and grown; all that is not said is that of ``standard``.
+
+    Attributes
+    ----------
+    axis, words : str
+        What is varied, and to what.
+    value : float
+        Where it lies on the axis; along those of the mesh :attr:`built`.
+    edge : float
+        Largest edge of the ungrown surface over the thickness of the cortex that is asked for.
+    layers : int, optional
+        Elements through the cortex; None: as many as go with the edge.
+    kappa_ratio, rate : float
+        As in a scene.
+    element : {"brick", "tet"}
+        Tetrahedra are those of the bricks, six each.
+    contact : float
+        Stiffness of contact over the built-in one.
+    precision : {"single", "double"}
+        Of the forces of bricks.
+    """
+
+    axis: str
+    words: str
+    value: float
+    edge: float = STANDARD
+    layers: int | None = None
+    kappa_ratio: float = 50.0
+    rate: float = 1.0
+    element: str = "brick"
+    contact: float = 1.0
+    precision: str = "single"
+
+    @property
+    def through(self) -> int:
+        """Elements through the cortex."""
+        return self.layers or elements_through(self.edge)
+
+    @property
+    def name(self) -> str:
+        """For a file."""
+        name = f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        return f"{name}-{self.precision}"
+
+    @property
+    def built(self) -> float:
+        """Largest edge over thickness that the mesh has: cells along a quarter circle are whole and even."""
+        scene = self.scene()
+        sphere: Any = scene.geometry
+        return float(0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness)
+
+    @property
+    def preset(self) -> str:
+        """The level of accuracy that this is, if it is one."""
+        named = {edge: level for level, edge in LEVELS.items()}
+        return named.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
+
+    def scene(self, settings: tuple[str, ...] = ()) -> Scene:
+        """The scene of the study with this setting and others."""
+        thickness = load_scene(SCENE).geometry.cortex_thickness
+        return load_scene(SCENE, [
+            f"geometry.portion={PORTION}", f"accuracy.edge={self.edge * thickness!r}",
+            f"accuracy.elements_through_cortex={self.through}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
+            f"growth.rate={float(self.rate)!r}", f"accuracy.precision={self.precision}", *settings,
+        ])  # fmt: skip
+
+    def bilayer(self) -> Bilayer:
+        """The mesh of the body, not grown."""
+        bricks = build_bilayer(self.scene())
+        return cut_bricks(bricks) if self.element == "tet" else bricks
+
+    def dynamics(self, *, folds: bool) -> Dynamics:
+        """A run at rest: with imperfection and contact, or without either."""
+        scene = self.scene(() if folds else ("effects={}",))
+        effects = build_effects(scene)
+        for effect in effects:
+            if isinstance(effect, Contact):
+                effect.per_mass = self.contact * STIFFNESS
+        body = build_body(scene, effects, self.bilayer())
+        return Dynamics.of(scene, body, effects)
+
+
+def axes() -> dict[str, list[Setting]]:
+    """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
+    found = {
+        "mesh": [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES],
+        FIXED: [Setting(FIXED, f"h = {e:.2f} T, 3 elements through the cortex", e, edge=e, layers=3) for e in EDGES],
+        PACED: [
+            Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES
+        ],
+        "layers": [
+            Setting("layers", f"{n} element{'s' * (n > 1)} through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)
+        ],
+        "layers, fine": [
+            Setting("layers, fine", f"h = 0.27 T, {n} elements through the cortex", n, edge=0.27, layers=n)
+            for n in (2, 3)
+        ],
+        "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
+        "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],
+        "contact": [Setting("contact", f"contact x {c:g}", c, contact=c) for c in (0.25, 0.5, 1.0, 2.0)],
+        "element": [
+            Setting("element", f"tetrahedra, h = {e:.2f} T", e, edge=e, element="tet") for e in (0.8, 0.6, 0.45)
+        ],
+        "precision": [
+            Setting("precision", f"{name} precision", digits, precision=name)
+            for name, digits in (("single", 24), ("double", 53))
+        ],
+    }
+    for axis in ON_EDGES:
+        found[axis] = [replace(s, value=s.built) for s in found[axis]]
+    return found
+
+
+ON_EDGES = ("mesh", FIXED, PACED, "element")
+EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.36, 0.27)
+#: what folds of all settings are held against
+FINEST = Setting("mesh", "finest: h = 0.18 T", 0.18, edge=0.18)

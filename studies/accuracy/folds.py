@@ -1,0 +1,145 @@
+"""Error against time of the solver once the body is folded: against the finest mesh, and along each axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import analysis
+from morphofold.io import atomic_file
+from morphofold.io.files import decoding, existing_file
+from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.run import Progress
+from morphofold.studies.accuracy.bodies import FINEST, SUBJECT, Setting
+from morphofold.studies.accuracy.points import ANEW, Point
+from morphofold.surface import Surface
+from morphofold.timing import working_seconds
+
+Array = NDArray[np.float64]
+
+STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
+MESH = "finest mesh"
+#: axes along which the last setting is the most accurate; that of the others is the finest mesh
+WITH_A_LIMIT = ("layers", "kappa", "pace", "contact", "precision")
+NUMBERS = ("gyrification index", "wavelength", "strain energy")
+
+
+class Folds(NamedTuple):
+    """A grown body at one growth: its pial surface and what was measured of it.
+
+    Attributes
+    ----------
+    pial : Surface
+        Closed [mm].
+    numbers : mapping
+        ``NUMBERS`` by name: that of the pial surface, the wavelength [mm] of the power spectrum of its height on the
+        ungrown sphere, the energy of the body in the unit of the core's modulus times mm^3.
+    elements, steps : int
+    seconds : float
+        Wall time of all steps of the run, to its end.
+    """
+
+    pial: Surface
+    numbers: Mapping[str, float]
+    elements: int
+    steps: int
+    seconds: float
+
+
+def grown(setting: Setting, kept: Path, tell: Progress = lambda share, text: None) -> dict[float, Folds]:
+    """Folds at each of ``STAGES``, grown now or read from the file ``kept`` (.npz), where they are then."""
+    if not kept.exists():
+        arrays = _grow(setting, tell)
+        with atomic_file(kept) as temporary, temporary.open("wb") as file:
+            np.savez(file, **arrays)                                      # type: ignore[arg-type]
+    with decoding(kept, "folds of a study", ANEW), np.load(existing_file(kept, "file of folds")) as arrays:
+        return {g: _folds(arrays, g) for g in STAGES}
+
+
+def _grow(setting: Setting, tell: Progress) -> dict[str, Array]:
+    run = setting.dynamics(folds=True)
+    body, final = run.body, STAGES[-1]
+    after = lambda state: tell((state.growth - 1) / (final - 1), f"{setting.words}, g {state.growth:.2f}")
+    sphere = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
+    arrays: dict[str, Any] = {}
+    seconds = 0.0
+    for g in STAGES:
+        begun = working_seconds()
+        run.grow_to(g, after)
+        run.settle(after)
+        seconds += working_seconds() - begun
+        pial = whole_surfaces(body, run.state.x)[1]
+        waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
+        numbers = (
+            analysis.gyrification_index(pial.verts, pial.faces), waves.wavelength,
+            run.state.record["strain_energy"] / body.bilayer.portion,
+        )  # fmt: skip
+        arrays |= {f"{g}.verts": pial.verts, f"{g}.faces": pial.faces, f"{g}.numbers": np.array(numbers)}
+    return {**arrays, "work": np.array([body.elements.n, run.state.step, seconds])}
+
+
+def _folds(arrays: Any, g: float) -> Folds:
+    elements, steps, seconds = arrays["work"]
+    return Folds(
+        Surface(arrays[f"{g}.verts"], arrays[f"{g}.faces"], name="pial"),
+        dict(zip(NUMBERS, arrays[f"{g}.numbers"].tolist(), strict=True)),
+        int(elements), int(steps), float(seconds),
+    )  # fmt: skip
+
+
+def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[Setting, Setting, str]]:
+    """What is held against what: a setting, the more accurate one, and the words for the latter.
+
+    Settings of an axis with a limit are held against the last of it, as they are in order, the most accurate last; all
+    others against the finest mesh (``MESH``). Against that one, a coarse mesh of another pace, say, has two errors,
+    which may cancel.
+    """
+    last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
+    found = []
+    for s in settings:
+        if s.axis not in last:
+            found.append((s, finest, MESH))
+        elif s.name != last[s.axis].name:
+            found.append((s, last[s.axis], last[s.axis].words))
+    return found
+
+
+def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
+    """Errors of the folds of a setting, held against those of a better one, both by growth.
+
+    Returns
+    -------
+    list of Point
+        Of each of ``NUMBERS`` the relative difference; ``pial distance``, :func:`distance` over the thickness of the
+        cortex. Quantities are followed by the growth, as in ``"wavelength, g = 1.5"``.
+    """
+    points = []
+    for g, folds in mine.items():
+        best = better[g]
+        errors = {what: abs(folds.numbers[what] / best.numbers[what] - 1) for what in NUMBERS}
+        errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness
+        points += [
+            Point(
+                "solver", SUBJECT, f"{what}, g = {g:g}", error, against, s.axis, s.words, s.value, folds.elements,
+                folds.seconds, folds.seconds, folds.seconds, preset=s.preset,
+            )
+            for what, error in errors.items()
+        ]  # fmt: skip
+    return points
+
+
+def distance(one: Surface, other: Surface) -> float:
+    """Mean distance [mm] of the vertices of each of two surfaces to the nearest point of the other; of both means."""
+    return 0.5 * (_one_way(one, other) + _one_way(other, one))
+
+
+def _one_way(points: Surface, surface: Surface) -> float:
+    import pyvista as pv
+
+    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)      # type: ignore[arg-type]
+    _, nearest = mesh.find_closest_cell(points.verts, return_closest_point=True)
+    return float(np.linalg.norm(points.verts - nearest, axis=1).mean())

@@ -1,0 +1,141 @@
+"""Which settings are worth their time, and how time and error go with the size of a mesh."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from morphofold.studies.accuracy.points import Point
+
+Array = NDArray[np.float64]
+LIKELY = 0.95           # of intervals
+ENDLESS = 1000.0        # powers of two of the time beyond which it doesn't matter how many
+FASTER, TRUER = 0.75, 0.95      # shares of time and error below which a setting is the better one for sure
+
+#: what can be compared: points of one key are in one picture
+Key = tuple[str, str, str, str]
+
+
+def grouped(points: Iterable[Point]) -> dict[Key, list[Point]]:
+    """Points by (half, subject, quantity, against), in their order."""
+    groups: dict[Key, list[Point]] = defaultdict(list)
+    for p in points:
+        groups[p.half, p.subject, p.quantity, p.against].append(p)
+    return dict(groups)
+
+
+def better_than(points: Sequence[Point]) -> list[Point | None]:
+    """For each point the one that dominates it, None if none: faster by more than times wander (``FASTER``) and no less
+    accurate than errors scatter (``TRUER``), or more accurate by more than that and no slower.
+
+    Those that have None are the Pareto front. Of several the most accurate is named, of these the fastest.
+    """
+    found: list[Point | None] = []
+    for p in points:
+        better = [
+            q for q in points
+            if (q.seconds < FASTER * p.seconds and TRUER * q.error <= p.error)
+            or (q.seconds <= p.seconds and q.error < TRUER * p.error)
+        ]  # fmt: skip
+        found.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
+    return found
+
+
+@dataclass(frozen=True)
+class Law:
+    """A power law ``y = coefficient x^power``, fitted to logarithms.
+
+    Attributes
+    ----------
+    coefficient, power : float
+    uncertainty : float
+        Half the width of the 95 % interval of the power (Student's t).
+    scatter : float
+        Standard deviation of ln y about the law.
+    n : int
+        Points.
+    low, high : float
+        Range of x.
+    """
+
+    coefficient: float
+    power: float
+    uncertainty: float
+    scatter: float
+    n: int
+    low: float
+    high: float
+
+    def at(self, x: float) -> float:
+        """y at an x."""
+        return self.coefficient * x**self.power
+
+
+def law(x: ArrayLike, y: ArrayLike, beyond: float = 0.0) -> Law:
+    """The power law through points by least squares of logarithms.
+
+    Parameters
+    ----------
+    x, y : (n,) float
+        Positive; three points or more.
+    beyond : float
+        Where y was set to zero: an error against a finest mesh with ``x = beyond`` is ``c (x^p - beyond^p)``, as that
+        mesh has an error, too. The law that is returned is ``c x^p``, against no error at all. Only for p > 0.
+
+    Raises
+    ------
+    ValueError
+        For fewer than three different x, numbers that are not positive and finite, or an x that isn't above ``beyond``.
+    """
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if len(np.unique(x)) < 3 or not (np.isfinite(x) & np.isfinite(y) & (x > beyond) & (y > 0)).all():
+        raise ValueError(
+            f"a power law takes three points or more, positive and beyond {beyond:g}; got x = {x.tolist()}, "
+            f"y = {y.tolist()}."
+        )
+    power, shift = np.polyfit(np.log(x), np.log(y), 1)
+
+    def residual(law: Array) -> Array:
+        p = law[1]
+        grown = p * np.log(x) + (np.log1p(-((beyond / x) ** p)) if beyond > 0 else 0.0)
+        return law[0] + grown - np.log(y)
+
+    limits = ([-np.inf, 0.05], [np.inf, 8.0]) if beyond > 0 else ([-np.inf, -np.inf], [np.inf, np.inf])
+    start = [shift, np.clip(power, 0.1, 7.0) if beyond > 0 else power]
+    fit = least_squares(residual, start, bounds=limits, x_scale=[1.0, 0.3])
+    free = len(x) - 2
+    scatter = float(np.sqrt(np.sum(fit.fun**2) / free))
+    spread = float(np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[1, 1])) * scatter
+    return Law(
+        float(np.exp(fit.x[0])), float(fit.x[1]), float(student.ppf(0.5 * (1 + LIKELY), free)) * spread, scatter,
+        len(x), float(x.min()), float(x.max()),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Halving:
+    """How many times longer half the error takes, with its 95 % interval."""
+
+    factor: float
+    low: float
+    high: float
+
+
+def halving(seconds: Law, error: Law) -> Halving | None:
+    """Time goes with x to a negative power, the error to a positive one: half the error takes ``2^(-a/p)`` times as
+    long. None if the error does not fall with x for sure.
+
+    The interval is that of the ratio of two powers (Fieller): it is not symmetric.
+    """
+    a, p, da, dp = -seconds.power, error.power, seconds.uncertainty, error.uncertainty
+    if not p - dp > 0:
+        return None
+    middle, spread = a * p, np.sqrt((a * dp) ** 2 + da**2 * (p**2 - dp**2))
+    low, high = (min((middle + sign * spread) / (p**2 - dp**2), ENDLESS) for sign in (-1, 1))
+    return Halving(float(2 ** (a / p)), float(2**low), float(2**high))

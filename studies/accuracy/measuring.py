@@ -1,0 +1,192 @@
+"""What accuracy costs in the measuring room: curvature and thickness of shapes with known answers, beside peers.
+
+The error of a field is the root of the area-weighted mean square of its difference from the exact one, over that of the
+exact one itself; a vertex without a value counts as 0, so that it is wrong by all of it. Clocks stand still while numba
+compiles. A peer that fails has a point without error or seconds (NaN, no repeats) whose setting says why.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from morphofold import geometry
+from morphofold.analysis import cortical_thickness, curvature
+from morphofold.analysis.measures import COARSE, CURVATURE_SCALE
+from morphofold.shapes import Shape, bumpy_sphere, ellipsoid, irregular_sphere, torus, with_noise
+from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
+from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
+from morphofold.surface import Faces, PerVertex, Surface, Verts
+
+LEVELS = (4, 5, 6, 7)           # of the icosphere: 2,562 to 163,842 vertices
+SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)    # mean edges
+GAP, SLIDE = 2.5, 0.4           # [mm] of cortex; by which its inner vertices slid along it, in mean edges
+Fields = Mapping[str, PerVertex]
+
+
+def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
+    """The error of a field (N,), as the head of this file defines it."""
+    wrong = np.where(np.isfinite(found), found, 0.0) - exact
+    return float(np.sqrt(np.sum(areas * wrong**2) / np.sum(areas * exact**2)))
+
+
+def point(
+    subject: str, quantity: str, error: float, timing: Timing, *, axis: str, setting: str, value: float, size: int,
+    method: str = OURS, against: str = "exact", preset: str = "",
+) -> Point:  # fmt: skip
+    return Point(
+        half="measuring", subject=subject, quantity=quantity, error=error, against=against, axis=axis, setting=setting,
+        value=value, size=size, **timing._asdict(), method=method, preset=preset,
+    )  # fmt: skip
+
+
+def cases() -> list[Case]:
+    """Everything that the measuring room's half of the study consists of."""
+    from morphofold.studies.accuracy import measuring_folds, measuring_person
+
+    shapes: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
+        "bumpy sphere": (partial(bumpy, noise=0.0), LEVELS),
+        "bumpy sphere, 1 % noise": (partial(bumpy, noise=0.01), LEVELS),
+        "torus": (ring, LEVELS[:3]),
+        "ellipsoid": (lambda level: ellipsoid(level, rng=0), LEVELS[:3]),
+    }
+    found = [
+        Case(f"curvature-mesh-{_word(name)}", partial(curvature_over_meshes, name, make, levels))
+        for name, (make, levels) in shapes.items()
+    ]
+    found += [
+        Case(f"curvature-scale-{_word(name)}", partial(curvature_over_scales, name, shapes[name][0], 6))
+        for name in ("bumpy sphere", "bumpy sphere, 1 % noise")
+    ]
+    found.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
+    return [*found, *measuring_folds.cases(), *measuring_person.cases()]
+
+
+def _word(name: str) -> str:
+    return name.replace(", 1 % noise", "-noisy").replace(" ", "-")
+
+
+def bumpy(level: int, noise: float) -> Shape:
+    """Irregular, with hills and valleys of 12 to 50 mm."""
+    shape = bumpy_sphere(level, rng=0)
+    return with_noise(shape, noise, rng=1) if noise else shape
+
+
+def ring(level: int) -> Shape:
+    """Irregular torus of as many vertices as an icosphere, nearly."""
+    return torus(5 * 2**level, 2 * 2**level, rng=0)
+
+
+def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: Iterable[int]) -> list[Point]:
+    """Ours within three mean edges, and within 3 mm (at least 2.5 edges) as ``measure`` has it; peers at their own."""
+    points = []
+    for level in levels:
+        shape = make(level)
+        edge = geometry.mean_edge_length(shape.verts, shape.faces)
+        about: dict[str, Any] = {"setting": f"{len(shape.verts):,} vertices", "value": edge}
+        points += _fields(shape, subject, _ours, axis="mesh", **about)
+        scale = max(CURVATURE_SCALE, COARSE * edge)
+        points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **about)
+        for peer in curvature_peers():
+            if peer.reach <= 5 and len(shape.verts) <= peer.most:
+                points += _fields(shape, subject, peer.call, axis="mesh", method=peer.name, **about)
+    return points
+
+
+def curvature_over_scales(subject: str, make: Callable[[int], Shape], level: int) -> list[Point]:
+    """Ours and the peers that have a reach, on one mesh."""
+    shape = make(level)
+    edge = geometry.mean_edge_length(shape.verts, shape.faces)
+    points = []
+    for scale in SCALES:
+        work = partial(_ours, scale=scale * edge)
+        points += _fields(shape, subject, work, axis="scale", setting=f"{scale:g} mean edges", value=scale)
+    for peer in curvature_peers():
+        if peer.reach > 1 and len(shape.verts) <= peer.most:
+            setting = f"{peer.reach:g} rings or edges"
+            points += _fields(
+                shape, subject, peer.call, axis="scale", setting=setting, value=peer.reach, method=peer.name
+            )
+    return points
+
+
+def _ours(verts: Verts, faces: Faces, scale: float | None = None) -> Fields:
+    found = curvature(verts, faces, scale)
+    return {H: found.H, K: found.K}
+
+
+def _fields(
+    shape: Shape, subject: str, call: Callable[[Verts, Faces], Fields], method: str = OURS, **about: Any
+) -> list[Point]:
+    """A point for each field that a method gives of a shape."""
+    areas = geometry.vertex_areas(shape.verts, shape.faces)
+    about = {"size": len(shape.verts), "method": method, **about}
+    found, timing = _tried(lambda: call(shape.verts, shape.faces), method, about)
+    exact = {H: shape.H, K: shape.K}
+    if found is None:
+        return [point(subject, H, math.nan, NEVER, **about)]
+    return [point(subject, q, relative_rms(field, exact[q], areas), timing, **about) for q, field in found.items()]
+
+
+def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple[Any, Timing]:
+    """As ``timed``; of a peer that fails None, and why in the setting. Our own failures are errors."""
+    if method == OURS:
+        return timed(work)
+    try:
+        return timed(work)
+    except Exception as error:                                          # whatever another package may raise
+        said = str(error).splitlines()[0] if str(error) else "no reason given"
+        about["setting"] += f": failed, {type(error).__name__}: {said}"
+        return None, NEVER
+
+
+def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
+    """Thickness of the parallel pair, both ways halved as ours is; of peers without tests of which side is outward."""
+    points = []
+    for level in levels:
+        white, pial = parallel_pair(level)
+        about: dict[str, Any] = {
+            "setting": f"{len(pial.verts):,} vertices", "value": geometry.mean_edge_length(pial.verts, pial.faces),
+            "size": len(pial.verts),
+        }  # fmt: skip
+        for mode in ("surface", "freesurfer"):
+            axis = "mesh" if mode == "surface" else "mesh, nearest vertex"
+            work = partial(cortical_thickness, white, pial, mode=mode)
+            points.append(_thickness(pial, work, **about, axis=axis))
+        for peer in closest_peers():
+            if len(pial.verts) <= peer.most:
+                points.append(_thickness(pial, partial(_both_ways, peer, white, pial), **about, axis="mesh",
+                                         method=peer.name))  # fmt: skip
+    return points
+
+
+def _thickness(pial: Surface, work: Callable[[], PerVertex], method: str = OURS, **about: Any) -> Point:
+    found, timing = _tried(work, method, about)
+    areas = geometry.vertex_areas(pial.verts, pial.faces)
+    error = math.nan if found is None else relative_rms(found, np.full(len(areas), GAP), areas)
+    return point("parallel surfaces", "cortical thickness", error, timing, method=method, **about)
+
+
+def _both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
+    out = peer.call(white.verts, pial.verts, pial.faces)
+    back = peer.call(pial.verts, white.verts, white.faces)
+    return np.asarray((out + back) / 2)
+
+
+def parallel_pair(level: int) -> tuple[Surface, Surface]:
+    """Irregular bumpy sphere and what lies exactly ``GAP`` within it, vertices slid along by part of an edge.
+
+    No point of the one is nearer to the other than ``GAP`` or farther: no radius of curvature is as small. Turned about
+    an axis that is none of the shape's, so that no vertex lies opposite its partner.
+    """
+    verts, faces = irregular_sphere(level, rng=0)
+    angle = SLIDE * geometry.mean_edge_length(verts, faces)
+    axis = np.array([0.48, 0.6, 0.64])
+    across = np.cross(axis, verts)
+    turned = np.cos(angle) * verts + np.sin(angle) * across + (1 - np.cos(angle)) * (verts @ axis)[:, None] * axis
+    inner, outer = bumpy_sphere((turned, faces)), bumpy_sphere((verts, faces))
+    return Surface(inner.verts - GAP * inner.normals, faces, "inner"), Surface(outer.verts, faces, "outer")

@@ -1,0 +1,165 @@
+"""What accuracy costs where gyri are measured: widths, hinges and crests of made folds, whose answers are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from morphofold import geometry
+from morphofold.analysis import gyral_thickness, local_gyrification_index
+from morphofold.analysis.gyrification.local import CLOSING
+from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
+from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
+from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
+from morphofold.studies.accuracy.measuring import point
+from morphofold.studies.accuracy.points import Case, Point, Timing, timed
+from morphofold.studies.speed.measures import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
+from morphofold.surface import Cortex, PerVertex, Surface
+
+Array = NDArray[np.float64]
+SHORTEST = 0.07             # [rad] of the arcs of the net: shorter ones are one hinge by definition
+SIZES = (2_500, 10_000, 40_000, 160_000)
+SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)                 # [mm], of gyral thickness
+VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)           # in the radius of the closing
+
+
+def cases() -> list[Case]:
+    """Those of this file."""
+    return [
+        Case("gyral-thickness-ridges", partial(width_of_ridges, (4, 5, 6, 7))),
+        Case("gyral-thickness-sheet", partial(width_of_sheet, (3.0, 2.0, 1.5, 1.0, 0.75, 0.5))),
+        Case("gyral-net", partial(net_over_meshes, SIZES)),
+        Case("local-gyrification", partial(gyrification_of_sphere, VOXELS)),
+    ]
+
+
+def width_of_ridges(levels: Iterable[int]) -> list[Point]:
+    """Median of gyral thickness over meshes, accuracies, and at the middle level of three scales or more over these."""
+    levels = list(levels)
+    points = []
+    for level in levels:
+        cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
+        n = cortex.n_vertices
+        about: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
+        for name, found, timing in _at_accuracies(cortex, _median):
+            points += [_width("ridged sphere", chord, found, timing, **about, **where) for where in _axes(name, n)]
+    cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
+    for scale in SCALES:
+        found, timing = timed(partial(_median, cortex, ACCURACIES["standard"], scale))
+        points.append(_width("ridged sphere", chord, found, timing, axis="scale", setting=f"{scale:g} mm", value=scale,
+                             size=cortex.n_vertices))  # fmt: skip
+    return points
+
+
+def width_of_sheet(edges: Iterable[float]) -> list[Point]:
+    """Median of gyral thickness of a sheet over meshes of so many edges [mm]."""
+    points = []
+    for edge in edges:
+        sheet, width = corrugated_sheet(edge, rng=0)
+        found = timed(partial(_median_of_sheet, sheet))
+        points.append(_width("corrugated sheet", width, *found, setting=f"{len(sheet.verts):,} vertices", value=edge,
+                             size=len(sheet.verts)))  # fmt: skip
+    return points
+
+
+def _median(cortex: Cortex, accuracy: Accuracy, scale: float | None = None) -> float:
+    return copied(cortex, accuracy).gyral_thickness(scale=scale).median
+
+
+def _median_of_sheet(sheet: Surface) -> float:
+    return gyral_thickness(sheet).median
+
+
+def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
+    """Of a median, which is NaN where no folds were resolved."""
+    error = abs(found / exact - 1) if np.isfinite(found) else 1.0
+    return point(subject, "gyral thickness", error, timing, axis=axis, **about)
+
+
+def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Accuracy], Any]) -> Iterator[tuple[str, Any, Timing]]:
+    """What the work gives of a cortex at each accuracy, and its time; once for those that measure it as it is."""
+    plain = timed(partial(work, cortex, ACCURACIES["standard"]))
+    for name, accuracy in ACCURACIES.items():
+        yield name, *(timed(partial(work, cortex, accuracy)) if copied(cortex, accuracy).changed else plain)
+
+
+def _axes(name: str, n: int) -> list[dict[str, Any]]:
+    """Where a result at an accuracy belongs: the standard one is that of the mesh as it is, too."""
+    mesh = [{"axis": "mesh", "setting": f"{n:,} vertices"}] if name == "standard" else []
+    return [*mesh, {"axis": "accuracy", "setting": f"{name}, {n:,} vertices", "preset": name}]
+
+
+def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
+    """Hinges and crests of a net of ridges, on meshes as they are and at the accuracies where those change anything."""
+    net = irregular_net(CELLS, shortest=SHORTEST)
+    points = []
+    for n in sizes:
+        cortex = folded_ball(n, net)
+        edge = geometry.mean_edge_length(cortex.white.verts, cortex.faces)
+        for name, graph, timing in _at_accuracies(cortex, _graph):
+            about: dict[str, Any] = {"size": n, "value": edge}
+            points += [
+                point("ridged net", quantity, error, timing, **about, **where)
+                for quantity, error in net_errors(graph, net).items()
+                for where in _axes(name, n)
+            ]
+    return points
+
+
+def _graph(cortex: Cortex, accuracy: Accuracy) -> Any:
+    return copied(cortex, accuracy).gyral_graph(None)
+
+
+def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
+    """Errors of a graph, directions compared at the radius of the crests: ``hinges``, one less the F1 of those within
+    half a gyral width; ``hinge places`` and ``crest lines``, median distances to the true ones over the width."""
+    crown = RADIUS + HEIGHT
+    hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    if not hinges:
+        return dict.fromkeys(("hinges", "hinge places", "crest lines"), 1.0)
+    at = crown * geometry.unit(np.array(hinges))
+    away = cKDTree(at).query(crown * net.nodes)[0]
+    lines = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
+    off = np.min([from_arc(lines, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
+    return {
+        "hinges": 1 - f1(at, crown * net.nodes, WIDTH / 2),
+        "hinge places": float(np.median(away)) / WIDTH,
+        "crest lines": float(np.median(off)) * crown / WIDTH,
+    }
+
+
+def f1(found: Array, true: Array, within: float) -> float:
+    """Twice the pairs of places (P, 3), (Q, 3) that are each other's nearest, and that near, over all of both."""
+    if not len(found):
+        return 0.0
+    there, which = cKDTree(true).query(found)
+    back = cKDTree(found).query(true)[1]
+    pairs = np.count_nonzero((there < within) & (back[which] == np.arange(len(found))))
+    return 2 * pairs / (len(found) + len(true))
+
+
+def local_index(surface: Surface, voxels: float) -> PerVertex:
+    """Local gyrification index (N,) by so many voxels in the radius of the closing."""
+    return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING / voxels)
+
+
+def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
+    """Local gyrification index of a sphere the size of a hemisphere, which is 1 everywhere."""
+    shape = sphere(6, 60.0, rng=0)
+    presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
+    points = []
+    for count in voxels:
+        voxel = CLOSING / count
+        index, timing = timed(partial(local_index, shape.surface, count))
+        points.append(
+            point(
+                "sphere", "local gyrification", float(np.sqrt(np.mean((index - 1) ** 2))), timing, axis="voxel",
+                setting=f"{voxel:g} mm", value=voxel, size=len(shape.verts), preset=presets.get(count, ""),
+            )
+        )  # fmt: skip
+    return points

@@ -1,0 +1,187 @@
+"""What accuracy costs on a person's hemisphere: against its own refinement, and thinned against itself.
+
+Nobody knows the true numbers of a brain. Triangles cut in four leave the surface as it is, so that what changes then is
+due to the mesh alone, and what a thinned surface loses is known from the whole one. The error of a map is the
+area-weighted median of the difference over that of the map itself, without signs: a few crushed vertices of a pial
+surface would make up most of a mean square.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import geometry
+from morphofold.analysis import Measures, curvature, measure
+from morphofold.analysis.gyrification.local import CLOSING
+from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
+from morphofold.analysis.thickness.gyral import weighted_quantile
+from morphofold.io import read_cortex, sample_path
+from morphofold.studies.accuracy.measuring import point
+from morphofold.studies.accuracy.measuring_folds import VOXELS, f1, local_index
+from morphofold.studies.accuracy.points import LONG, Case, Point, Timing, timed
+from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.timing import Stages
+
+THINNED = (80_000, 40_000, 20_000, 10_000)
+FLAT = (120_000, 80_000, 60_000)        # on which curvature within 3 mm can be had, if hardly
+COARSE = 10_000                         # vertices of the coarse person that the accuracies are compared on, too
+FINEST = 25.0                           # voxels in the radius of the closing
+#: scalars, the stage of ``measure`` that they are of
+SCALARS = {
+    "mean_cortical_thickness_mm": "cortical thickness",
+    "median_gyral_thickness_mm": "gyral thickness",
+    "wavelength_mm": "gyral thickness",
+    "spectral_wavelength_mm": "gyral graph",
+    "crest_length_mm": "gyral graph",
+}
+
+
+def cases() -> list[Case]:
+    """Those of this file."""
+    return [
+        Case("person-measures", partial(measures_of_person, THINNED)),
+        Case("person-coarse", partial(coarse_person, COARSE)),
+        Case("person-curvature", partial(curvature_of_person, FLAT)),
+        Case("person-gyrification", gyrification_of_person),
+    ]
+
+
+@cache
+def person() -> Cortex:
+    """The sample S1: a left hemisphere of 152,893 vertices."""
+    return read_cortex(sample_path("S1"))
+
+
+def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> list[Point]:
+    """Presets and thinned meshes, against the triangles cut in four."""
+    cortex = cortex or person()
+    truth = measure(split(cortex))
+    points = _presets("S1", cortex, truth, "split surface")
+    for size in sizes:
+        copy = copied(cortex, Accuracy(size, 0, 12.0))
+        about: dict[str, Any] = {
+            "axis": "mesh", "size": copy.cortex.n_vertices, "setting": f"{copy.cortex.n_vertices:,} vertices",
+            "value": geometry.mean_edge_length(copy.cortex.pial.verts, copy.cortex.faces), "against": "split surface",
+        }  # fmt: skip
+        points += _of_measures("S1", *staged(copy.cortex), truth, **about)
+    return points
+
+
+def coarse_person(size: int, cortex: Cortex | None = None) -> list[Point]:
+    """Presets on a thinned mesh, as coarse as fsaverage5, against the measures of the whole one."""
+    cortex = cortex or person()
+    truth = measure(cortex)
+    coarse = copied(cortex, Accuracy(size, 0, 12.0)).cortex
+    return _presets(f"S1 at {size:,} vertices", coarse, truth, "whole mesh")
+
+
+def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> list[Point]:
+    points: list[Point] = []
+    for name, accuracy in ACCURACIES.items():
+        about: dict[str, Any] = {
+            "axis": "accuracy", "setting": name, "value": copied(cortex, accuracy).cortex.n_vertices, "preset": name,
+            "size": cortex.n_vertices, "against": against,
+        }  # fmt: skip
+        points += _of_measures(subject, *staged(cortex, name), truth, **about)
+    return points
+
+
+def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[str, Timing]]:
+    """All measures, and what each stage took and the whole; as often as ``timed`` would, without a warm-up."""
+    rows: list[dict[str, float]] = []
+    while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
+        clock = Stages()
+        found = measure(cortex, accuracy=accuracy, progress=clock.at)
+        rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
+    columns = {what: [row[what] for row in rows] for what in rows[0]}
+    return found, {what: Timing(statistics.median(c), min(c), max(c), len(c)) for what, c in columns.items()}
+
+
+def _of_measures(
+    subject: str, found: Measures, times: dict[str, Timing], truth: Measures, **about: Any
+) -> Iterator[Point]:
+    """A point per quantity at the seconds of its stage, and the median of them all at those of the whole."""
+    errors = {name: abs(_known(found, name) / _known(truth, name) - 1) for name in SCALARS}
+    errors["hinges"] = 1 - f1(_hinges(found), _hinges(truth), 0.5 * truth.parameters["graph_width_mm"])
+    for name, error in errors.items():
+        words = name.removesuffix("_mm").replace("_", " ")
+        yield point(subject, words, error, times[SCALARS.get(name, "gyral graph")], **about)
+    middle = statistics.median(errors.values())
+    yield point(subject, "all measures, median error", middle, times["all measures"], **about)
+
+
+def _hinges(measures: Measures) -> NDArray[np.float64]:
+    """Places (P, 3)."""
+    return np.array([[row[k] for k in "xyz"] for row in measures.hinges], dtype=np.float64).reshape(-1, 3)
+
+
+def _known(measures: Measures, name: str) -> float:
+    """A scalar; 0 if it could not be had, which is wrong by all of it."""
+    return float(measures.scalars[name] or 0.0)
+
+
+def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, scale: float = 3.0) -> list[Point]:
+    """Mean curvature within 3 mm on white and pial, thinned, as they are, and split once, against split twice."""
+    cortex = cortex or person()
+    n = cortex.n_vertices
+    thin = [copied(cortex, Accuracy(size, 0, 12.0)) for size in sizes]
+    meshes = [*((copy.cortex, copy.place) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
+    points = []
+    for kind in ("white", "pial"):
+        surface = getattr(cortex, kind)
+        areas = geometry.vertex_areas(surface.verts, surface.faces)
+        finest = getattr(split(split(cortex)), kind)
+        truth = curvature(finest.verts, finest.faces, scale).H[:n]
+        for body, place in meshes:
+            mesh = getattr(body, kind)
+            found, timing = timed(partial(_mean_curvature, mesh, scale))
+            wrong = median_error(found[place], truth, areas)
+            points.append(
+                point(
+                    f"S1, {kind}", "mean curvature", wrong, timing, axis="mesh", size=len(mesh.verts),
+                    setting=f"{len(mesh.verts):,} vertices", value=geometry.mean_edge_length(mesh.verts, mesh.faces),
+                    against="split surface", preset="standard" if body is cortex else "",
+                )
+            )  # fmt: skip
+    return points
+
+
+def _mean_curvature(surface: Surface, scale: float) -> PerVertex:
+    return curvature(surface.verts, surface.faces, scale).H
+
+
+def median_error(found: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
+    """The error of a map (N,), as the head of this file defines it."""
+    middle = [weighted_quantile(np.abs(field), areas, 0.5) for field in (found - truth, truth)]
+    return middle[0] / middle[1]
+
+
+def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ...] = VOXELS) -> list[Point]:
+    """Local gyrification over voxels, against the smallest."""
+    pial = (cortex or person()).pial
+    index = partial(local_index, pial)
+    areas, truth = geometry.vertex_areas(pial.verts, pial.faces), index(FINEST)
+    presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
+    points = []
+    for count in voxels:
+        found, timing = timed(partial(index, count))
+        points.append(
+            point(
+                "S1", "local gyrification", median_error(found, truth, areas), timing, axis="voxel",
+                setting=f"{CLOSING / count:g} mm", value=CLOSING / count, size=len(pial.verts),
+                preset=presets.get(count, ""), against="smallest voxels",
+            )
+        )  # fmt: skip
+    return points
+
+
+def split(cortex: Cortex) -> Cortex:
+    """The cortex with every triangle cut in four: the same surfaces."""
+    white, pial = (Surface(*geometry.split(s.verts, s.faces), name=s.name) for s in (cortex.white, cortex.pial))
+    return Cortex(white, pial, cortex.hemi, cortex.name, units=cortex.units)

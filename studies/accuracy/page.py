@@ -1,0 +1,262 @@
+"""The generated parts of docs/accuracy.md and of the README, and the table that forecasts read, from a study.
+
+``python -m morphofold.studies.accuracy.page OUT PAGE --readme FILE --table FILE``: OUT is what ``morphofold bench
+accuracy -o OUT`` wrote. Parts stand between marks such as ``<!-- answer -->`` and ``<!-- /answer -->`` and those that
+end them; pictures are written beside PAGE. What stands outside of the marks is for people to write.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
+from morphofold.provenance import strict_json
+from morphofold.studies.accuracy.plots import bounded
+from morphofold.studies.accuracy.points import EACH_OTHER, OURS
+from morphofold.studies.accuracy.report import SHOWS
+from morphofold.studies.accuracy.study import HALVES, PEERS
+from morphofold.studies.indexes import AccuracyIndex
+from morphofold.studies.markdown import Row, between_marks, number, table
+from morphofold.tables import read_table
+
+WORDS = (
+    "half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by",
+)  # fmt: skip
+CURE = "Name the folder that `morphofold bench accuracy -o FOLDER` wrote."
+PRESETS = ("draft", "standard", "fine")
+
+
+def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
+    """Summary and tables of a study.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder holds no summary, or lacks a file that this names.
+    ValueError
+        If the summary is of something else.
+    """
+    file = out / "summary.json"
+    summary = read_json(file, AccuracyIndex, CURE)
+    if summary["shows"] != SHOWS:
+        raise ValueError(f"{file}: is of something else than a study of accuracy. {CURE}")
+    names = ("points", "laws", "presets", "budget", "peers")
+    return summary, {
+        name: read_table(out / f"{name}.tsv", WORDS) if f"{name}.tsv" in summary["files"] else [] for name in names
+    }
+
+
+def text_answers(out: Path) -> list[str]:
+    """What half the error costs, quantity by quantity, as lines of text."""
+    _, tables = read_study(out)
+    return [
+        f"{row['subject']}, {row['quantity']}, {row['axis']}: half the error takes {_factor(row)} times as long"
+        for row in tables["laws"] if row["half_the_error"] is not None and row["method"] == OURS
+    ] or ["no law of the error was found"]  # fmt: skip
+
+
+def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path | None = None) -> list[str]:
+    """Renew the marked parts of ``page``, and its pictures beside it; names of the files written.
+
+    Parameters
+    ----------
+    out : Path
+        Of the study.
+    page : Path
+        With one pair of marks for each of ``PARTS``.
+    readme : Path, optional
+        With one pair of marks ``accuracy``.
+    forecast : Path, optional
+        JSON whose ``"errors"`` are renewed.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If the study, one of its halves, a page or a pair of marks isn't there; nothing is written then.
+    """
+    summary, tables = read_study(out)
+    if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
+        held = " and ".join(summary["halves"]) or "nothing"
+        raise ValueError(f"{out}: holds {held} only. Study both halves for the page.")
+    text = _text(page)
+    for name, part in PARTS.items():
+        text = between_marks(text, name, part(tables, summary), page)
+    written = {page: text}
+    if readme is not None:
+        written[readme] = between_marks(_text(readme), "accuracy", _for_readme(tables, summary), readme)
+    if forecast is not None:
+        written[forecast] = strict_json({
+            **json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]},
+        })  # fmt: skip
+    for path, content in written.items():
+        with atomic_file(path) as temporary:
+            temporary.write_text(content, encoding="utf-8")
+    pictures = [name for name in summary["files"] if name.endswith(".png")]
+    for name in pictures:
+        shutil.copyfile(out / name, page.parent / f"accuracy-{Path(name).name}")
+    return [*map(str, written), *(f"accuracy-{Path(name).name}" for name in pictures)]
+
+
+def _text(path: Path) -> str:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; begin it, with its marks.")
+    return path.read_text(encoding="utf-8")
+
+
+def _factor(row: Mapping[str, Any]) -> str:
+    half, low, high = (row[f"half_the_error{end}"] for end in ("", "_low", "_high"))
+    return f"{bounded(half)} ({low:.2g} to {bounded(high)})"
+
+
+def _power(row: Mapping[str, Any], name: str) -> str:
+    if row[f"{name}_power"] is None:
+        return "–"
+    return f"{number(row[f'{name}_power'], '{:.2f}')} ± {row[f'{name}_power_pm']:.2f}"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.2g} %"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3g} s" if value >= 0.1 else f"{1000 * value:.3g} ms"
+
+
+# parts ------------------------------------------------------------------------------------------------------
+
+
+def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+    heads = ["half", "of what", "quantity", "against", "refined", "time goes with edge to the",
+             "error with edge to the", "half the error takes, times as long"]  # fmt: skip
+    rows = [
+        [row["half"], row["subject"], row["quantity"], row["against"], row["axis"], _power(row, "seconds"),
+         _power(row, "error"), _factor(row) if row["half_the_error"] is not None else "not clear"]
+        for row in tables["laws"] if row["method"] == OURS and row["error_power"] is not None
+    ]  # fmt: skip
+    return [table(heads, rows)]
+
+
+def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+    parts = []
+    for half in ("solver", "measuring"):
+        rows = [row for row in tables["presets"] if row["half"] == half]
+        lines = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
+        cells = []
+        for line in lines:
+            mine = {row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line}
+            cells.append([*line, *(_of_preset(mine.get(preset)) for preset in PRESETS)])
+        if cells:
+            parts.append(table(["of what", "quantity", "against", *PRESETS], cells))
+    return parts or ["No preset was studied."]
+
+
+def _of_preset(row: Mapping[str, Any] | None) -> str:
+    if row is None:
+        return "–"
+    law = f" (by law {_percent(row['error_by_law'])})" if row["error_by_law"] is not None else ""
+    error = f"**{_percent(row['error'])}**" if row["front"] else _percent(row["error"])
+    return f"{error}{law} in {_seconds(row['seconds'])}"
+
+
+def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+    rows = [row for row in tables["budget"] if row["against"] not in ("finest mesh",)]
+    quantities = list(dict.fromkeys(row["quantity"] for row in rows))
+    against = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
+    cells = []
+    for quantity in quantities:
+        found = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
+        if any(key in found for key in against):
+            cells.append([quantity, *(_percent(found.get(key)) for key in against)])
+    return [table(["quantity", *(other for _, other in against)], cells)] if cells else ["No solver was studied."]
+
+
+def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
+    if not tables["peers"]:
+        return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
+    heads = [
+        "of what", "quantity", "vertices or elements", "peer", "its time (range)", "ours (range)", "its time / ours",
+        "its error", "ours",
+    ]  # fmt: skip
+    rows = [
+        [
+            row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"], _range(row, "") or row["setting"],
+            _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}"), _percent(row["error"]),
+            _percent(row["our_error"]),
+        ]
+        for row in tables["peers"]
+    ]  # fmt: skip
+    return [table(heads, rows)]
+
+
+def _range(row: Mapping[str, Any], whose: str) -> str:
+    """Median time and range; nothing for what failed."""
+    if row[f"{whose}seconds"] is None:
+        return ""
+    median, low, high = (_seconds(row[f"{whose}{name}"]) for name in ("seconds", "fastest", "slowest"))
+    return f"{median} ({low} to {high})"
+
+
+def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+    """How often each setting of ours is on a front."""
+    counted: dict[tuple[str, str, str], list[int]] = {}
+    for row in tables["points"]:
+        if row["method"] == OURS and row["half"] == "solver" and row["against"] != EACH_OTHER:
+            counted.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
+    rows = [
+        [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
+        for (axis, setting, preset), fronts in counted.items()
+    ]
+    return [table(["axis", "setting", "quantities in which nothing beats it"], rows)] if rows else ["Nothing."]
+
+
+def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
+    made = summary["made"]
+    names = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEERS) if made.get(name)]
+    versions = ", ".join(f"{name} {made[name]}" for name in names)
+    return [f"{made['processor']}, {made['threads']} threads of {made['cores']}; Python {made['python']}, {versions}."]
+
+
+PARTS = {
+    "answer": _answer, "presets": _presets, "budget": _budget, "dominated": _dominated, "peers": _peers, "made": _made,
+}  # fmt: skip
+
+
+def _for_readme(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+    from morphofold.studies.accuracy.plots import HEADLINES
+
+    rows = [row for row in tables["laws"] if row["method"] == OURS and row["half_the_error"] is not None]
+    factors = {(row["quantity"], row["axis"]): _factor(row) for row in reversed(rows)}              # of the first shape
+    names = {**HEADLINES, ("mean curvature", "mesh"): "mean curvature of a mesh"}
+    words = [f"{name}: {factors[key]}" for key, name in names.items() if key in factors]
+    return [
+        "![Error against time of solver and measuring room, and of peers](docs/accuracy-overview.png)",
+        f"How many times longer for half the error (95 % interval)? {'; '.join(words)}. More: "
+        "[docs/accuracy.md](docs/accuracy.md).",
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the page; 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.accuracy.page", description=__doc__)
+    parser.add_argument("out", type=Path, metavar="OUT")
+    parser.add_argument("page", type=Path, metavar="PAGE")
+    parser.add_argument("--readme", type=Path, metavar="FILE")
+    parser.add_argument("--table", type=Path, metavar="FILE")
+    args = parser.parse_args(argv)
+    try:
+        print("\n".join(write_page(args.out, args.page, args.readme, args.table)))
+    except (ValueError, OSError) as error:
+        print(f"accuracy_page: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,183 @@
+"""Error against time: every setting a point, the front a line, and what half the error costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from morphofold.report.colours import CATEGORICAL
+from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure
+from morphofold.studies.accuracy.bodies import PACED
+from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving
+from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
+from morphofold.studies.accuracy.tables import along_meshes, laws_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = "osD^vP<>"
+FEWEST = 4              # points that make a panel
+COLUMNS = 3
+
+
+def front_figure(points: Sequence[Point], by: str) -> Figure | None:
+    """A panel for each quantity: all settings, filled where nothing beats them, and the front they make.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of one half.
+    by : {"axis", "method"}
+        What colours tell apart.
+
+    Returns
+    -------
+    Figure or None
+        None if no quantity has four points.
+    """
+    panels = {
+        key: group for key, group in grouped(points).items()
+        if len(group) >= FEWEST and min(p.error for p in group) > 0 and key[3] != EACH_OTHER
+    }  # fmt: skip
+    if not panels:
+        return None
+    names = list(dict.fromkeys(getattr(p, by) for group in panels.values() for p in group))
+    styles = {name: _style(k) for k, name in enumerate(names)}
+    rows = -(-len(panels) // COLUMNS)
+    with new_figure(4.1 * COLUMNS, 3.3 * rows + 0.5, rows, COLUMNS) as (figure, axes):
+        for ax, (key, group) in zip(axes.flat, panels.items()):
+            _panel(ax, group, styles, by)
+            ax.set_title(f"{key[2]}: {key[1]}\nagainst {key[3]}{_told(group)}", loc="left", fontsize=8.5)
+        for ax in axes.flat[len(panels) :]:
+            ax.set_axis_off()
+        for row in axes:
+            row[0].set(ylabel="error")
+        for ax in axes.flat[max(0, len(panels) - COLUMNS) : len(panels)]:
+            ax.set(xlabel="seconds")
+        entries: dict[str, Mapping[str, Any]] = {
+            **styles, "dominated": {**_style(6), "markerfacecolor": "none"},
+            "front": {"color": BLACK, "linewidth": 0.9},
+        }  # fmt: skip
+        legend_of_figure(figure, entries, axes.flat[0], columns=3 if by == "method" else 5)
+    return figure
+
+
+def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, Any]], by: str) -> None:
+    best = [p for p, better in zip(group, better_than(group)) if better is None]
+    best.sort(key=lambda p: p.seconds)
+    ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
+    for p in sorted(group, key=lambda p: p.axis == "mesh"):             # last, above what is the same run
+        style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
+        ax.plot([p.seconds], [p.error], **style)
+    presets: dict[float, dict[str, Point]] = {}                 # by error: standard and fine can be the same
+    named = [p for p in group if p.preset and p.method == OURS]
+    largest = max((p.size for p in named if p.half == "measuring"), default=0)
+    for p in named:
+        if p.half == "solver" or p.size == largest:
+            presets.setdefault(p.error, {}).setdefault(p.preset, p)
+    for error, alike in presets.items():
+        at = min(p.seconds for p in alike.values())
+        ax.annotate(", ".join(alike), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    _logarithmic(ax)
+
+
+def _told(group: Sequence[Point]) -> str:
+    """What half the error costs us along meshes, in words."""
+    ours = [p for p in group if p.method == OURS]
+    half = half_of(ours)
+    along = f"({PACED})" if any(p.axis == PACED for p in ours) else "the time"
+    return f"; half the error: {bounded(half.factor)} × {along}" if half else ""
+
+
+def half_of(points: Sequence[Point]) -> Halving | None:
+    """How much longer half the error takes along the meshes of one quantity, all refined with them that is (the last
+    axis of meshes that it has); None where that isn't known."""
+    groups = list(along_meshes(points).values())
+    seconds, error = laws_of(groups[-1]) if groups else (None, None)
+    return halving(seconds, error) if seconds and error else None
+
+
+def bounded(factor: float) -> str:
+    """A factor; one that is too large to matter is said to be."""
+    return f"{factor:.2g}" if factor < 100 else "more than 100"
+
+
+CURVATURE = "mean curvature"
+#: what the overview shows of the solver, and how it calls it
+HEADLINES = {
+    ("onset", PACED): "onset of folding, mesh and pace",
+    ("gyrification index, g = 2", "mesh"): "gyrification index at g = 2",
+    ("pial distance, g = 1.5", "mesh"): "pial surface at g = 1.5 (over T)",
+}  # fmt: skip
+
+
+def overview(points: Sequence[Point]) -> Figure:
+    """Both halves in one picture: along meshes, ours and the peers'."""
+    with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
+        left, right = axes[0]
+        meshes = along_meshes(points)
+        for k, ((quantity, axis), words) in enumerate(HEADLINES.items()):
+            for (half, _, what, against, method, refined), group in meshes.items():
+                theory = "incompressible" in against
+                if (half, what, method, refined) == ("solver", quantity, OURS, axis) and not theory:
+                    _curve(left, group, words, line_style(k))
+        curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
+        shape = next((key[1] for key in curvature), "no shape")
+        for k, best in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
+            strong = {"linewidth": 2.8} if best[0].method == OURS else {}
+            _curve(right, best, best[0].method, {**line_style(k), **strong})
+        titles = "solver: a growing sphere", f"measuring: {CURVATURE} of a {shape}"
+        for ax, title in zip((left, right), titles):
+            _logarithmic(ax)
+            ax.set(xlabel="seconds")
+            ax.set_title(title, loc="left")
+            if ax.lines:
+                ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8.5)
+        left.set(ylabel="error")
+    return figure
+
+
+def _best_of_packages(groups: Iterable[Sequence[Point]]) -> list[Sequence[Point]]:
+    """Of the ways in which a package does the same, the one with the least error on its finest mesh; ours first."""
+    best: dict[str, Sequence[Point]] = {}
+    for group in groups:
+        package, last = group[0].method.split()[0], lambda g: max(g, key=lambda p: p.size).error
+        if package not in best or last(group) < last(best[package]):
+            best[package] = group
+    return sorted(best.values(), key=lambda group: group[0].method != OURS)
+
+
+def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any]) -> None:
+    group = sorted(group, key=lambda p: p.size)
+    half = half_of(group)
+    label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
+    dots = {"marker": "o", "markersize": 4, "label": label}
+    ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
+    below = words.startswith("onset")                          # its curve crosses another one
+    for p in group:
+        if p.preset:
+            at = (4, -11) if below else (4, 4)
+            ax.annotate(p.preset, (p.seconds, p.error), xytext=at, textcoords="offset points", fontsize=7.5)
+
+
+def _style(k: int) -> dict[str, Any]:
+    return {
+        "color": CATEGORICAL[k % 7], "marker": MARKERS[k % 8], "markersize": 5, "linestyle": "none",
+        "markeredgecolor": CATEGORICAL[k % 7],
+    }  # fmt: skip
+
+
+def _logarithmic(ax: Axes) -> None:
+    """Logarithmic axes, errors in per cent; within a decade or so 2 and 5 are labelled, too."""
+    import math
+
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    ax.set(xscale="log", yscale="log")
+    told = FuncFormatter(lambda s, _: f"{s:g}"), FuncFormatter(lambda e, _: f"{100 * e:g} %")
+    for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), told, (ax.get_xlim(), ax.get_ylim())):
+        axis.set_major_formatter(words)
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter(words if math.log10(high / low) < 2.3 else FuncFormatter(lambda *_: ""))
+    ax.tick_params(which="both", labelsize=8.5)

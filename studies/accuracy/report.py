@@ -1,0 +1,156 @@
+"""What ``morphofold bench accuracy`` writes: tables, pictures, and an index that says what they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.analysis.resampling import ACCURACIES
+from morphofold.provenance import strict_json
+from morphofold.report.plots.line_plots import save
+from morphofold.studies.accuracy.bodies import FIXED, SUBJECT
+from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
+from morphofold.studies.accuracy.measuring_person import COARSE
+from morphofold.studies.accuracy.plots import HEADLINES, front_figure, overview
+from morphofold.studies.accuracy.points import FIELDS, Point
+from morphofold.studies.accuracy.solver import THEORY
+from morphofold.studies.accuracy.tables import (
+    COLUMNS,
+    along_meshes,
+    budget_rows,
+    law_rows,
+    laws_of,
+    peer_rows,
+    point_rows,
+    preset_rows,
+    rivals,
+)
+from morphofold.tables import write_table
+
+SHOWS = "errors and times of settings of the solver and of the measuring room"
+
+#: what a forecast of a scene's error is made from: quantity of the study -> name in the forecast
+FORECAST = {
+    "radius": "radius", "hoop stress": "hoop stress", "onset": "onset",
+    "gyrification index, g = 2": "gyrification index", "wavelength, g = 2": "wavelength",
+    "pial distance, g = 2": "pial distance",
+}  # fmt: skip
+
+#: what a forecast of an analysis says the error of; curvature is that of the pial surface, as its maps are
+MEASURED = (
+    "mean cortical thickness", "median gyral thickness", "wavelength", "spectral wavelength", "crest length", "hinges",
+    "local gyrification", "mean curvature",
+)  # fmt: skip
+#: subject of the study -> whose hemisphere that is
+PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
+
+
+def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables, pictures and ``summary.json`` of a study into ``folder``; what the latter says.
+
+    A table that the study has nothing for isn't written, and ``left_out`` says why.
+    """
+    tables = {
+        "points": (point_rows(points), "there are no points"),
+        "laws": (law_rows(points), "no quantity has three meshes"),
+        "presets": (preset_rows(points), "no setting is a preset"),
+        "budget": (budget_rows(points), "no solver was studied"),
+        "peers": (peer_rows(points), "no peer is installed; take the extra `bench`"),
+    }
+    for name, (rows, _) in tables.items():
+        if rows:
+            write_table(folder / f"{name}.tsv", [f for f in FIELDS if f in rows[0]] if name == "points" else [], rows)
+    drawn, pictures = rivals(points), []
+    (folder / "figures").mkdir()
+    shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
+    person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
+    for name, mine, by in (
+        ("solver", [p for p in drawn if p.half == "solver" and _in_picture(p)], "axis"),
+        ("shapes", shapes, "method"), ("person", person, "axis"),
+    ):  # fmt: skip
+        figure = front_figure(mine, by)
+        if figure is not None:
+            save(figure, folder / "figures" / f"{name}.png")
+            pictures.append(f"figures/{name}.png")
+    if {p.half for p in points} == {"solver", "measuring"}:
+        save(overview(drawn), folder / "figures" / "overview.png")
+        pictures.append("figures/overview.png")
+    summary = {
+        "shows": SHOWS,
+        "made": dict(made),
+        "halves": sorted({p.half for p in points}),
+        "files": [*(f"{name}.tsv" for name, (rows, _) in tables.items() if rows), *pictures],
+        "left_out": {name: why for name, (rows, why) in tables.items() if not rows},
+        "columns": COLUMNS,
+        "errors": expected_errors(points),
+    }
+    (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+    return summary
+
+
+def _in_picture(p: Point) -> bool:
+    """Of the axes with a limit of their own only what the overview shows, too."""
+    return p.against in (THEORY, MESH) or (p.quantity, "mesh") in HEADLINES
+
+
+def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
+    """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if there are
+    none of the solver.
+
+    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
+    standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is
+    the root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which
+    is the body's own; ``power_of_three_elements`` is the power along meshes of as many elements through the cortex.
+    ``measuring`` is of the measuring room: see :func:`measuring_errors`.
+    """
+    quantities = {}
+    beside: dict[str, list[float]] = {}
+    for row in budget_rows(points):
+        if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
+            beside.setdefault(row["quantity"], []).append(row["error"])
+    for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
+        known = quantity in FORECAST and against in (THEORY, MESH)
+        if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
+            error = laws_of(group)[1]
+            if error is not None:
+                quantities[FORECAST[quantity]] = {
+                    "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
+                    "finest": error.low, "coarsest": error.high, "against": against,
+                    "other": math.hypot(*beside.get(quantity, [])),
+                    "power_of_three_elements": _power_of_three(points, quantity),
+                }  # fmt: skip
+    if not quantities:
+        return None
+    measuring = measuring_errors(points)
+    return {"subject": SUBJECT, "growth": STAGES[-1], "quantities": quantities, "measuring": measuring}
+
+
+def _power_of_three(points: Sequence[Point], quantity: str) -> float | None:
+    """Power of the edge in the error of folds where three elements through the cortex are kept; None if not studied."""
+    along = [p for p in points if (p.axis, p.quantity, p.against) == (FIXED, quantity, MESH)]
+    error = laws_of(along)[1] if len({p.value for p in along}) > 2 else None
+    return error.power if error else None
+
+
+def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
+    """Errors of the accuracies of the measuring room on one person's hemisphere, as it is and thinned.
+
+    Each is of a ``subject`` of so many ``vertices``; each of its ``quantities`` has what it is held ``against``, and
+    the relative error by accuracy. What an accuracy does not change was studied at standard only, and stands for all.
+    An accuracy is not told to be better than a dearer one: it would be so by chance.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for p in points:
+        if p.half == "measuring" and p.preset and p.subject in PERSONS and p.quantity in MEASURED:
+            name = PERSONS[p.subject]
+            person = found.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
+            person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
+    for person in found.values():
+        told, person["quantities"] = person["quantities"], {}
+        for name in (name for name in MEASURED if "standard" in told.get(name, {})):
+            errors = [told[name].get(preset, told[name]["standard"]) for preset in ACCURACIES]
+            largest = {preset: max(errors[k:]) for k, preset in enumerate(ACCURACIES)}
+            person["quantities"][name] = {"against": told[name]["against"], **largest}
+    return list(found.values())

@@ -1,0 +1,137 @@
+"""Error against time of the solver while the body is smooth, and where it starts to fold: against theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim import theory
+from morphofold.sim.body import Body
+from morphofold.sim.equilibrium.tangent import cauchy_stress, points
+from morphofold.sim.sphere_theory import smooth_sphere as smooth
+from morphofold.sim.sphere_theory.finite_elements import RadialState, critical_growth_of_degree, radial_equilibrium
+from morphofold.studies.accuracy.bodies import SUBJECT, Setting
+from morphofold.studies.accuracy.points import Point, timed
+from morphofold.studies.folds.tables import sphere
+from morphofold.studies.onset import onset
+from morphofold.timing import working_seconds
+
+Array = NDArray[np.float64]
+
+SMOOTH = 1.15           # growth at which the smooth body is held against theory: it wrinkles from 1.24 on
+START = 1.1             # growth at which the onset begins to be looked for
+REPEATS, ENOUGH = 3, 10.0   # how often the smooth body is grown, at most; not again after so long [s]
+THEORY, INCOMPRESSIBLE = "theory", "incompressible theory"
+
+
+def smooth_points(setting: Setting) -> list[Point]:
+    """Radius and hoop stress of the smooth body at g = 1.15, grown by the dynamics, against theory.
+
+    The body comes to rest at the end as it does at a stage of a scene. Theory is the radial equilibrium of the same
+    kappa/mu; the radius is also held against the incompressible one (Razavi et al. 2015, Eq. 11).
+    """
+    seconds: list[float] = []
+    while len(seconds) < REPEATS and sum(seconds) < ENOUGH:
+        run = setting.dynamics(folds=False)
+        begun = working_seconds()
+        run.grow_to(SMOOTH)
+        run.settle()
+        seconds.append(working_seconds() - begun)
+    body, x, size = run.body, run.state.x, run.body.elements.n
+    exact = theory_of(setting.kappa_ratio)
+    found = [
+        ("radius", radius_error(body, x, exact), THEORY), ("hoop stress", stress_error(body, x, exact), THEORY),
+        ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
+    ]  # fmt: skip
+    return [_point(setting, what, error, against, size, seconds) for what, error, against in found]
+
+
+@cache
+def theory_of(kappa_ratio: float) -> RadialState:
+    """The smooth body at g = 1.15 by theory, lengths over C; of ``inf`` the radius is that of Eq. (11)."""
+    T_over_C, mu_ratio, law, A_over_C = _sphere()
+    return radial_equilibrium(SMOOTH, T_over_C, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
+
+
+def _sphere() -> tuple[float, float, str, float]:
+    """T/C, ratio of moduli, growth law and A/C of the body of the study."""
+    scene = Setting("", "", 0.0).scene()
+    body = sphere(scene)
+    T_over_C, A_over_C = body.cortex_thickness / body.radius, body.hole_radius / body.radius
+    return T_over_C, scene.material.mu_ratio, scene.growth.law, A_over_C
+
+
+def radius_error(body: Body, x: Array, exact: RadialState) -> float:
+    """Rms over the pial nodes of the error of their radius, over the displacement that theory gives them."""
+    C = float(np.linalg.norm(body.X[: body.n_surface], axis=1).max())
+    r = C * float(exact.at(1.0, "cortex").r[0])
+    return float(np.sqrt(np.mean((np.linalg.norm(x[: body.n_surface], axis=1) - r) ** 2))) / (r - C)
+
+
+def stress_error(body: Body, x: Array, exact: RadialState) -> float:
+    """Rms error of the hoop stress of the elements of the cortex, over the rms of the exact one.
+
+    The hoop stress is the mean of the two tangential Cauchy stresses, averaged over an element (of tetrahedra: over
+    a patch of six), and held against theory at the mean of its nodes.
+    """
+    nodes = np.concatenate([part.nodes for part in points(body)])
+    cortex = body.bilayer.share[nodes].mean(axis=1) > 0                 # the core's nodes have no share of it
+    at, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
+    R = np.linalg.norm(at, axis=1)
+    normal = at / R[:, None]
+    hoop = 0.5 * (np.trace(stress, axis1=1, axis2=2) - np.einsum("ei,eij,ej->e", normal, stress, normal))
+    C = np.linalg.norm(body.X[: body.n_surface], axis=1).max()
+    right = exact.at(R / C, "cortex").sigma_theta
+    return float(np.sqrt(np.sum((hoop - right) ** 2) / np.sum(right**2)))
+
+
+def onset_points(setting: Setting) -> list[Point]:
+    """Growth at which folding starts in the dynamics (:func:`~morphofold.studies.onset.onset`), against theory."""
+    scene, bilayer = setting.scene(), setting.bilayer()
+    T_over_C, mu_ratio, law, A_over_C = _sphere()
+    begun = working_seconds()
+    found = onset(scene, start=START, bilayer=bilayer).g
+    seconds, size = [working_seconds() - begun], bilayer.mesh.nelements
+    kappas = {THEORY: setting.kappa_ratio, INCOMPRESSIBLE: np.inf}
+    exact = {
+        against: theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C).g_crit
+        for against, kappa in kappas.items()
+    }
+    return [_point(setting, "onset", abs(found - g) / (g - 1), against, size, seconds) for against, g in exact.items()]
+
+
+def theory_points() -> list[Point]:
+    """What the theory itself takes for the same two numbers, and how far its two routes lie apart."""
+    T_over_C, mu_ratio, law, A_over_C = _sphere()
+    kappa = Setting("", "", 0.0).kappa_ratio
+    body = smooth.Sphere(T_over_C, mu_ratio, law, kappa, A_over_C)
+
+    def radius() -> float:
+        smooth.smooth_state.cache_clear()
+        return float(smooth.smooth_state(body, SMOOTH).fields[1, smooth.RADIUS].max())
+
+    def begins() -> theory.Bifurcation:
+        smooth.smooth_state.cache_clear()
+        return theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+
+    elements = float(theory_of(kappa).at(1.0, "cortex").r[0])
+    found = begins()
+    again = critical_growth_of_degree(int(found.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+    errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
+    return [
+        Point(
+            "solver", SUBJECT, what, errors[what], THEORY, "mesh", "the exact body", 0.0, 0, *timed(work)[1],
+            method="the theory",
+        )
+        for what, work in (("radius", radius), ("onset", begins))
+    ]  # fmt: skip
+
+
+def _point(setting: Setting, what: str, error: float, against: str, size: int, seconds: Sequence[float]) -> Point:
+    return Point(
+        "solver", SUBJECT, what, error, against, setting.axis, setting.words, setting.value, size,
+        float(np.median(seconds)), min(seconds), max(seconds), len(seconds), preset=setting.preset,
+    )  # fmt: skip

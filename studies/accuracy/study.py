@@ -1,0 +1,172 @@
+"""The study of accuracy: all its cases, done one by one and kept, so that an interrupted study goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from morphofold import __version__
+from morphofold.io import atomic_file
+from morphofold.io.json_files import Number, Record, read_json
+from morphofold.provenance import strict_json
+from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
+from morphofold.studies.accuracy.points import ANEW, Case, Point
+
+HALVES = ("measuring", "solver")
+SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
+PEERS = ("libigl", "pyvista", "trimesh", "lapy")    # packages, if they are installed
+READERS = ("study.py", "tables.py", "fronts.py")    # of this package: no case runs them
+COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
+Progress = Callable[[float, str], None]
+
+
+def circumstances() -> dict[str, Any]:
+    """What errors and times depend on: the machine, its threads in use, versions, and the code that is studied."""
+    import numba
+
+    return {
+        "morphofold": __version__, "code": _digest_of_code(), "processor": _processor(), "cores": os.cpu_count(),
+        "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba", "scikit-fem")},
+        **{package: _version_if_installed(package) for package in PEERS},
+    }  # fmt: skip
+
+
+def _version_if_installed(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _digest_of_code() -> str:
+    """Of the rooms that cases are run by, and of the ground floor; modules that only read points are left out."""
+    import morphofold.analysis
+    import morphofold.io
+    import morphofold.sim
+    import morphofold.studies.accuracy
+
+    digest = hashlib.sha256()
+    for package in (morphofold, morphofold.studies.accuracy, morphofold.analysis, morphofold.io, morphofold.sim):
+        folder = Path(str(package.__file__)).parent
+        for file in sorted(folder.glob("*.py") if package is morphofold else folder.rglob("*.py")):
+            if file.name not in READERS:
+                digest.update(f"{package.__name__}/{file.relative_to(folder).as_posix()}\n".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _processor() -> str:
+    """Model of the processor, as the system calls it."""
+    told = Path("/proc/cpuinfo")
+    if told.exists():
+        for line in told.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+class _Points(Record):
+    """A case that was done."""
+
+    points: list[dict[str, str | Number | None]]
+
+
+class Kept:
+    """Cases that are done, in a folder of their own for each set of circumstances: times of others don't count."""
+
+    def __init__(self, folder: Path, made: dict[str, Any]):
+        self.folder = folder / hashlib.sha256(strict_json(made).encode()).hexdigest()[:12]
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def points(self, case: Case) -> list[Point]:
+        """Those of a case, done now unless it was."""
+        file = self.folder / f"{case.name}.json"
+        if not file.exists():
+            rows = [point.as_row() for point in case.work()]
+            with atomic_file(file) as temporary:
+                temporary.write_text(strict_json({"points": rows}), encoding="utf-8")
+        rows = read_json(file, _Points, ANEW)["points"]
+        try:
+            return [Point.from_row(row) for row in rows]
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}. {ANEW}") from None
+
+
+def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:
+    """All points of the study, in the order of its cases."""
+    work = {"measuring": _measuring, "solver": _solver}
+    points: list[Point] = []
+    done, whole = 0.0, sum(SHARES[half] for half in halves)
+    for half in HALVES:
+        if half in halves:
+            points += work[half](kept, _part_of(tell, done / whole, SHARES[half] / whole))
+            done += SHARES[half]
+    return points
+
+
+def _part_of(tell: Progress, begun: float, part: float) -> Progress:
+    """Progress of a part of the whole that begins at a share of it."""
+    return lambda share, words: tell(begun + part * share, words)
+
+
+def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
+    from morphofold.studies.accuracy.measuring import cases
+
+    todo = cases()
+    for k, case in enumerate(todo):
+        tell(k / len(todo), case.name)
+        yield from kept.points(case)
+
+
+def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
+    from morphofold.studies.accuracy.assembly import SIZES, assembly_points
+    from morphofold.studies.accuracy.folds import fold_points, grown, pairs
+    from morphofold.studies.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
+
+    yield from kept.points(Case("theory", theory_points))
+    for cells in SIZES:
+        tell(0.0, f"forces, {cells} cells")
+        yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
+    settings = [s for along in axes().values() for s in along]
+    folding = [s for s in settings if s.axis != PACED]
+    to_fold = {s.name for s in (*folding, FINEST)}
+    without_contact = {s.name for s in settings if s.axis != "contact"}     # contact begins with folds
+    different = {s.name: s for s in (*settings, FINEST)}
+    cost = {name: _cost(s) for name, s in different.items()}
+    done, whole = 0.0, sum(cost.values())
+    folds = {}
+    smooth: dict[str, list[Point]] = {}
+    for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
+        share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)     # noqa: B023
+        if name in without_contact:
+            share(0.0, f"{s.words}, smooth")
+            smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
+            smooth[name] += kept.points(Case(f"onset-{name}", partial(onset_points, s)))
+        if name in to_fold:
+            folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
+        done += cost[name]
+    for s in (s for s in settings if s.axis != "contact"):
+        yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
+    compared = pairs(folding)
+    for k, (s, better, against) in enumerate(compared):
+        tell(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
+        work = partial(fold_points, s, folds[s.name], folds[better.name], against)
+        yield from _of(s, kept.points(Case(f"folds-{s.name}-against-{better.name}", work)))
+
+
+def _of(s: Setting, points: Iterable[Point]) -> Iterator[Point]:
+    """Points of a run that belongs to several axes, as one of this axis."""
+    return (replace(p, axis=s.axis, setting=s.words, value=s.value) for p in points)
+
+
+def _cost(s: Setting) -> float:
+    """About how long a setting takes, in any unit: elements times steps."""
+    return s.edge**-3 * (s.through + 8) * (s.kappa_ratio / 50) ** 0.5 / s.rate

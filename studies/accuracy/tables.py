@@ -1,0 +1,141 @@
+"""The tables of a study of accuracy: all points with their fronts, laws of time and error, peers, presets, the error
+of the standard setting by where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from morphofold.studies.accuracy.bodies import FINEST, PACED
+from morphofold.studies.accuracy.folds import MESH
+from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halving, law
+from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
+
+Row = dict[str, Any]
+ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")        # axes on which ours and peers have the same mesh
+REFINED = ("mesh", PACED)
+PRESETS = ("mesh", "accuracy", "voxel")                            # axes that know presets
+
+COLUMNS = {
+    "error": "relative: 0.01 is 1 %",
+    "against": "what the error is measured against",
+    "value": "where the setting lies on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, factor, "
+    "binary digits, or of a surface the mean edge or the scale [mm]",
+    "seconds, fastest, slowest": "wall time without compiling: median over the repeats, and range",
+    "front": "1 if nothing that is held against the same takes less than 75 % of the time with an error at most 5 % "
+    "larger, or no more time with less than 95 % of the error",
+    "dominated_by": "the most accurate of those that do",
+    "*_power": "of the edge (of a surface: of the root of its number of vertices, inverted), +- half the 95 % interval",
+    "*_coefficient": "of the power law: error = coefficient * edge^power",
+    "half_the_error": "how many times longer half the error takes, with its 95 % interval",
+    "error_scatter": "standard deviation of ln error about its law",
+    "seconds_ratio, error_ratio": "the peer's over ours, where both measure the same mesh",
+}
+
+
+def rivals(points: Iterable[Point]) -> list[Point]:
+    """The points that fronts are made of: nothing that failed, and of the solver no theory, which can't fold."""
+    return [p for p in points if p.repeats and (p.half == "measuring" or p.method == OURS)]
+
+
+def ranked(points: Iterable[Point]) -> list[tuple[Point, Point | None]]:
+    """Every point that has an error, and which one dominates it of those that it can be compared with."""
+    groups = grouped(rivals(points)).values()
+    return [pair for group in groups for pair in zip(group, better_than(group), strict=True)]
+
+
+def point_rows(points: Sequence[Point]) -> list[Row]:
+    """Every point that has an error, and whether it is on a front."""
+    rows = []
+    for p, better in ranked(points):
+        other = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
+        rows.append({**p.as_row(), "front": better is None, "dominated_by": other})
+    return rows
+
+
+def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
+    """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), three sizes or more."""
+    found: dict[tuple[str, ...], list[Point]] = {}
+    for p in points:
+        if p.axis in REFINED and p.repeats:
+            found.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
+    return {key: group for key, group in found.items() if len({p.size for p in group}) > 2}
+
+
+def edge_of(p: Point) -> float:
+    """The length that mesh laws are in: edge over thickness in a solver, else the root of one over the vertices."""
+    return p.value if p.half == "solver" else p.size**-0.5
+
+
+def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
+    """Laws of time and of error with the edge; none of the error where it is round-off."""
+    x = [edge_of(p) for p in group]
+    beyond = FINEST.built if group[0].against == MESH else 0.0
+    seconds = law(x, [p.seconds for p in group])
+    if any(p.error < 1e-12 for p in group) or any(at <= beyond for at in x):
+        return seconds, None
+    return seconds, law(x, [p.error for p in group], beyond)
+
+
+def law_rows(points: Sequence[Point]) -> list[Row]:
+    """How time and error go with the edge, and how much longer half the error takes."""
+    rows = []
+    for key, group in along_meshes(points).items():
+        time, error = laws_of(group)
+        half = halving(time, error) if error else None
+        rows.append({
+            **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
+            "points": len(group),
+            "seconds_power": time.power, "seconds_power_pm": time.uncertainty, "seconds_coefficient": time.coefficient,
+            "error_power": error.power if error else None, "error_power_pm": error.uncertainty if error else None,
+            "error_coefficient": error.coefficient if error else None,
+            "error_scatter": error.scatter if error else None,
+            "half_the_error": half.factor if half else None, "half_the_error_low": half.low if half else None,
+            "half_the_error_high": half.high if half else None,
+        })  # fmt: skip
+    return rows
+
+
+def peer_rows(points: Sequence[Point]) -> list[Row]:
+    """Each peer beside us on the same mesh, or where it has none beside our ``standard``."""
+    along = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
+    ours = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in along}
+    ours |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in along if p.preset == "standard"}
+    rows = []
+    for p in points:
+        mine = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
+        if p.method == OURS or mine is None:
+            continue
+        rows.append({
+            "subject": p.subject, "quantity": p.quantity, "size": p.size, "method": p.method, "setting": p.setting,
+            "seconds": p.seconds, "fastest": p.fastest, "slowest": p.slowest, "repeats": p.repeats, "error": p.error,
+            "our_size": mine.size, "our_seconds": mine.seconds, "our_fastest": mine.fastest,
+            "our_slowest": mine.slowest, "our_error": mine.error, "seconds_ratio": p.seconds / mine.seconds,
+            "error_ratio": p.error / mine.error if mine.error > 0 else None,        # of a peer that failed all are NaN
+        })  # fmt: skip
+    return rows
+
+
+def preset_rows(points: Sequence[Point]) -> list[Row]:
+    """Measured errors and time of the presets, if on a front, and the error that the law along the mesh expects."""
+    meshes = along_meshes(points)
+    rows = []
+    for p, better in ranked(points):
+        key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
+        if p.preset and p.axis in PRESETS:
+            error = laws_of(meshes[key])[1] if key in meshes else None
+            rows.append({
+                "half": p.half, "preset": p.preset, "subject": p.subject, "quantity": p.quantity, "against": p.against,
+                "setting": p.setting, "size": p.size, "seconds": p.seconds, "error": p.error,
+                "error_by_law": error.at(edge_of(p)) if error else None, "front": better is None,
+            })  # fmt: skip
+    return rows
+
+
+def budget_rows(points: Sequence[Point]) -> list[Row]:
+    """Where the error of ``standard`` comes from: along each axis, the difference to the last setting of it."""
+    return [
+        {"axis": p.axis, "quantity": p.quantity, "setting": p.setting, "against": p.against, "error": p.error,
+         "seconds": p.seconds}
+        for p in points if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
+    ]  # fmt: skip

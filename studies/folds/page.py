@@ -1,0 +1,298 @@
+"""What ``morphofold bench folds`` wrote, for people: text tables, a Markdown page in plain words, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
+from morphofold.report.plots.line_plots import save
+from morphofold.studies.folds.plots import thickness_figure
+from morphofold.studies.indexes import FoldIndex
+from morphofold.studies.markdown import Row, between_marks, health, number, read_rows, table
+
+Cells = tuple[list[str], list[list[str]]]
+Summary = dict[str, Any]
+
+#: what the study asks of two neighbouring meshes: least correlation of outer radii, greatest change of GI [%]
+ALIKE, SAME_GI = 0.95, 4.0
+NAMES = {
+    "gyrification_index": "GI", "gyri": "the number of gyri", "sulci": "the number of sulci",
+    "wavelength_mm": "the wavelength", "gyral_thickness_mm": "the gyral width",
+}  # fmt: skip
+NEW_PAGE = """# How far simulated folds can be trusted
+
+The same bodies, grown on several meshes and from several seeds of their imperfection. How folds are counted is said in
+[figures.md](figures.md). What stands between marks is generated:
+
+```sh
+morphofold bench folds -o folds
+python -m morphofold.studies.folds.study folds {page}
+```
+
+## The folds
+
+<!-- folds -->
+<!-- /folds -->
+
+## Between meshes
+
+<!-- convergence -->
+<!-- /convergence -->
+
+## Between seeds
+
+<!-- spread -->
+<!-- /spread -->
+
+## Wavelength against cortical thickness
+
+<!-- slope -->
+<!-- /slope -->
+
+## The runs
+
+<!-- runs -->
+<!-- /runs -->
+"""
+
+
+def text_tables(out: Path) -> list[str]:
+    """The tables of a study as text of even columns, each under a line that says what it is."""
+    summary, tables = _read(out)
+    return [f"{TITLES[name]}\n{_padded(*CELLS[name](tables[name], summary))}" for name in CELLS if name in tables]
+
+
+def write_page(out: Path, page: Path) -> list[str]:
+    """Renew the marked parts of ``page`` from a study, the picture beside it too; names of the files written.
+
+    A page that isn't there is begun. A table that the study left out is named with the reason instead.
+
+    Raises
+    ------
+    FileNotFoundError
+        If ``out`` holds no summary, or lacks a file that this names.
+    ValueError
+        If the summary is of something else, or the page hasn't one pair of marks for each part; the page is as it was.
+    """
+    summary, tables = _read(out)
+    text = page.read_text(encoding="utf-8") if page.exists() else NEW_PAGE.format(page=page.as_posix())
+    picture = page.with_suffix(".png")
+    for name, sentences in WORDS.items():
+        if name in tables:
+            heads, rows = CELLS[name](tables[name], summary)
+            parts = [sentences(tables[name], summary), table(heads, rows)]
+        else:
+            parts = [f"Left out: {summary['left_out'][name]}."]
+        if name == "slope" and name in tables:
+            parts.insert(1, f"![wavelength of folds against the thickness of the cortex]({picture.name})")
+        text = between_marks(text, name, parts, page)
+    text = between_marks(text, "runs", [_runs(summary), health(summary["simulations"])], page)
+    if "slope" in tables:
+        with atomic_file(picture) as temporary:
+            save(thickness_figure(tables["folds"], tables["slope"], summary), temporary)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return [str(page), *([str(picture)] if "slope" in tables else [])]
+
+
+def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
+    path = out / "summary.json"
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file. Name a folder that `morphofold bench folds` wrote.")
+    summary = read_json(path, FoldIndex, "Name a folder that `morphofold bench folds` wrote.")
+    return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
+
+
+# tables -----------------------------------------------------------------------------------------------------
+
+
+def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
+    """The finest mesh, from the first seed."""
+    asked = summary["parameters"]
+    heads = ["scene", "g", "GI", "gyri", "sulci", "wavelength, mm", "over T", "theory, over T", "gyral width, mm",
+             "cortex, mm"]  # fmt: skip
+    how = ("{:.2f}", "{:.2f}", "{:.0f}", "{:.0f}", "{:.1f}", "{:.2f}", "{:.2f}", "{:.1f}", "{:.2f}")
+    lines = []
+    for row in rows:
+        if (row["level"], row["seed"]) == (asked["levels"][-1], asked["seeds"][0]):
+            T, wave = row["thickness_mm"], row["wavelength_mm"]
+            values = (
+                row["growth"], row["gyrification_index"], row["gyri"], row["sulci"], wave, wave and wave / T,
+                row["theory_wavelength_mm"] / T, row["gyral_thickness_mm"], row["cortical_thickness_mm"],
+            )  # fmt: skip
+            lines.append([row["scene"], *map(number, values, how)])
+    return heads, lines
+
+
+def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
+    heads = ["scene", "g", "meshes", "correlation", "GI", "change", "gyri", "sulci", "wavelength, mm", "change"]
+    lines = []
+    for row in rows:
+        pairs = {
+            name: f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
+            for name, how in (
+                ("gyrification_index", "{:.2f}"), ("gyri", "{:.0f}"), ("sulci", "{:.0f}"), ("wavelength_mm", "{:.1f}"),
+            )
+        }  # fmt: skip
+        change = {n: number(row[f"{n}_change_percent"], "{:+.1f} %") for n in ("gyrification_index", "wavelength_mm")}
+        lines.append([
+            row["scene"], number(row["growth"], "{:.2f}"), f"{row['coarser']} → {row['finer']}",
+            number(row["correlation"], "{:.3f}"), pairs["gyrification_index"], change["gyrification_index"],
+            pairs["gyri"], pairs["sulci"], pairs["wavelength_mm"], change["wavelength_mm"],
+        ])  # fmt: skip
+    return heads, lines
+
+
+def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
+    heads = ["scene", "g", "GI", "gyri", "range", "sulci", "range", "wavelength, mm", "range"]
+
+    def told(row: Row, name: str, how: str) -> str:
+        mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
+        return "–" if mean is None else f"{how.format(mean)} ± {how.format(sd)}"
+
+    def ends(row: Row, name: str, how: str) -> str:
+        low, high = row[f"{name}_min"], row[f"{name}_max"]
+        return "–" if low is None else f"{how.format(low)} to {how.format(high)}"
+
+    lines = []
+    for row in rows:
+        line = [row["scene"], number(row["growth"], "{:.2f}"), told(row, "gyrification_index", "{:.3f}")]
+        for name, how, whole in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
+            line += [told(row, name, how), ends(row, name, whole)]
+        lines.append([*line, told(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}")])
+    return heads, lines
+
+
+def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
+    heads = ["law", "of", "mesh", "g", "points", "slope, mm/mm", "standard error", "at T = 0, mm", "theory",
+             "film formula"]  # fmt: skip
+    lines = [
+        [
+            row["law"], NAMES[row["number"]].removeprefix("the "), row["level"], number(row["growth"], "{:.2f}"),
+            number(row["points"], "{:.0f}"),
+            *(number(row[n], "{:.2f}") for n in ("slope", "standard_error", "intercept", "theory_slope", "film_slope")),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return heads, lines
+
+
+def _padded(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Columns of even width, the first to the left."""
+    widths = [max(map(len, column)) for column in zip(heads, *rows)]
+    lines = [
+        "  ".join(cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(line, widths)))
+        for line in (heads, *rows)
+    ]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+# sentences --------------------------------------------------------------------------------------------------
+
+
+def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
+    asked = summary["parameters"]
+    unfolded = sum(row["wavelength_mm"] is None for row in rows)
+    told = (
+        f"At level {asked['levels'][-1]}, seed {asked['seeds'][0]}; simulated: {asked['portion']}. Numbers are of the "
+        "whole sphere, mirrored parts included."
+    )
+    return told + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
+
+
+def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
+    """A paragraph per pair of meshes."""
+    told = [
+        f"The outer radius is compared along {summary['parameters']['directions']:,} directions of the whole sphere, "
+        "at its first hit from outside."
+    ]
+    for coarser, finer in dict.fromkeys((row["coarser"], row["finer"]) for row in rows):
+        mine = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
+        if not mine:
+            told.append(f"Between {coarser} and {finer} no stage is folded on both.")
+            continue
+        known = [row for row in mine if row["correlation"] is not None]
+        worst = min(known, key=lambda row: row["correlation"])
+        most = max(mine, key=lambda row: abs(row["gyrification_index_change_percent"]))
+        alike = sum(row["correlation"] >= ALIKE for row in known)
+        same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in mine)
+        waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
+        told.append(
+            f"Between **{coarser} and {finer}** it correlates at {ALIKE:g} or more in {alike} of {len(mine)} folded "
+            f"stages, in the median at {np.median([row['correlation'] for row in known]):.3f}, at least at "
+            f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
+            f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}); the wavelength most by "
+            f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
+        )
+    return "\n\n".join(told)
+
+
+def _where(row: Row) -> str:
+    return f"{row['scene']}, g = {row['growth']:.2f}"
+
+
+def _signed(percent: float) -> str:
+    return number(percent, "{:+.1f} %")
+
+
+def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
+    told = []
+    for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
+        share = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
+        if share:
+            most, row = max(share, key=lambda pair: pair[0])
+            middle = np.median([percent for percent, _ in share])
+            told.append(f"of {NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+    asked = summary["parameters"]
+    begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {_list(asked['seeds'])}"
+    return f"{begin}, {f'the standard deviation over the mean is {_list(told)}' if told else 'nothing is folded'}."
+
+
+def _list(items: Sequence[Any]) -> str:
+    *most, last = map(str, items)
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
+    """A sentence per law: the slope of the wavelength on the finest mesh that has lines."""
+    told = ["Lines by least squares on the thickness T of the cortex before growth, through all seeds of a mesh."]
+    for law in dict.fromkeys(row["law"] for row in rows):
+        mine = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
+        fitted = [row for row in mine if row["slope"] is not None]
+        if not fitted:
+            told.append(f"With {law} growth not all three bodies are folded at any growth.")
+            continue
+        last = fitted[-1]["level"]
+        slopes = [
+            f"{number(row['slope'], '{:.2f}')} ± {number(row['standard_error'], '{:.2f}')} at g = {row['growth']:.2f}"
+            for row in fitted if row["level"] == last
+        ]  # fmt: skip
+        told.append(
+            f"With **{law}** growth the wavelength grows, per mm of T, by {_list(slopes)} mm (level {last}); the first "
+            f"wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "
+            f"{mine[0]['film_slope']:.2f}."
+        )
+    return "\n\n".join(told)
+
+
+def _runs(summary: Summary) -> str:
+    told = summary["simulations"]
+    healthy = sum(entry["healthy"] for entry in told)
+    return f"{healthy} of {len(told)} runs are healthy. Version {summary['morphofold']}."
+
+
+CELLS: dict[str, Callable[[Sequence[Row], Summary], Cells]] = {
+    "folds": _folds, "convergence": _convergence, "spread": _spread, "slope": _slope,
+}  # fmt: skip
+WORDS: dict[str, Callable[[Sequence[Row], Summary], str]] = {
+    "folds": _say_folds, "convergence": _say_convergence, "spread": _say_spread, "slope": _say_slope,
+}  # fmt: skip
+TITLES = {
+    "folds": "folds on the finest mesh", "convergence": "coarser mesh → finer mesh, outer radius and folds",
+    "spread": "mean ± standard deviation over seeds", "slope": "lines on cortical thickness T",
+}  # fmt: skip

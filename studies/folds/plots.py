@@ -1,0 +1,61 @@
+"""Wavelength of simulated folds against the thickness of the cortex, beside theory: the picture of a study of folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, set_limits
+from morphofold.studies.folds.statistics import BY_THICKNESS
+from morphofold.studies.markdown import Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: prefix of the columns of a line in slope.tsv -> how it is drawn
+THEORY: dict[str, dict[str, Any]] = {"theory": {"color": BLACK}, "film": {"color": GREY, "linestyle": ":"}}
+
+
+def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[str, Any]) -> Figure:
+    """Wavelength against thickness, a panel per growth law: every seed a point, lines of theory beside."""
+    level = summary["parameters"]["all_seeds_at_level"]
+    lines = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
+    growths = list(dict.fromkeys(row["growth"] for row in lines))
+    bodies = {name for names in BY_THICKNESS for name in names}
+    folds = [row for row in folds if row["scene"] in bodies and row["level"] == level]
+    right = 1.15 * max(row["thickness_mm"] for row in folds)
+    highest = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
+    laws = list(dict.fromkeys(row["law"] for row in lines))
+    with new_figure(4.4 * len(laws) + 0.6, 4.8, 1, len(laws), sharey=True) as (figure, axes):
+        for ax, law in zip(axes[0], laws):
+            mine = [row for row in lines if row["law"] == law]
+            _draw(ax, [row for row in folds if row["law"] == law], mine, growths, right)
+            set_limits(ax, (0, right), (0, 1.1 * highest), f"{law} growth, {level}")
+            ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
+        axes[0][0].set(ylabel="wavelength of the folds, mm")
+        entries: dict[str, Any] = {
+            "linear stability": THEORY["theory"], "film formula": THEORY["film"],
+            **{f"$g$ = {g:.2f}": _of_growth(k) for k, g in enumerate(growths)},
+        }  # fmt: skip
+        legend_of_figure(figure, entries, axes[0][0], columns=3)
+    return figure
+
+
+def _draw(ax: Axes, folds: Sequence[Row], lines: Sequence[Row], growths: Sequence[float], right: float) -> None:
+    T = np.array([0.0, right])
+    for name, style in THEORY.items():
+        ax.plot(T, lines[0][f"{name}_intercept"] + lines[0][f"{name}_slope"] * T, **style)
+    for k, g in enumerate(growths):
+        points = [(r["thickness_mm"], r["wavelength_mm"]) for r in folds if r["growth"] == g and r["wavelength_mm"]]
+        style = _of_growth(k)
+        ax.plot([p[0] for p in points], [p[1] for p in points], **{**style, "linestyle": "none"})
+        for row in lines:
+            if row["growth"] == g and row["slope"] is not None:
+                ax.plot(T, row["intercept"] + row["slope"] * T, color=style["color"], linewidth=0.8)
+
+
+def _of_growth(k: int) -> dict[str, Any]:
+    return {"color": line_style(k)["color"], "marker": "os^Dv<>p"[k % 8], "markersize": 4.5, "linewidth": 0.8}

@@ -1,0 +1,177 @@
+"""How far folds agree: between meshes, between seeds of the imperfection, and with a line through cortical thickness.
+
+All work on rows of :mod:`morphofold.studies.folds.tables`, which also say their ``seed``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.intersections.boxes import box_tree
+from morphofold.intersections.rays import ray_hits
+from morphofold.studies.folds.tables import Row
+from morphofold.surface import Surface
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 4_000
+HITS = 64               # room for the hits of a ray; one with more is cast again with as much as it needs
+
+#: numbers of which the spread over seeds is told
+SPREAD = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
+#: numbers of which the slope on the cortical thickness is told
+SLOPES = ("wavelength_mm", "gyral_thickness_mm")
+#: scenes of one growth law that differ in the thickness of the cortex alone: T = 1, 2 and 3 mm
+BY_THICKNESS = (
+    ("fig6-thin", "fig5", "fig6-thick"),
+    ("fig6-thin-tangential", "fig5-tangential", "fig6-thick-tangential"),
+)
+
+#: (scene, level, seed, growth) -> outer radius [mm] along as many even directions
+Radii = dict[tuple[str, str, int, float], Array]
+
+
+class Line(NamedTuple):
+    """A straight line by least squares; ``standard_error`` is that of the slope, None through two points."""
+
+    slope: float
+    standard_error: float | None
+    intercept: float
+    r: float
+
+
+def outer_radius(surface: Surface, along: Array) -> Array:
+    """Distance (R,) [mm] from the origin to where the surface is hit last along unit directions (R, 3).
+
+    That is the first hit from outside: what overhangs hides what lies below it. No hit is lost at an edge or a vertex
+    (:func:`morphofold.intersections.rays.ray_hits`), so a closed surface around the origin has one in every direction.
+
+    Raises
+    ------
+    ValueError
+        If a ray hits nothing: the surface has a hole, or doesn't enclose the origin.
+    """
+    verts, faces, origin = surface.verts.copy(), surface.faces.copy(), np.zeros(3)
+    tree = box_tree(verts, faces)
+    at, sign = np.empty(HITS), np.empty(HITS)
+    radius = np.empty(len(along))
+    for k, direction in enumerate(np.ascontiguousarray(along, dtype=np.float64)):
+        hits, _ = ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
+        if hits > len(at):
+            at, sign = np.empty(hits), np.empty(hits)
+            ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
+        if hits == 0:
+            raise ValueError(
+                f"{surface.name}: isn't hit along direction {direction.round(4).tolist()} from the origin; close its "
+                "holes, and centre it."
+            )
+        radius[k] = at[:hits].max()
+    return radius
+
+
+def correlation(a: Array, b: Array) -> float | None:
+    """Pearson's correlation of two functions on the same evenly spread directions; None if one is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else None
+
+
+def line(x: Sequence[float], y: Sequence[float]) -> Line:
+    """The line through points by least squares; x must differ."""
+    from scipy import stats
+
+    found = stats.linregress(x, y)
+    error = float(found.stderr) if len(x) > 2 else None
+    return Line(float(found.slope), error, float(found.intercept), float(found.rvalue))
+
+
+def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], seed: int) -> list[Row]:
+    """A row per scene, growth and neighbouring pair of ``levels``, which run from coarse to fine; all of one seed."""
+    at = {(row["scene"], row["level"], row["growth"]): row for row in rows if row["seed"] == seed}
+    found = []
+    for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
+        for coarser, finer in pairwise(levels):
+            a, b = at[scene, coarser, growth], at[scene, finer, growth]
+            row: Row = {"scene": scene, "growth": growth, "coarser": coarser, "finer": finer, "seed": seed}
+            row["folded"] = a["wavelength_mm"] is not None and b["wavelength_mm"] is not None
+            row["correlation"] = correlation(*(radii[scene, level, seed, growth] for level in (coarser, finer)))
+            for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
+                row |= {f"{name}_coarser": a[name], f"{name}_finer": b[name]}
+                row[f"{name}_change_percent"] = _percent(a[name], b[name])
+            found.append(row)
+    return found
+
+
+def _percent(before: float | None, after: float | None) -> float | None:
+    return None if before is None or after is None or before == 0 else 100 * (after / before - 1)
+
+
+def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
+    """A row per scene and growth: mean, standard deviation (n - 1) and range over the seeds at one level.
+
+    None for numbers that not every seed has, such as those of folds where one isn't folded yet.
+    """
+    found = []
+    for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
+        mine = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
+        row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(mine)}
+        for name in SPREAD:
+            row |= _moments(name, [r[name] for r in mine])
+        found.append(row)
+    return found
+
+
+def _moments(name: str, values: Sequence[float | None]) -> Row:
+    have = np.array([v for v in values if v is not None], dtype=np.float64)
+    keys = (f"{name}_mean", f"{name}_sd", f"{name}_min", f"{name}_max")
+    if len(have) < max(2, len(values)):
+        return dict.fromkeys(keys)
+    return dict(zip(keys, map(float, (have.mean(), have.std(ddof=1), have.min(), have.max()))))
+
+
+def slope_rows(rows: Sequence[Row]) -> list[Row]:
+    """A row per growth law, number (:data:`SLOPES`), level and growth: its line on the reference thickness T.
+
+    Through all seeds of the level. Where one of the three bodies isn't folded yet there is no line. Beside it, for the
+    wavelength, are the line through the first wrinkles of linear stability, and the film formula, which is
+    proportional to T.
+    """
+    found = []
+    for scenes in BY_THICKNESS:
+        mine = [row for row in rows if row["scene"] in scenes]
+        for level, growth in _distinct((row["level"], row["growth"]) for row in mine):
+            here = [row for row in mine if (row["level"], row["growth"]) == (level, growth)]
+            if {row["scene"] for row in here} == set(scenes):
+                found += [_slope(name, here) for name in SLOPES]
+    return found
+
+
+def _slope(name: str, rows: Sequence[Row]) -> Row:
+    """The line of one number through the bodies at one growth."""
+    first = rows[0]
+    told: Row = {
+        "law": first["law"], "mu_ratio": first["mu_ratio"], "number": name, "level": first["level"],
+        "growth": first["growth"], "points": len(rows), "thicknesses": len({row["thickness_mm"] for row in rows}),
+    }  # fmt: skip
+    whole = all(row[name] is not None for row in rows)
+    told |= _line_of("", rows, name if whole else None)
+    bodies = list({row["scene"]: row for row in rows}.values())
+    theory = "theory_wavelength_mm" if name == "wavelength_mm" else None
+    film = "film_wavelength_mm" if name == "wavelength_mm" else None
+    return {**told, **_line_of("theory_", bodies, theory), **_line_of("film_", bodies, film)}
+
+
+def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:
+    names = [f"{prefix}{name}" for name in Line._fields]
+    if column is None:
+        return dict.fromkeys(names)
+    return dict(zip(names, line([row["thickness_mm"] for row in rows], [row[column] for row in rows])))
+
+
+def _distinct(keys: Iterable[Any]) -> list[Any]:
+    return list(dict.fromkeys(keys))

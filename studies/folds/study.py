@@ -1,0 +1,249 @@
+"""How far simulated folds can be trusted: the same bodies grown on several meshes and from several imperfections.
+
+``morphofold bench folds`` grows them and writes the tables; ``python -m morphofold.studies.folds.study OUT PAGE`` puts
+these into the Markdown page PAGE.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from morphofold import __version__
+from morphofold.provenance import strict_json
+from morphofold.shapes import even_directions
+from morphofold.sim.run import Simulation
+from morphofold.sim.scene import LEVELS
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.folds.statistics import (
+    BY_THICKNESS,
+    DIRECTIONS,
+    Radii,
+    convergence_rows,
+    outer_radius,
+    slope_rows,
+    spread_rows,
+)
+from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
+from morphofold.studies.paper.runs import Runs, told
+from morphofold.tables import write_table
+
+PORTIONS = ("full", "half", "quarter", "octant")
+LARGEST_GROWTH = 4.0
+
+#: what the columns of the tables hold, beyond those of the folds themselves
+MORE_COLUMNS = {
+    "seed": "of the imperfection (effects.perturbation.seed)",
+    "edge_mm": "largest surface edge that the level asks for",
+    "correlation": f"Pearson's, of the outer radius of coarser and finer mesh at one growth, over {DIRECTIONS:,} "
+    "directions of a Fibonacci lattice on the whole sphere, the mirrored part included; the radius is the first hit "
+    "from outside, exact on the triangles",
+    "folded": "1 if both meshes are folded (height rms at least a tenth of T)",
+    "*_change_percent": "finer over coarser, less 1",
+    "*_sd": "standard deviation over seeds, n - 1; none where not every seed is folded",
+    "slope, standard_error, intercept, r": "least squares on the cortical thickness T before growth, through all seeds "
+    "of a level: mm per mm, mm, mm, correlation",
+    "theory_*": "the same line through the wavelengths of the first wrinkles by linear stability",
+    "film_*": "the same line through 2 pi T (mu ratio / 3)^(1/3)",
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is grown: every scene at every level from the first seed, and at one level from the other seeds too.
+
+    Attributes
+    ----------
+    scenes : tuple of str
+        Built-in names or TOML files, of spheres with an imperfection.
+    levels : tuple of str
+        Levels of accuracy, in any order.
+    seeds : tuple of int
+        Seeds of the imperfection; the meshes are compared at the first.
+    portion : str
+        Of the sphere that is simulated.
+    growth : tuple of float
+        Growth stretches at which folds are measured; the largest is the final one.
+    """
+
+    scenes: tuple[str, ...]
+    levels: tuple[str, ...]
+    seeds: tuple[int, ...]
+    portion: str
+    growth: tuple[float, ...]
+
+    @property
+    def ordered(self) -> tuple[str, ...]:
+        """The levels from coarse to fine."""
+        return tuple(sorted(self.levels, key=lambda level: -LEVELS[level]))
+
+    @property
+    def repeated(self) -> str:
+        """The level that is grown from every seed: the second finest, or the only one."""
+        return self.ordered[-2:][0]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One run."""
+
+    name: str
+    source: str
+    scene: str
+    level: str
+    seed: int
+    settings: tuple[str, ...]
+
+
+def planned(study: Study) -> list[Planned]:
+    """The runs of a study, the coarse ones first. Nothing is written.
+
+    Raises
+    ------
+    ValueError, FileNotFoundError
+        If the study has nothing to grow, names something twice or unknown, or has a scene whose folds can't be
+        compared: no sphere, no imperfection, a mesh that no level changes.
+    """
+    _check(study)
+    names = {source: _comparable(source) for source in study.scenes}
+    twins = {name for name in names.values() if list(names.values()).count(name) > 1}
+    if twins:
+        raise ValueError(f"scenes: {min(twins)} is the name of two scenes; rename one.")
+    shared = (
+        f"geometry.portion={study.portion}", f"growth.final={max(study.growth)}", "output.volume=false",
+        f"output.stages={sorted({1.0, *study.growth})}",
+    )  # fmt: skip
+    runs = [
+        Planned(
+            f"{name}-{study.portion}-{level}-seed{seed}", source, name, level, seed,
+            (*shared, f"accuracy.level={level}", f"effects.perturbation.seed={seed}"),
+        )
+        for level in study.ordered
+        for source, name in names.items()
+        for seed in (study.seeds if level == study.repeated else study.seeds[:1])
+    ]  # fmt: skip
+    for run in runs:
+        load_scene(run.source, run.settings)                            # says now what would fail in an hour
+    return runs
+
+
+def _check(study: Study) -> None:
+    for what, asked, example in (
+        ("scenes", study.scenes, "fig5"), ("levels", study.levels, "draft,standard"), ("seeds", study.seeds, "0,1,2"),
+        ("growth", study.growth, "1.5,2.0"),
+    ):  # fmt: skip
+        if not asked:
+            raise ValueError(f"{what}: the list is empty; name one at least, such as {example}.")
+        if len(set(asked)) < len(asked):
+            raise ValueError(f"{what}: {','.join(map(str, asked))} names something twice; name it once.")
+    for level in study.levels:
+        if level not in LEVELS:
+            raise ValueError(f"levels: {level!r} is no level of accuracy; there are {', '.join(LEVELS)}.")
+    if study.portion not in PORTIONS:
+        raise ValueError(f"portion: {study.portion!r} is none; there are {', '.join(PORTIONS)}.")
+    for seed in study.seeds:
+        if seed < 0:
+            raise ValueError(f"seeds: {seed} is negative; take whole numbers from 0 on.")
+    for g in study.growth:
+        if not 1 < g <= LARGEST_GROWTH:
+            raise ValueError(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, where folds could be.")
+        if round(g, 2) != g:
+            raise ValueError(f"growth: {g:g} has more than the two decimals that stages are named by; round it.")
+
+
+def _comparable(source: str) -> str:
+    """Name of a scene; refused unless its folds can be compared between levels and seeds."""
+    scene = load_scene(source)
+    if scene.geometry.shape != "sphere":
+        raise ValueError(f"{scene.name}: is no sphere but a body of shape {scene.geometry.shape!r}; name a sphere.")
+    if scene.effects.perturbation is None:
+        raise ValueError(f"{scene.name}: has no [effects.perturbation], so no seed changes its folds; add one.")
+    if scene.accuracy.edge is not None:
+        raise ValueError(
+            f"{scene.name}: sets accuracy.edge = {scene.accuracy.edge:g}, so every level has the same mesh; drop it."
+        )
+    return scene.name
+
+
+def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
+    """Grow and measure all, and write the tables and ``summary.json`` into ``folder``; what the latter says.
+
+    A table that the study has nothing for (a single level, a single seed, no three thicknesses) isn't written, and
+    ``left_out`` says why.
+    """
+    plan = planned(study)
+    along = even_directions(DIRECTIONS)
+    rows: list[Row] = []
+    radii: Radii = {}
+    simulations = []
+    for k, run in enumerate(plan, start=1):
+        simulation = runs.grow(run.name, run.source, run.settings)
+        with runs.telling(f"measure {run.name} ({k} of {len(plan)})") as tell:
+            rows += [_of_run(run, simulation, row) for row in fold_rows(simulation, tell)]
+        if run.seed == study.seeds[0]:
+            radii |= {
+                (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)
+                for g in simulation.stages if g > 1
+            }  # fmt: skip
+        simulations.append({**told(simulation), "seed": run.seed})
+    return _write(study, folder, rows, radii, simulations)
+
+
+def _of_run(run: Planned, simulation: Simulation, row: Row) -> Row:
+    """A row of folds that also says its seed and its mesh."""
+    body = {"scene": run.scene, "level": run.level, "seed": run.seed, "edge_mm": simulation.scene.edge}
+    return {**body, "growth": row["growth"], **{key: value for key, value in row.items() if key not in body}}
+
+
+def _write(
+    study: Study, folder: Path, rows: Sequence[Row], radii: Radii, simulations: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """The tables of a study and ``summary.json``."""
+    order = {scene: k for k, scene in enumerate(dict.fromkeys(row["scene"] for row in rows))}
+    rows = sorted(rows, key=lambda r: (order[r["scene"]], study.ordered.index(r["level"]), r["seed"], r["growth"]))
+    bodies = " or ".join(", ".join(scenes) for scenes in BY_THICKNESS)
+    tables: dict[str, tuple[Sequence[Row], str]] = {
+        "folds": (rows, ""),
+        "convergence": (
+            convergence_rows(rows, radii, study.ordered, study.seeds[0]),
+            f"meshes can't be compared: the only level is {study.repeated}",
+        ),
+        "spread": (
+            spread_rows(rows, study.repeated) if len(study.seeds) > 1 else [],
+            f"there is no spread: the only seed is {study.seeds[0]}",
+        ),
+        "slope": (slope_rows(rows), f"there is no line through three thicknesses: that takes {bodies}"),
+    }
+    for name, (content, _) in tables.items():
+        if content:
+            write_table(folder / f"{name}.tsv", list(content[0]), content)
+    summary: dict[str, Any] = {
+        "morphofold": __version__,
+        "shows": "folds of the same bodies on several meshes, and from several seeds of their imperfection",
+        "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba")},
+        "parameters": {
+            "scenes": list(order), "levels": list(study.ordered), "seeds": list(study.seeds),
+            "all_seeds_at_level": study.repeated, "portion": study.portion, "growth": sorted(study.growth),
+            "directions": DIRECTIONS,
+        },
+        "files": [f"{name}.tsv" for name, (content, _) in tables.items() if content],
+        "left_out": {name: why for name, (content, why) in tables.items() if not content},
+        "columns": {**COLUMNS, **MORE_COLUMNS},
+        "lengths": "mm; only ratios matter",
+        "warnings": [f"{told['folder'].rpartition('/')[2]}: {w}" for told in simulations for w in told["warnings"]],
+        "simulations": list(simulations),
+    }  # fmt: skip
+    (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+    return summary
+
+
+if __name__ == "__main__":
+    from morphofold.studies.folds.page import write_page
+
+    print(*write_page(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -1,0 +1,101 @@
+"""What the index files (``summary.json``) of ``reproduce`` and ``bench`` must hold to be read back."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+from morphofold.io.json_files import Amount, Count, Record, read_json
+from morphofold.provenance import sha256_of
+
+CURE = "Delete it."
+
+
+class GrownRecord(Record):
+    """A simulation behind a figure or a study."""
+
+    folder: str
+    seconds: Amount
+    level: str
+    healthy: bool
+    warnings: list[str]
+    elements: Count | None
+    steps: Count
+
+
+class FigureRecord(Record):
+    """A figure that was drawn; earlier versions wrote no digests of its files."""
+
+    files: list[str]
+    shows: str
+    seconds: Amount = 0.0
+    sha256: dict[str, str] = {}
+    simulations: list[GrownRecord] = []
+
+
+class FigureIndex(Record):
+    """What ``reproduce`` wrote."""
+
+    figures: dict[str, FigureRecord]
+
+
+class FoldParameters(Record):
+    """What was asked of a study of folds."""
+
+    levels: list[str]
+    seeds: list[int]
+    all_seeds_at_level: str
+
+
+class FoldIndex(Record):
+    """What ``bench folds`` wrote."""
+
+    parameters: FoldParameters
+    files: list[str]
+    left_out: dict[str, str]
+    simulations: list[GrownRecord]
+
+
+class AccuracyIndex(Record):
+    """What ``bench accuracy`` wrote."""
+
+    shows: str
+    made: dict[str, Any]
+    halves: list[str]
+    files: list[str]
+    errors: dict[str, Any] | None
+
+
+def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
+    """Copy the figures that an earlier run drew in ``out``, and that aren't drawn again, into ``folder``.
+
+    Returns
+    -------
+    dict
+        Their entries of the index. One of which a file is gone is left out.
+
+    Raises
+    ------
+    ValueError
+        If ``out/summary.json`` is no index, or a file has changed since its figure was drawn.
+    """
+    path = out / "summary.json"
+    if not path.exists():
+        return {}
+    entries = read_json(path, FigureIndex, CURE)["figures"]
+    kept = {}
+    for name in sorted(set(entries) & set(known) - set(redrawn), key=list(known).index):
+        files, digests = entries[name]["files"], entries[name].get("sha256", {})
+        for file in files:
+            if not file.startswith(name) or any(c in file for c in "/\\:\0"):
+                raise ValueError(f"{path}: figures.{name}.files: {name} can't have a file {file!r:.40}. {CURE}")
+        if not all((out / file).is_file() for file in files):
+            continue
+        for file in files:
+            shutil.copy2(out / file, folder / file)
+            if sha256_of(folder / file) != digests.get(file, sha256_of(folder / file)):
+                raise ValueError(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
+        kept[name] = entries[name]
+    return kept

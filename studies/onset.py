@@ -1,0 +1,186 @@
+"""The growth at which a growing body starts to fold, seen in its dynamics as noise vanishes.
+
+Twins grow side by side, step by step alike, one of them kicked once by a small displacement. While the grown state is
+stable the difference between them dies away; past the bifurcation it grows. The onset is the growth at which the
+difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Two things
+would spoil it. A difference that swings is least wherever it swings through zero: so the twins are damped until waves
+as long as the wrinkles creep. And of a random kick, waves that die slowly hide for long those that grow: so what
+became of the difference is the kick of a next pair, later, and of their difference the part along that kick is all that
+counts; and so on, until the onset stays where it is. It tends to the bifurcation of the same mesh as growth slows down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.sim.build import build_body
+from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
+from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.scene import Scene, in_double
+
+Array = NDArray[np.float64]
+
+#: effects that are left out: they don't act on a smooth body, or only on its pace
+SILENT = ("perturbation", "notch", "contact", "enclosure", "inertia", "ramp")
+KICK = 1e-3             # of the cortical thickness, rms
+RISE = 3.0              # the difference has turned for good when it is this many times its least
+PURE = 30.0             # and its growing part is nearly alone when it is so many times its least
+STEADY = 1e-3           # the onset stays where it is if it moves by less growth between two pairs,
+PAIRS = 8               # after so many at most
+CREEP = 1.0             # share of the velocity lost over as many steps as a wrinkle has edges
+
+
+@dataclass(frozen=True)
+class Onset:
+    """Onset of folding.
+
+    Attributes
+    ----------
+    g : float
+        Growth at which the difference between the twins is smallest.
+    growth, difference : (M,) float64
+        Growth after the kick, and the rms over the nodes of the twins' difference along the critical mode [mm].
+    """
+
+    g: float
+    growth: Array
+    difference: Array
+
+
+def onset(
+    scene: Scene, *, start: float = 1.1, rate: float = 1.0, seed: int = 0, bilayer: Bilayer | None = None
+) -> Onset:
+    """Grow a scene until it starts to fold.
+
+    Parameters
+    ----------
+    scene : Scene
+        In double precision; its perturbation, notch, contact, enclosure, inertia and ramp are left out. Growth goes
+        on until the onset is passed, at most to ``growth.final``.
+    start : float
+        Growth at which the twin of the first pair is kicked, well before the onset.
+    rate : float
+        Pace of growth, times that of the scene; even, whatever the balance of the body.
+    seed : int
+        Of the kick, a random smooth field with waves of the wrinkles' size.
+    bilayer : Bilayer, optional
+        Another mesh of the body than the scene's own.
+
+    Raises
+    ------
+    ValueError
+        If 1 <= start < growth.final or rate > 0 do not hold; if the difference doesn't turn before ``growth.final``,
+        grows from the start, or turns elsewhere after every kick.
+    """
+    final = scene.growth.final
+    if not (1 <= start < final and 0 < rate < np.inf):
+        raise ValueError(
+            f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
+        )
+    scene = in_double(scene)                                            # differences die away to round-off
+    scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
+    thickness = scene.geometry.cortex_thickness
+    twins = _Twins(scene, rate, bilayer)
+    twins.grow(start)
+    X = twins.body.X
+    kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(twins.body.bilayer, X) - X
+
+    growth, difference, mode = twins.part(kick, PURE)
+    begin, found = _late(growth, difference, PURE, start), np.inf
+    for _ in range(PAIRS):
+        mode *= KICK * thickness / _rms(mode)
+        twins.grow(begin)
+        growth, difference, mode = twins.part(mode, RISE, along=mode)
+        if difference.argmin() == 0:
+            raise ValueError(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
+        before, found = found, _least(growth, difference)
+        if abs(found - before) < STEADY:
+            return Onset(found, growth, difference)
+        begin = _late(growth, difference, RISE, begin)
+    raise ValueError(
+        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow slower."
+    )
+
+
+class _Twins:
+    """A run that stands at some growth, and a twin that parts from it there; neither chooses its own pace."""
+
+    def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None):
+        self.scene, self._bilayer = scene, bilayer
+        self.one, self.other = self._run(), self._run()
+        self.body = self.one.body
+        self.step = REFRESH * rate / scene.steps_per_unit(self.body.crossing)
+        self._start = self.one.save()
+
+    def _run(self) -> Dynamics:
+        effects = build_effects(self.scene)
+        body = build_body(self.scene, effects, self._bilayer)
+        wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
+        # one step per unit of growth would be far too fast: all that grow_to is asked for is one increment to it
+        return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)
+
+    def grow(self, g: float) -> None:
+        """From the beginning of growth, or where it was last, to ``g``; both take the place of the one."""
+        self.one.load(self._start)
+        while self.one.state.growth < g:
+            self.one.grow_to(min(self.one.state.growth + self.step, g))
+        self._start = self.one.save()
+
+    def part(self, kick: Array, rise: float, along: Array | None = None) -> tuple[Array, Array, Array]:
+        """Kick (N, 3) the twin and grow until the difference is ``rise`` times its least, or growth is final.
+
+        Growth and rms difference (M,) on the way, in all or ``along`` a mode, and the last difference (N, 3).
+        """
+        one, other, final = self.one, self.other, self.scene.growth.final
+        other.load(self._start)
+        other.state.x += np.where(self.body.free, kick, 0.0)
+        growth: list[float] = []
+        difference: list[float] = []
+        apart = kick
+        while one.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
+            g = min(one.state.growth + self.step, final)
+            for run in (one, other):
+                run.grow_to(g)
+            apart = other.state.x - one.state.x
+            growth.append(g)
+            difference.append(_rms(apart if along is None else self._share(apart, along) * along))
+        if difference[-1] <= RISE * min(difference):
+            raise ValueError(
+                f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; let it grow further."
+            )
+        return np.array(growth), np.array(difference), apart
+
+    def _share(self, apart: Array, mode: Array) -> float:
+        """How much of a mode there is in a displacement: modes are orthogonal with the mass as a weight."""
+        weighed = self.body.mass[:, None] * mode
+        return float(np.sum(weighed * apart) / np.sum(weighed * mode))
+
+
+def _rms(displacement: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
+
+
+def _late(growth: Array, difference: Array, times: float, start: float) -> float:
+    """The last growth at which the dying difference is more than so many times its least, or ``start``.
+
+    A kick at that growth has no time to die so far that what remains of other waves can hide it.
+    """
+    high = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
+    return float(growth[high[-1]]) if high.size else start
+
+
+def _least(growth: Array, difference: Array) -> float:
+    """Growth of the least difference, by a parabola through the logarithms within a factor of e^1/2."""
+    k = int(np.argmin(difference))
+    near = np.log(difference / difference[k]) < 0.5
+    low = k - np.argmin(near[k::-1]) + 1 if not near[: k + 1].all() else 0
+    high = k + np.argmin(near[k:]) if not near[k:].all() else len(near)
+    if high - low < 4:
+        return float(growth[k])
+    a, b, _ = np.polyfit(growth[low:high] - growth[k], np.log(difference[low:high]), 2)
+    return float(np.clip(growth[k] - b / (2 * a), growth[low], growth[high - 1]))

@@ -1,0 +1,219 @@
+"""Pictures and generated parts of docs/measures: every measure on several surfaces, what they cost, and how the
+number of hinges hangs on the lengths that they are found by. A cut through folds is of the first surface.
+
+``python -m morphofold.studies.pages.measuring FOLDER --speed FILE NAME=CORTEX...`` draws them into the folder of pages
+and puts tables between the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
+and those that end them. FILE holds what ``morphofold bench measures --json`` prints; a CORTEX is whatever
+``morphofold.read_cortex`` reads, or S1, the sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis import Measures, gyral_thickness, hinge_sensitivity
+from morphofold.analysis.gyrification.fractal import box_counts
+from morphofold.analysis.relief import relief
+from morphofold.io import atomic_file, sample_path
+from morphofold.quantities import Quantity, quantity
+from morphofold.report.pictures.net import crest_figure, crest_row, net_figure, net_row
+from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.pages.section_plot import section_figure
+from morphofold.studies.speed.measures import exponent
+from morphofold.surface import Surface
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: maps that are drawn, with the limits of their colours where those of a page would not show the folds of both
+MAPS: dict[str, tuple[float, float] | None] = {
+    "H": None, "shape_index": None, "sulcal_depth": None, "local_gyrification_index": None,
+    "cortical_thickness": (1, 8), "gyral_thickness": (4, 24),
+}  # fmt: skip
+PHASE = Quantity(
+    "phase", "Place in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
+)
+
+
+def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> None:
+    """Renew pictures, plots and the marked parts of the pages in ``folder``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is not there.
+    ValueError
+        If a page has not one pair of marks for its part. All is as it was then.
+    """
+    times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
+    hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
+    pages = {
+        page: between_marks(page.read_text(encoding="utf-8"), name, parts, page)
+        for page, name, parts in (
+            (folder / "index.md", "speed", _speed(times)),
+            (folder / "gyral-net.md", "sensitivity", _sensitivity(hinges)),
+        )
+    }
+    for name, picture in pictures(measured).items():
+        with atomic_file(folder / f"{name}.png") as temporary:
+            temporary.write_bytes(png_bytes(halved(picture)))
+    plots = {
+        "speed": speed_figure(times),
+        "sensitivity": sensitivity_figure(hinges),
+        "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
+    }
+    first = next(iter(measured.values()))
+    plots["section"] = section_figure(first.cortex, gyral_thickness(first.cortex))
+    for name, plot in plots.items():
+        with atomic_file(folder / f"{name}.png") as temporary:
+            save(plot, temporary)
+    for page, text in pages.items():
+        with atomic_file(page) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
+    """Every measure, a row per surface."""
+    drawn = {
+        "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
+        "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
+    }
+    for key, limits in MAPS.items():
+        what = quantity(key)
+        rows = [
+            Row(name, m.cortex.pial, np.asarray(m.maps.get(key, np.full(m.cortex.n_vertices, np.nan))), m.cortex.hemi)
+            for name, m in measured.items()
+        ]
+        drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
+    drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
+    return drawn
+
+
+def _phase_row(m: Measures, name: str) -> Row:
+    """The folds as the contour at mid-height sees them, on white, whose sulci are open; wavelengths in the name."""
+    pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
+    phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
+    ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
+    words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of altitude"
+    values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
+    return Row(words, m.cortex.white, values, m.cortex.hemi)
+
+
+def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Seconds of each stage over the number of vertices, beside n log n."""
+    n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
+    whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
+    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
+        entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
+        stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
+        entries |= {stage: line_style(k) for k, stage in enumerate(stages)}
+        for stage, style in entries.items():
+            ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
+        middle = len(n) // 2
+        entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
+        ax.plot(n, whole[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
+        ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
+        legend_of_figure(plot, entries, ax, columns=3)
+    return plot
+
+
+def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
+    """Number of hinges as each length is multiplied, a panel per surface."""
+    with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, axes):
+        entries: dict[str, Any] = {}
+        for ax, (name, rows) in zip(axes[0], hinges.items()):
+            for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
+                entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
+                mine = sorted([rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"])
+                ax.plot([r["factor"] for r in mine], [r["n_hinges"] for r in mine], **entries[length])
+            factors = sorted({row["factor"] for row in rows})
+            set_limits(ax, (0.9 * factors[0], 1.1 * factors[-1]), ax.get_ylim(), name)
+            ax.set(xscale="log", xlabel="length, over the one that is used")
+            ax.set_xticks(factors, [f"{f:g}" for f in factors])
+            ax.minorticks_off()
+        axes[0][0].set(ylabel="hinges", ylim=(0, axes[0][0].get_ylim()[1]))
+        legend_of_figure(plot, entries, axes[0][0], columns=3)
+    return plot
+
+
+def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
+    """Boxes that each surface meets over their size, and the lines whose slope is the dimension."""
+    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
+        entries: dict[str, Any] = {}
+        for k, (name, surface) in enumerate(surfaces.items()):
+            sizes, counts = box_counts(surface.verts, surface.faces)
+            slope, height = np.polyfit(np.log(sizes), np.log(counts), 1)
+            ax.plot(sizes, counts, "o", color=line_style(k)["color"], markersize=4.5)
+            entries[f"{name}: {-slope:.2f}"] = line_style(k)
+            ax.plot(sizes, np.exp(height) * sizes**slope, **line_style(k))
+        ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
+        low, high = ax.get_xlim()
+        marks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]
+        ax.set_xticks(marks, [f"{mark:g}" for mark in marks])
+        ax.minorticks_off()
+        legend_of_figure(plot, entries, ax, columns=2)
+    return plot
+
+
+def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
+    whole = [row for row in rows if row["stage"] == "all"]
+    cells = [
+        [
+            stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
+            f"{exponent(rows, stage):.2f}" if len(whole) > 1 else "",
+        ]
+        for stage in dict.fromkeys(row["stage"] for row in rows)
+    ]  # fmt: skip
+    memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
+    heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
+    return [f"With {whole[0]['threads']} threads:", table(heads, [*cells, memory])]
+
+
+def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
+    heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
+    cells = [
+        [
+            name, row["length"] or "as they are", f"{row['factor']:g}", number(_known(row["mm"]), "{:.2f}"),
+            *(f"{row[key]}" for key in ("n_hinges", "n_hinges_3", "n_hinges_4")), f"{row['crest_length_mm']:.0f}",
+            number(_known(row["kept"]), "{:.2f}"),
+        ]
+        for name, rows in hinges.items()
+        for row in rows
+    ]  # fmt: skip
+    return [table(heads, cells)]
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def main(words: Sequence[str]) -> int:
+    import morphofold as mf
+
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.pages.measuring")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--speed", type=Path, required=True)
+    parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
+    asked = parser.parse_args(words)
+    measured = {}
+    for word in asked.cortices:
+        name, _, path = word.rpartition("=")
+        if not name:
+            parser.error(f"{word!r} has no name; write it as NAME=CORTEX.")
+        measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
+    write_pages(asked.folder, asked.speed, measured)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

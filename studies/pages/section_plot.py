@@ -1,0 +1,102 @@
+"""A plane cut of a cortex through its folds, with the mid-height contour and the chords of gyral thickness."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis import GyralThickness
+from morphofold.report.plots.line_plots import BLACK, line_style, new_figure
+from morphofold.surface import Cortex, Surface
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEAR = 0.75                             # mm on both sides of the plane, in which a chord or a sample is drawn
+WINDOW = (48.0, 30.0)                   # mm, the part of the cut that is drawn
+ACROSS = 0.85                           # cosine between the contour there and the normal of the plane
+APART = 3.0                             # mm between the middles of chords that are drawn
+RULER = 10.0                            # mm
+
+
+def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
+    """The part of a coronal cut that has the most chords in its plane, of gyri that run across it.
+
+    Raises
+    ------
+    ValueError
+        If no chord lies in a coronal plane.
+    """
+    y, chords, middle = _plane(cortex.pial, gyri)
+    low, high = middle - np.array(WINDOW) / 2, middle + np.array(WINDOW) / 2
+
+    with new_figure(9.3, 6.0, 1, 1) as (plot, ((ax,),)):
+        for surface, name, style in (
+            (cortex.pial, "pial surface", {"color": BLACK, "linewidth": 1.4}),
+            (cortex.white, "white surface", {"color": "#999999", "linewidth": 1.0}),
+        ):
+            ends = _cut(surface, y)
+            lines = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1).reshape(-1, 2)
+            ax.plot(*lines.T, label=name, **style)
+        on = gyri.points[np.abs(gyri.points[:, 1] - y) < NEAR][:, [0, 2]]
+        ax.plot(*on.T, ".", color=line_style(0)["color"], markersize=5, label="contour at mid-height")
+        label: str | None = "chord from wall to wall, gyral thickness [mm]"
+        for k in chords:
+            ends = np.array([gyri.points[k], gyri.partner[k]])[:, [0, 2]]
+            ax.plot(*ends.T, color=line_style(1)["color"], linewidth=2, label=label)
+            ax.annotate(
+                f"{gyri.width[k]:.1f}", ends.mean(axis=0), fontsize=9, ha="center", va="center",
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
+            )  # fmt: skip
+            label = None
+        corner = low + 0.03 * np.array(WINDOW)
+        ax.plot([corner[0], corner[0] + RULER], [corner[1]] * 2, color=BLACK, linewidth=3)
+        ax.annotate(f"{RULER:g} mm", corner + [RULER / 2, 0.8], ha="center", va="bottom")
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        ax.axis("off")
+        plot.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return plot
+
+
+def _plane(pial: Surface, gyri: GyralThickness) -> tuple[float, list[int], NDArray[np.float64]]:
+    """y of the plane, the chords that are drawn, and the middle (x, z) of the window that holds them."""
+    ends = np.stack([gyri.points, gyri.partner])
+    across = np.flatnonzero((np.ptp(ends[:, :, 1], axis=0) < NEAR) & (np.abs(_course(pial, gyri)[:, 1]) > ACROSS))
+    if not len(across):
+        raise ValueError("no chord of a gyrus that runs across a coronal plane lies in it; there is nothing to draw.")
+    best: tuple[float, list[int], NDArray[np.float64]] = (0.0, [], np.zeros(2))
+    for y in np.arange(ends[0, across, 1].min(), ends[0, across, 1].max() + 1):
+        near = across[(np.abs(ends[:, across, 1] - y) < NEAR).all(axis=0)]
+        flat = ends[:, near][:, :, [0, 2]]
+        for middle in flat.mean(axis=0):
+            inside = near[(np.abs(flat - middle) < 0.46 * np.array(WINDOW)).all(axis=(0, 2))]
+            kept = _apart(ends.mean(axis=0), inside)
+            best = max(best, (float(y), kept, middle), key=lambda found: len(found[1]))
+    return best
+
+
+def _course(pial: Surface, gyri: GyralThickness) -> NDArray[np.float64]:
+    """Direction (S, 3) of the mid-height contour at each sample."""
+    corners, phase = pial.verts[pial.faces[gyri.triangle]], gyri.relief.phase[pial.faces[gyri.triangle]]
+    along = sum(phase[:, k, None] * (corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]) for k in range(3))
+    return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+
+
+def _cut(surface: Surface, y: float) -> NDArray[np.float64]:
+    """Where a coronal plane cuts a surface: line segments, (L, 2 ends, x and z)."""
+    from trimesh import Trimesh
+    from trimesh.intersections import mesh_plane
+
+    mesh = Trimesh(surface.verts, surface.faces, process=False)
+    return np.asarray(mesh_plane(mesh, [0, 1, 0], [0, y, 0]))[:, :, [0, 2]]
+
+
+def _apart(middles: NDArray[np.float64], chords: NDArray[np.int64]) -> list[int]:
+    """Of chords near each other the first."""
+    kept: list[int] = []
+    for k in chords:
+        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in kept):
+            kept.append(int(k))
+    return kept

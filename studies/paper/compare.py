@@ -1,0 +1,205 @@
+"""Figs. 8 and 9 of Razavi et al. (2015): gyral thickness and three-hinge patterns of model and MRI, side by side.
+
+The models are the bodies of Fig. 6 at g = 2. MRI is the average brain and the individual that come with the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis import Measures, hinge_shapes
+from morphofold.analysis.graph.hinge_shapes import HingeShapes
+from morphofold.comparison import Point, fit_line
+from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
+from morphofold.comparison.thickness import thickness_ratios
+from morphofold.io import read_cortex, sample_path
+from morphofold.quantities import Quantity
+from morphofold.report.colours import rgb_of
+from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
+from morphofold.report.pictures.net import shaded
+from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.studies.paper.folds import grown
+from morphofold.studies.paper.runs import Runs, told
+from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GROWTH = 2.0
+MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
+SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
+FITS = (
+    "points", "n", "slope", "slope_low", "slope_high", "robust_slope", "robust_low", "robust_high", "intercept_mm", "r",
+)  # fmt: skip
+COLUMNS = {
+    "n": "regions, crests or bodies",
+    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %",
+    "robust_slope": "median over pairs of points, with its bounds by a bootstrap over them (five points at least); "
+    "both bounds take points as independent",
+    "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
+    "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness there",
+}
+
+
+def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig8a.png, fig8b.png and fig8.tsv into ``folder``; what an index should say of them."""
+    models, simulations = _models(runs)
+    brains = _brains(runs, "fsaverage5")
+    people = _brains(runs, "S1")
+    (folder / "fig8a.png").write_bytes(png_bytes(annotation(brains["fsaverage5 lh"])))
+    rows = fit_rows(models, brains, people)
+    write_table(folder / "fig8.tsv", list(rows[0]), rows)
+    save(thickness_figure(models, brains, people, [s.scene for s in simulations]), folder / "fig8b.png")
+    return {
+        "shows": "gyri of the average brain, and gyral against cortical thickness: regions of brains, bodies of Fig. 6",
+        "files": ["fig8a.png", "fig8b.png", "fig8.tsv"],
+        "columns": COLUMNS,
+        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "simulations": [told(simulation) for simulation in simulations],
+    }
+
+
+def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig9a.png, fig9b.png and fig9.tsv into ``folder``; what an index should say of them."""
+    models, simulations = _models(runs)
+    people = _brains(runs, "S1")
+    shapes = {name: s for name, m in {**models, **people}.items() if (s := hinge_shapes(m)) is not None}
+    (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
+    measures = {**models, **people}
+    chosen = hinge_pairs(clear_examples(found.matches, measures), (found.one, found.other))
+    (folder / "fig9a.png").write_bytes(png_bytes(chosen))
+    save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
+    tables = hinge_tables(found, {**models, **people}, shapes)
+    tables["fig9.tsv"] = [asdict(match) for match in found.matches]
+    for name, rows in tables.items():
+        write_table(folder / name, list(rows[0]), rows)
+    return {
+        "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
+        "files": ["fig9a.png", "fig9b.png", *tables],
+        "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
+                    "sharpness in gyral widths; pose 3 and more: mirrored",
+                    "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions"},
+        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "simulations": [told(simulation) for simulation in simulations],
+    }  # fmt: skip
+
+
+def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
+    simulations = [grown(scene, runs) for scene in MODELS.values()]
+    return {n: runs.measure(n, s.cortex(GROWTH)) for n, s in zip(MODELS, simulations)}, simulations
+
+
+def _brains(runs: Runs, name: str) -> dict[str, Measures]:
+    """Measures of the hemispheres of a sample that there are."""
+    cortices = {f"{name} {hemi}": read_cortex(sample_path(name), hemi=hemi) for hemi in SAMPLES[name]}
+    return {called: runs.measure(called, cortex) for called, cortex in cortices.items()}
+
+
+def annotation(measures: Measures) -> Picture:
+    """The pial surface from all sides, precentral and postcentral gyrus in colours."""
+    cortex = measures.cortex
+    if cortex.regions is None:
+        raise ValueError(f"{cortex.name}: has no regions, so no gyrus can be marked. Name a cortex with an annotation.")
+    rgb = shaded(measures.maps["sulcal_depth"])
+    for name, colour in MARKED.items():
+        inside = cortex.regions.labels == cortex.regions.names.index(name)
+        rgb[inside] = np.round(0.35 * rgb[inside] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)
+    row = Row(f"{cortex.name}, {cortex.hemi}", cortex.pial, np.full(cortex.n_vertices, np.nan), cortex.hemi, rgb)
+    legend = [(f"{SHORT[name]}, {name} gyrus", colour) for name, colour in MARKED.items()]
+    return figure([row], Quantity("regions", "Gyri of the average brain"), (0.0, 1.0), legend=legend)
+
+
+# gyral against cortical thickness ---------------------------------------------------------------------------
+
+
+def fit_rows(
+    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures]
+) -> list[dict[str, Any]]:
+    """Lines through the regions of brains, the crests of a person and of each body, and through the bodies."""
+    rows = []
+    for name, m in brains.items():
+        for key, of in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
+            points = np.array(list(region_points(m, key).values())).reshape(-1, 2)
+            rows.append(_fit(name, f"regions, thickness of {of}", points, m))
+    for name, m in {**people, **models}.items():
+        rows.append(_fit(name, "crests", crest_points(m), m))
+    rows.append(_fit("models", "bodies", np.array([whole(m) for m in models.values()]), None))
+    return rows
+
+
+def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
+    x, y = points.T
+    row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
+    over, at_crests = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m)
+    row |= {"gyral_over_cortical": over, "gyral_over_cortical_at_crests": at_crests}
+    fit = fit_line([Point(float(t), float(w), "") for t, w in points])
+    if fit is None or np.ptp(y) == 0:
+        return row
+    return row | {
+        "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": fit.robust,
+        "robust_low": fit.robust_low, "robust_high": fit.robust_high, "intercept_mm": fit.intercept, "r": fit.r,
+    }  # fmt: skip
+
+
+# three-hinge patterns ---------------------------------------------------------------------------------------
+
+
+def hinge_tables(
+    found: HingeComparison, measures: Mapping[str, Measures], shapes: Mapping[str, HingeShapes]
+) -> dict[str, list[dict[str, Any]]]:
+    """By the name of their file: how dense hinges are, their numbers in both groups, and how near they find their like.
+
+    The first row of the numbers is the whole shape: its energy distance in place of the Kolmogorov-Smirnov distance.
+    """
+    dense = [
+        {
+            "surface": name, "hinges": measures[name].scalars["n_hinges"], "three_armed": len(s), "width_mm": s.width,
+            "per_width_squared": s.per_area, "per_cm_squared": 100 * s.per_area / s.width**2,
+            **{f"median {key}": float(np.median(values)) for key, values in s.numbers().items()},
+        }
+        for name, s in shapes.items()
+    ]  # fmt: skip
+    shape = found.shape
+    whole_shape = {
+        "number": "shape", "median": None, "other_median": None, "ks": None, "energy": shape.statistic, "p": shape.p,
+    }  # fmt: skip
+    return {
+        "fig9-surfaces.tsv": dense,
+        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None} for row in found.numbers)],
+        "fig9-nearest.tsv": [asdict(control) for control in found.controls],
+    }
+
+
+def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
+    """Cumulative distributions of the numbers of hinge shapes, for each surface, and of a net at chance."""
+    net = net_at_chance([shapes[name] for name in people])
+    assert net is not None                                              # a person's hinges are not that dense
+    chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
+    keys = list(chance)
+    with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):
+        entries: dict[str, Any] = {}
+        for k, name in enumerate([*models, *people]):
+            entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
+            for ax, key in zip(axes[0], keys):
+                _cumulative(ax, shapes[name].numbers()[key], entries[name])
+        entries["net at chance"] = {"color": GREY, "linewidth": 1.2}
+        for ax, key in zip(axes[0], keys):
+            _cumulative(ax, chance[key], entries["net at chance"])
+            ax.set(xlabel=key)
+        axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
+        legend_of_figure(plot, entries, axes[0][0], columns=6)
+    return plot
+
+
+def _cumulative(ax: Axes, values: np.ndarray, style: Mapping[str, Any]) -> None:
+    if np.isfinite(values).all() and len(values):
+        ax.plot(np.sort(values), (np.arange(len(values)) + 0.5) / len(values), **style)

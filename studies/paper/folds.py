@@ -1,0 +1,109 @@
+"""Figs. 5, 6 and 7 of Razavi et al. (2015) from simulations: pictures of the folds, and the table of their numbers.
+
+The paper prints neither the growth of its pictures nor their scale. Ours have one scale per figure, and growths of our
+own, the first at most 0.05 beyond that of the first wrinkles by linear stability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from morphofold.report.pictures.png import png_bytes
+from morphofold.sim.run import Simulation
+from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
+from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
+from morphofold.studies.paper.runs import Runs, told
+from morphofold.tables import write_table
+
+#: growths at which every fold is written; 1 is the reference of displacement and height
+STAGES = (1.0, 1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.6, 1.8, 2.0)
+FIG5 = ((1.25, 1.35, 1.5), (1.6, 1.8, 2.0))
+
+
+@dataclass(frozen=True)
+class Column:
+    """One body of a figure: its built-in scene, what stands above it, and the growth of its three pictures.
+
+    The middle columns of Figs. 6 and 7 are the body of Fig. 5, which is grown once for all three.
+    """
+
+    scene: str
+    title: str
+    growth: tuple[float, float, float]
+
+
+FIG6 = (
+    Column("fig6-thin", "thin, T/C = 1/50", (1.25, 1.6, 2.0)),
+    Column("fig5", "normal, T/C = 2/50", (1.25, 1.6, 2.0)),
+    Column("fig6-thick", "thick, T/C = 3/50", (1.25, 1.6, 2.0)),
+)
+FIG7 = (
+    Column("fig7-ratio1", "cortex : core = 1 : 1", (1.35, 1.6, 2.0)),
+    Column("fig5", "2 : 1", (1.25, 1.6, 2.0)),
+    Column("fig7-ratio4", "4 : 1", (1.2, 1.6, 2.0)),
+)
+
+
+def reproduce_fig5(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig5.png and fig5.tsv into ``folder``; what an index should say of them."""
+    simulation = grown("fig5", runs)
+    letters = iter("abcdef")
+    panels = [[displaced(simulation, g, f"({next(letters)})  g = {g:.2f}") for g in row] for row in FIG5]
+    return {
+        "shows": "a bilayer sphere folding, the outer surface seen along the axis of the half that was simulated",
+        **_write("fig5", folder, runs, panels, (), [simulation]),
+        "parameters": {"thickness_mm": 2, "outer_radius_mm": 50, "mu_ratio": 2, "growth": [g for r in FIG5 for g in r]},
+    }
+
+
+def reproduce_fig6(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig6.png and fig6.tsv into ``folder``; what an index should say of them."""
+    return {
+        "shows": "folds of a thin, a normal and a thick cortex at three growths, seen as in fig5",
+        **_columns("fig6", folder, runs, FIG6),
+        "parameters": {"thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+    }
+
+
+def reproduce_fig7(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig7.png and fig7.tsv into ``folder``; what an index should say of them."""
+    return {
+        "shows": "folds of a cortex as stiff as the core (shear moduli), twice and four times as stiff at three "
+        "growths, the first soon after each began to fold; seen as in fig5",
+        **_columns("fig7", folder, runs, FIG7),
+        "parameters": {"thickness_mm": 2, "outer_radius_mm": 50, "mu_ratio": [1, 2, 4]},
+    }
+
+
+def _columns(name: str, folder: Path, runs: Runs, columns: Sequence[Column]) -> dict[str, Any]:
+    simulations = [grown(column.scene, runs) for column in columns]
+    panels = [[displaced(s, column.growth[k]) for s, column in zip(simulations, columns)] for k in range(3)]
+    return _write(name, folder, runs, panels, [column.title for column in columns], simulations)
+
+
+def grown(scene: str, runs: Runs) -> Simulation:
+    return runs.grow(scene, scene, [f"output.stages={list(STAGES)}", "output.volume=false"])
+
+
+def _write(
+    name: str, folder: Path, runs: Runs, panels: Sequence[Sequence[Panel]], titles: Sequence[str],
+    simulations: Sequence[Simulation],
+) -> dict[str, Any]:  # fmt: skip
+    """The picture and the table of a figure, and what an index should say of them."""
+    limits = [row_limits(row) for row in panels]
+    highest = ", ".join(f"{high:g}" for _, high in limits)
+    (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
+    rows: list[Row] = []
+    for simulation in simulations:
+        with runs.telling(f"{name}: measure {simulation.scene.name}") as tell:
+            rows += fold_rows(simulation, tell)
+    write_table(folder / f"{name}.tsv", list(rows[0]), rows)
+    return {
+        "files": [f"{name}.png", f"{name}.tsv"],
+        "columns": COLUMNS,
+        "limits": f"one scale, with a ruler; colours of a row from 0 to {highest} mm",
+        "simulations": [told(simulation) for simulation in simulations],
+    }

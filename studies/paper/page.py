@@ -1,0 +1,52 @@
+"""The generated parts of docs/figures.md: tables and pictures of what ``morphofold reproduce`` wrote.
+
+``python -m morphofold.studies.paper.page OUT PAGE`` puts those of the folder OUT between the marks ``<!-- fig5 -->``
+and ``<!-- /fig5 -->`` of the Markdown page PAGE, and the pictures, half as large, beside it. What stands outside of the
+marks is for people to write.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from morphofold.io import atomic_file
+from morphofold.io.json_files import read_json
+from morphofold.report.pictures.png import halved, png_bytes, read_png
+from morphofold.studies import markdown
+from morphofold.studies.indexes import CURE, FigureIndex
+from morphofold.studies.markdown import between_marks, health
+from morphofold.studies.paper.parts import PARTS, Image, Table, read_tables
+
+
+def write_page(out: Path, page: Path) -> list[str]:
+    """Renew every marked part of ``page`` whose figure lies in ``out``; names of the figures that were renewed.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no index in ``out`` or no page.
+    ValueError
+        If the page hasn't one pair of marks for a figure of the index but Fig. 4, theory alone. It is as it was then.
+    """
+    figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
+    text = page.read_text(encoding="utf-8")
+    renewed = [name for name in figures if name in PARTS and name != "fig4"]
+    for name in renewed:
+        parts = map(_markdown, PARTS[name](read_tables(out, figures[name]["files"])))
+        text = between_marks(text, name, [*parts, health(figures[name]["simulations"])], page)
+        for file in figures[name]["files"]:
+            if file.endswith(".png"):
+                with atomic_file(page.parent / file) as temporary:
+                    temporary.write_bytes(png_bytes(halved(read_png(out / file))))
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return renewed
+
+
+def _markdown(part: Image | Table) -> str:
+    return f"![{part.words}]({part.name}.png)" if isinstance(part, Image) else markdown.table(part.heads, part.rows)
+
+
+if __name__ == "__main__":
+    print(*write_page(Path(sys.argv[1]), Path(sys.argv[2])))

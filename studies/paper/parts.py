@@ -1,0 +1,213 @@
+"""What of each figure's tables a reader is shown: pictures and tables, for docs/figures.md and for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from morphofold.studies import markdown
+from morphofold.studies.markdown import Row, number, read_rows
+from morphofold.studies.paper.folds import FIG5, FIG6, FIG7, Column
+from morphofold.studies.paper.theory import ONE_D, THREE_D
+
+Tables = dict[str, list[Row]]
+
+#: columns of the figures' tables that stay text
+WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
+#: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
+FOLDS = {
+    "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
+    "skewness": ("height_skewness", "{:.2f}"), "sulci": ("sulci", "{:.0f}"), "gyri": ("gyri", "{:.0f}"),
+    "degree": ("degree", "{:.1f}"), "wavelength, mm": ("wavelength_mm", "{:.1f}"),
+    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"), "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
+    "crossings": ("crossings", "{:.0f}"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Image:
+    """The picture ``name``.png, and what it shows."""
+
+    name: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Heads of columns and cells as text."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def read_tables(folder: Path, files: Sequence[str]) -> Tables:
+    """The tables among the files of a figure, by the names of their files."""
+    return {file: read_rows(folder / file, WORDS) for file in files if file.endswith(".tsv")}
+
+
+def _fig3(tables: Tables) -> list[Image | Table]:
+    radius, stress = tables["fig3a.tsv"], tables["fig3b.tsv"]
+
+    def worst(rows: Sequence[Row], column: str) -> str:
+        return f"{100 * max(abs(row[column]) for row in rows):.3f} %"
+
+    lines = []
+    for what, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
+        mine = [row for row in radius if row["source"] == source and row["folded"] == folded]
+        if not mine:
+            continue
+        same = worst(mine, "over_1d") if source == THREE_D else "–"
+        lines.append([what, source, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), same])
+    for T in sorted({row["thickness_mm"] for row in stress}):
+        mine = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
+        what = f"stress, T = {T:g} mm"
+        lines.append([what, ONE_D, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), "–"])
+    heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
+    return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, lines)]
+
+
+def _range(rows: Sequence[Row]) -> str:
+    low, high = (f([row["growth"] for row in rows]) for f in (min, max))
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def _fig5(tables: Tables) -> list[Image | Table]:
+    shown = [g for row in FIG5 for g in row]
+    return [
+        Image("fig5", "six stages of a folding sphere, coloured by displacement"),
+        _folds([("", row) for row in tables["fig5.tsv"] if row["growth"] in shown], ()),
+    ]
+
+
+def _fig6(tables: Tables) -> list[Image | Table]:
+    rows = tables["fig6.tsv"]
+    return [
+        Image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
+        _columns(rows, FIG6), _first(rows, FIG6), _slopes(rows, FIG6),
+    ]  # fmt: skip
+
+
+def _fig7(tables: Tables) -> list[Image | Table]:
+    rows = tables["fig7.tsv"]
+    return [
+        Image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
+        _columns(rows, FIG7), _first(rows, FIG7),
+    ]  # fmt: skip
+
+
+def _fig8(tables: Tables) -> list[Image | Table]:
+    how = {
+        "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}", "robust_slope": "{:.2f}",
+        "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}", "r": "{:.2f}",
+        "gyral_over_cortical": "{:.2f}", "gyral_over_cortical_at_crests": "{:.2f}",
+    }  # fmt: skip
+    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t",
+             "at crests"]  # fmt: skip
+    lines = [
+        [row["surface"], row["points"], *(number(row[key], form) for key, form in how.items())]
+        for row in tables["fig8.tsv"]
+    ]
+    return [
+        Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
+        Image("fig8b", "gyral against cortical thickness of brains and models"),
+        Table(heads, lines),
+    ]
+
+
+def _fig9(tables: Tables) -> list[Image | Table]:
+    surfaces = tables["fig9-surfaces.tsv"]
+    medians = [key for key in surfaces[0] if key.startswith("median ")]
+    dense = [
+        [row["surface"], f"{row['hinges']:.0f}", f"{row['three_armed']:.0f}", f"{row['width_mm']:.2f}",
+         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}",
+         *(number(row[key], "{:.3g}") for key in medians)] for row in surfaces
+    ]  # fmt: skip
+    numbers = [
+        [row["number"], *(number(row[key], "{:.3g}") for key in ("median", "other_median", "ks", "energy", "p"))]
+        for row in tables["fig9-numbers.tsv"]
+    ]
+    nearest = [
+        [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
+        for row in tables["fig9-nearest.tsv"]
+    ]
+    return [
+        Image("fig9a", "three-hinge patterns of models, above those of a person"),
+        Image("fig9b", "distributions of the numbers of hinge shapes"),
+        Table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²", *medians], dense),
+        Table(["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"], numbers),
+        Table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
+    ]
+
+
+def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
+    """What the pictures show, in numbers."""
+    shown = [
+        (column.title, row)
+        for column in columns
+        for row in rows
+        if row["scene"] == column.scene and row["growth"] in column.growth
+    ]
+    return _folds(shown, ("",))
+
+
+def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> Table:
+    cells = [
+        [*([title] if first else []), *(number(row[name], how) for name, how in FOLDS.values())] for title, row in rows
+    ]
+    return Table([*first, *FOLDS], cells)
+
+
+def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
+    """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
+    heads = ["", "first picture, g", "wrinkles by theory, g", "walls touch, g", "degree", "by theory",
+             "wavelength / T", "by theory", "by the film formula"]  # fmt: skip
+    lines = []
+    for column in columns:
+        row = _at(rows, column, 0)
+        T = row["thickness_mm"]
+        numbers = (
+            row["growth"], row["theory_g"], row["first_contact_g"], row["degree"], row["theory_degree"],
+            *(row[key] and row[key] / T for key in ("wavelength_mm", "theory_wavelength_mm", "film_wavelength_mm")),
+        )  # fmt: skip
+        how = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
+        lines.append([column.title, *(number(x, h) for h, x in zip(how, numbers))])
+    return Table(heads, lines)
+
+
+def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
+    """The row of the k-th picture of a column."""
+    return next(row for row in rows if row["scene"] == column.scene and row["growth"] == column.growth[k])
+
+
+def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
+    """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
+    from scipy import stats
+
+    def fit(words: str, column: str, k: int) -> list[str]:
+        mine = [_at(rows, body, k) for body in columns]
+        if any(row[column] is None for row in mine):
+            return [words, *"––––"]
+        found = stats.linregress([row["thickness_mm"] for row in mine], [row[column] for row in mine])
+        numbers = (found.slope, found.stderr, found.intercept, found.rvalue)
+        return [words, *(number(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+
+    lines = [
+        fit("wavelength, first picture", "wavelength_mm", 0),
+        fit("wavelength, last picture", "wavelength_mm", -1),
+        fit("wavelength of the first wrinkles, theory", "theory_wavelength_mm", 0),
+        fit("wavelength by the film formula", "film_wavelength_mm", 0),
+        fit("gyral width, last picture", "gyral_thickness_mm", -1),
+        fit("rms height, last picture", "height_rms_mm", -1),
+    ]
+    return Table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
+
+
+def _fig4(tables: Tables) -> list[Image | Table]:
+    return [Image("fig4", "growth at which the surface can crease, over the radii, both laws")]
+
+
+#: figure -> what is shown of it, from its tables by the names of their files
+PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
+    "fig3": _fig3, "fig4": _fig4, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8, "fig9": _fig9,
+}  # fmt: skip

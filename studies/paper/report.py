@@ -1,0 +1,67 @@
+"""One page of all figures that ``morphofold reproduce`` drew: pictures, tables, how each compares, what it took."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold.report.pictures.png import halved, png_bytes, read_png
+from morphofold.report.plots import svg
+from morphofold.studies.paper.parts import PARTS, Image, read_tables
+from morphofold.studies.paper.verdicts import VERDICTS
+
+SECONDS = 100           # from here on a time is told in minutes
+
+
+def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
+    """Write ``folder``/report.html, one file that opens offline, from the figures and tables that lie there.
+
+    Parameters
+    ----------
+    folder : path
+    index : mapping
+        What summary.json says.
+    """
+    figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
+    grown = {told["folder"]: told for entry in index["figures"].values() for told in entry.get("simulations", ())}
+    whole = sum(told["seconds"] for told in grown.values()) + sum(
+        entry.get("seconds", 0.0) for entry in index["figures"].values()
+    )
+    page = svg.environment().get_template("paper.html").render(
+        figures=figures, version=index["morphofold"], lengths=index["lengths"], whole=duration(whole),
+        grown=duration(sum(told["seconds"] for told in grown.values())), count=len(grown),
+    )  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    return path
+
+
+def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    tables = read_tables(folder, entry["files"])
+    try:
+        verdict, parts = VERDICTS[name](tables), PARTS[name](tables)
+    except KeyError as error:
+        verdict, parts = f"Drawn by an earlier version, whose tables lack {error}; draw it again.", []
+    simulations: Sequence[Mapping[str, Any]] = entry.get("simulations", ())
+    return {
+        "name": f"Fig. {name.removeprefix('fig')}", "shows": entry["shows"], "verdict": verdict,
+        "parts": [_part(folder, part) for part in parts],
+        "files": [file for file in entry["files"] if file.endswith(".tsv")],
+        "took": duration(entry["seconds"]) if "seconds" in entry else None,
+        "simulations": [{**told, "name": told["folder"].rpartition("/")[2], "took": duration(told["seconds"])}
+                        for told in simulations],
+    }  # fmt: skip
+
+
+def _part(folder: Path, part: Any) -> dict[str, Any]:
+    if not isinstance(part, Image):
+        return {"heads": part.heads, "rows": part.rows}
+    small = png_bytes(halved(read_png(folder / f"{part.name}.png")))
+    return {"words": part.words, "data": base64.b64encode(small).decode(), "file": f"{part.name}.png"}
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words for a reader."""
+    return f"{seconds:.0f} s" if seconds < SECONDS else f"{seconds / 60:.0f} min"

@@ -1,0 +1,231 @@
+"""Figs. 3 and 4 of Razavi et al. (2015): lines of the theory, points of finite elements, and the tables of both.
+
+The text of the paper doesn't state the limits of its axes: those here are ours and follow the ranges that the text
+names.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold import analysis
+from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save, set_limits
+from morphofold.report.plots.theory_plots import LAWS, draw_critical, draw_radius, draw_stress
+from morphofold.sim import theory
+from morphofold.sim.run import Simulation
+from morphofold.sim.scene import Radial, Sphere
+from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
+from morphofold.studies.folds.tables import FOLDED
+from morphofold.studies.paper.runs import Runs, told
+from morphofold.surface import Surface
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+THEORY, ONE_D, THREE_D = "theory", "finite elements, 1-D", "finite elements, 3-D"
+#: the radial scenes of panels (a) and (b), T = 2, 1 and 3 mm, and the growths at which each is asked for
+RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
+#: growths in three dimensions: 1 is the reference, the last ones are beyond the onset of folding
+SOLID = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
+EVERY = 5           # of the points of a written profile, one is drawn
+POINT: dict[str, Any] = {
+    "linestyle": "none", "marker": "o", "markersize": 5, "color": BLACK, "markerfacecolor": "white", "clip_on": False,
+    "zorder": 3,
+}  # fmt: skip
+
+
+def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
+    """Fig. 3: (a) outer radius against isotropic growth, (b) tangential stress through the cortex at g = 2.
+
+    C = 50 mm; T = 2 mm in (a), 1, 2 and 3 mm in (b). Limits: g from 1 to 2, as in the text, and c/B from 1 to 1.3;
+    position from the interface (0) to the outer surface (1), stress over the cortex's own modulus from -14 to 0.
+    ``elements``: rows of finite elements for (a) and (b), drawn as points.
+    """
+    radius, stress = fig3_rows()
+    with new_figure(9.2, 5.0, 1, 2) as (figure, ((left, right),)):
+        draw_radius(left, radius)
+        _draw_radii(left, elements[0])
+        set_limits(left, (1, 2), (1, 1.3), "(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
+        draw_stress(right, stress)
+        _draw_stresses(right, elements[1])
+        set_limits(right, (0, 1), (-14, 0), "(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
+        legend_below(left)
+        legend_below(right)
+    return figure
+
+
+def _draw_radii(ax: Axes, rows: Sequence[Row]) -> None:
+    for source, folded, label, style in (
+        (ONE_D, False, ONE_D, POINT),
+        (THREE_D, False, THREE_D, {**POINT, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
+        (THREE_D, True, "3-D, folded: mean", {**POINT, "marker": "x", "color": line_style(1)["color"]}),
+    ):
+        mine = [row for row in rows if row["source"] == source and row["folded"] == folded]
+        if mine:
+            ax.plot([row["growth"] for row in mine], [row["c_over_B"] for row in mine], label=label, **style)
+
+
+def _draw_stresses(ax: Axes, rows: Sequence[Row]) -> None:
+    for i, T in enumerate(dict.fromkeys(row["thickness_mm"] for row in rows)):
+        mine = [row for row in rows if row["thickness_mm"] == T][::EVERY]
+        x, y = [row["position"] for row in mine], [row["sigma_theta_over_mu_cortex"] for row in mine]
+        ax.plot(x, y, label=ONE_D if i == 0 else None, **POINT)
+
+
+def fig3_rows() -> tuple[list[Row], list[Row]]:
+    """The points of theory of :func:`fig3`, panels (a) and (b)."""
+    radius, stress = radius_rows(np.linspace(1, 2, 101)), stress_rows(points=101, layers=("cortex",))
+    return [{"source": THEORY, **row} for row in radius], [{"source": THEORY, **row} for row in stress]
+
+
+def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list[Row], list[Row]]:
+    """The points of finite elements of :func:`fig3`, panels (a) and (b).
+
+    Parameters
+    ----------
+    radial : sequence of Simulation
+        Of the scenes :data:`RADIAL`, in that order.
+    solid : Simulation
+        Of the sphere of panel (a) in three dimensions, with a stage at g = 1.
+
+    Returns
+    -------
+    radii, stresses : lists of rows
+        As those of :func:`fig3_rows`, and how much they are ``over_theory`` (relative), at which ``kappa_ratio``. Radii
+        also say how much they are over 1-D finite elements of the same kappa_ratio, and whether the sphere is folded:
+        then they are means, and theory has no say.
+    """
+    radii = []
+    for g in radial[0].stages:
+        outside = _profile(radial[0], g)
+        radii.append(_radius_row(ONE_D, radial[0], g, outside["r_mm"][-1] / outside["R_mm"][-1]))
+    reference = solid.cortex(1.0).pial
+    for g in solid.stages[1:]:
+        stretch, rms = mean_stretch(reference, solid.cortex(g).pial)
+        folded = rms >= FOLDED * solid.scene.geometry.cortex_thickness
+        radii.append(_radius_row(THREE_D, solid, g, stretch, folded))
+    return radii, [row for simulation in radial for row in _stress_rows(simulation)]
+
+
+def mean_stretch(before: Surface, now: Surface) -> tuple[float, float]:
+    """Mean of deformed over reference distance from the centre, by reference area; rms of the deformed one [mm]."""
+    R, r = (np.linalg.norm(surface.verts, axis=1) for surface in (before, now))
+    area = analysis.vertex_areas(before.verts, before.faces)
+    rms = np.sqrt(np.average((r - np.average(r, weights=area)) ** 2, weights=area))
+    return float(np.average(r / R, weights=area)), float(rms)
+
+
+def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, folded: bool = False) -> Row:
+    geometry, material = _sphere(simulation), simulation.scene.material
+    T, C = geometry.cortex_thickness, geometry.radius
+    (expected,) = radius_rows([g], T, C)
+    same = radial_equilibrium(g, T / C, material.mu_ratio, simulation.scene.growth.law, material.kappa_ratio,
+                              A_over_C=geometry.hole_radius / C)  # fmt: skip
+    return {
+        "source": source, **expected, "c_over_B": c_over_C * C / (C - T), "c_over_C": c_over_C,
+        "kappa_ratio": material.kappa_ratio, "over_theory": c_over_C / expected["c_over_C"] - 1,
+        "over_1d": None if source == ONE_D else c_over_C / float(same.at([1.0], "cortex").r[0]) - 1, "folded": folded,
+    }  # fmt: skip
+
+
+def _stress_rows(simulation: Simulation) -> list[Row]:
+    """Stress through the cortex of a radial simulation at its last stage."""
+    geometry, material, g = _sphere(simulation), simulation.scene.material, simulation.stages[-1]
+    profile = _profile(simulation, g)
+    R, r, T, C = profile["R_mm"], profile["r_mm"], geometry.cortex_thickness, geometry.radius
+    expected = theory.stresses(g, C - T, C, simulation.scene.growth.law, mu_cortex=material.mu_ratio, n=len(R))
+    return [
+        {
+            "source": ONE_D, "law": simulation.scene.growth.law, "thickness_mm": T, "outer_radius_mm": C, "growth": g,
+            "mu_ratio": material.mu_ratio, "layer": "cortex", "R_mm": R[i], "r_mm": r[i],
+            "position": (r[i] - r[0]) / (r[-1] - r[0]), "sigma_r_over_mu_core": profile["sigma_r"][i],
+            "sigma_theta_over_mu_core": profile["sigma_theta"][i],
+            "sigma_theta_over_mu_cortex": profile["sigma_theta"][i] / material.mu_ratio,
+            "kappa_ratio": material.kappa_ratio,
+            "over_theory": profile["sigma_theta"][i] / expected.sigma_theta[i] - 1,
+        }
+        for i in range(len(R))
+    ]  # fmt: skip
+
+
+def _sphere(simulation: Simulation) -> Sphere | Radial:
+    geometry = simulation.scene.geometry
+    if not isinstance(geometry, Sphere | Radial):
+        raise ValueError(f"{simulation.path}: is a {geometry.shape}; Fig. 3 is of spheres.")
+    return geometry
+
+
+def _profile(simulation: Simulation, g: float) -> dict[str, list[float]]:
+    """Columns of the profile that a radial simulation wrote at growth g, of the cortex, from the interface outwards."""
+    with (simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file, delimiter="\t") if row.pop("layer") == "cortex"]
+    return {name: [float(row[name]) for row in rows] for name in rows[0]}
+
+
+def fig4() -> Figure:
+    """Fig. 4: growth at which creases can form against C/B, Eqs. (12) and (13), with the limits that the text names.
+
+    Limits: C/B from 1 to 1.3, beyond the 1.2 from which isotropic growth brings no crease; g from 1 to 3.
+    """
+    with new_figure(7.6, 4.6, 1, 1) as (figure, ((ax,),)):
+        draw_critical(ax, fig4_rows(), LAWS)
+        set_limits(ax, (1, 1.3), (1, 3), "")
+        legend_below(ax)
+    return figure
+
+
+def fig4_rows() -> list[Row]:
+    """The points of :func:`fig4`."""
+    rows = critical_rows(np.linspace(1, 1.3, 601)[1:])
+    return [{"source": "theory", **row} for row in rows]
+
+
+def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; what an index should say of them."""
+    radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
+    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}",
+              "output.volume=false"]  # fmt: skip
+    solid = runs.grow("fig3-solid", "fig7-ratio1", octant)
+    elements = fig3_elements(radial, solid)
+    save(fig3(elements), folder / "fig3.png")
+    for panel, lines, points in zip("ab", fig3_rows(), elements):
+        write_table(folder / f"fig3{panel}.tsv", list(lines[0]), [*lines, *points])
+    return {
+        "files": ["fig3.png", "fig3a.tsv", "fig3b.tsv"],
+        "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",
+        "equations": "(a) Eq. (11); (b) Eqs. (4) to (6) integrated in closed form, zero radial stress outside",
+        "parameters": {
+            "law": "isotropic", "outer_radius_mm": 50, "mu_ratio": 1,
+            "a": {"thickness_mm": 2, "growth": [1, 2]},
+            "b": {"thickness_mm": [1, 2, 3], "growth": 2},
+        },
+        "limits": "ours, after the ranges in the text: g 1 to 2, c/B 1 to 1.3; position 0 to 1, stress/mu -14 to 0",
+        "columns": {
+            "source": "theory (incompressible), or finite elements in one or three dimensions at the kappa_ratio given",
+            "over_theory": "relative difference from theory",
+            "over_1d": "relative difference from finite elements in one dimension at the same kappa_ratio",
+            "folded": "1: the sphere is folded, c is the mean over its surface before growth",
+        },
+        "simulations": [told(simulation) for simulation in (*radial, solid)],
+    }  # fmt: skip
+
+
+def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:
+    """Write fig4.png and fig4.tsv into ``folder``; what an index should say of them. Nothing is grown."""
+    save(fig4(), folder / "fig4.png")
+    write_table(folder / "fig4.tsv", ("source", "law", "C_over_B", "T_over_C", "g_crease"), fig4_rows())
+    return {
+        "files": ["fig4.png", "fig4.tsv"],
+        "shows": "growth at which creases can form, against the outer radius",
+        "equations": "Eq. (12), isotropic; Eq. (13), tangential; criterion lambda_r/lambda_theta = 2.4, Eq. (7)",
+        "parameters": {"law": list(LAWS), "C_over_B": [1, 1.3], "g_core": 1},
+        "limits": "ours, after the ranges in the text: C/B 1 to 1.3, g 1 to 3",
+    }

@@ -1,0 +1,157 @@
+"""The plots of Fig. 8b: gyral against cortical thickness of brains, of models, of both, and without units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis import Measures
+from morphofold.analysis.thickness.robust_slope import line
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
+from morphofold.sim.scene import Scene
+from morphofold.sim.theory import deformed_radius
+from morphofold.studies.folds.tables import expected, film_wavelength, sphere
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Style = dict[str, Any]
+PRE, POST = "#d55e00", "#0072b2"
+MARKED = {"precentral": PRE, "postcentral": POST}
+SHORT = {"precentral": "PreCG", "postcentral": "PostCG"}
+
+
+def region_points(measures: Measures, key: str = "cortical_thickness_mm") -> dict[str, tuple[float, float]]:
+    """Cortical and gyral thickness [mm] of each region that has both."""
+    return {
+        row["region"]: (float(row[key]), float(row["gyral_thickness_mm"]))
+        for row in measures.regions
+        if row.get(key) is not None and row.get("gyral_thickness_mm") is not None
+    }
+
+
+def best_points(measures: Measures) -> dict[str, tuple[float, float]]:
+    """Points of regions with the thickness of the subject's file where there is one, else with that of its surfaces."""
+    return region_points(measures, "thickness_file_mm") or region_points(measures)
+
+
+def crest_points(measures: Measures) -> np.ndarray:
+    """Cortical and gyral thickness (P, 2) [mm] of the crests that have both."""
+    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in measures.crests]
+    return np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
+
+
+def whole(measures: Measures) -> tuple[float, float]:
+    """Mean cortical and median gyral thickness of a surface [mm]."""
+    s = measures.scalars
+    return float(s["mean_cortical_thickness_mm"] or np.nan), float(s["median_gyral_thickness_mm"] or np.nan)
+
+
+def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
+    """Thickness of the cortex and wavelength of the first wrinkles (S, 2) [mm] of bilayer spheres, as they stand then.
+
+    Linear stability of the whole sphere (:func:`morphofold.sim.theory.bifurcation`), carried from the reference to the
+    deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are stretched by
+    c / C.
+    """
+    rows = []
+    for scene in scenes:
+        theory, C, T = expected(scene), sphere(scene).radius, sphere(scene).cortex_thickness
+        c = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
+        rows.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
+    return np.array(rows)
+
+
+def thickness_figure(
+    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures],
+    scenes: Sequence[Scene],
+) -> Figure:  # fmt: skip
+    """Regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
+    at = np.array([whole(m) for m in models.values()])
+    styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
+    for k, name in enumerate({**brains, **people}):
+        styles[name] = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": ""}
+    with new_figure(12.0, 10.2, 2, 2) as (plot, ((left, middle), (right, ratio))):
+        _regions(left, brains, styles)
+        _bodies(middle, models, styles, at)
+        theory = [entry for ax in (middle, right) for entry in _theory(ax, scenes, 1.12 * at[:, 0].max()).items()]
+        _both(right, {**models, **brains, **people}, styles)
+        _without_units(ratio, {**models, **brains, **people}, styles)
+        for ax in (left, middle, right):
+            ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]", ylim=(0, None))
+        middle.set_xlim(0, None)
+        right.set_xlim(0, None)
+        named = {f"model, {n}" if n in models else n: {**style, "markersize": 8} for n, style in styles.items()}
+        straight = {"line through points of its colour": {"color": BLACK, "linewidth": 1.5}}
+        legend_of_figure(plot, {**named, **straight, **dict(theory)}, left, columns=4)
+    return plot
+
+
+def _regions(ax: Axes, brains: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+    for k, (name, m) in enumerate(brains.items()):
+        regions = best_points(m)
+        x, y = np.array(list(regions.values())).reshape(-1, 2).T
+        ax.plot(x, y, **styles[name], markersize=5)
+        _straight(ax, x, y, color=styles[name]["color"])
+        for region in MARKED:
+            if region in regions:
+                ax.plot(*regions[region], marker=styles[name]["marker"], color=MARKED[region], markersize=9, zorder=3)
+                words, place = f"{SHORT[region]} {m.cortex.hemi}", (8, 2 - 12 * (k % 2))
+                ax.annotate(words, regions[region], xytext=place, textcoords="offset points", fontsize=9)
+    ax.set_title("regions of brains", loc="left")
+
+
+def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style], at: np.ndarray) -> None:
+    for (name, m), place in zip(models.items(), at):
+        ax.plot(*crest_points(m).T, ".", color=styles[name]["color"], alpha=0.25, markersize=4)
+        ax.plot(*place, **styles[name], markersize=8, zorder=3)
+    _straight(ax, *at.T, color=BLACK)
+    ax.set_title("models, crests and medians", loc="left")
+
+
+def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
+    """Draw the wavelengths of theory up to a thickness [mm]; what a legend says of them."""
+    film, onset = np.array([0.0, end]), onset_line(scenes)
+    lines: dict[str, Style] = {
+        "film formula, wavelength": {"color": GREY, "linestyle": (0, (6, 2))},
+        "first wrinkles, wavelength": {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))},
+    }
+    points = (film, film_wavelength(1.0, scenes[0].material.mu_ratio) * film), tuple(onset.T)
+    for style, (x, y) in zip(lines.values(), points):
+        ax.plot(x, y, **style)
+    return lines
+
+
+def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+    for name, m in measures.items():
+        ax.plot(*whole(m), **styles[name], markersize=8)
+    right, top = ax.get_xlim()[1], ax.get_ylim()[1]
+    for slope in (2.5, 4.0):
+        x = np.array([0.0, min(right, top / slope)])
+        ax.plot(x, slope * x, color="#cccccc", linewidth=1, zorder=0)
+        ax.annotate(f"{slope:g} times", (x[1], slope * x[1]), color=GREY, ha="right", va="bottom", fontsize=9)
+    ax.set_title("medians of both", loc="left")
+
+
+def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+    """Gyral over cortical thickness of crests, over cortical thickness in units of the surface's mean."""
+    right, top, out = 1.9, 8.0, 0
+    for name, m in measures.items():
+        t, W = crest_points(m).T
+        x, ratio = t / whole(m)[0], W / t
+        ax.plot(x, ratio, **styles[name], alpha=0.3, markersize=3)
+        ax.axhline(float(np.median(ratio)), color=styles[name]["color"], linewidth=1.2)
+        out += int(((x > right) | (ratio > top)).sum())
+    ax.set(xlabel="cortical thickness over its mean", ylabel="gyral over cortical thickness")
+    ax.set(xlim=(0, right), ylim=(0, top))
+    ax.set_title(f"without units, crests ({out} outside), medians", loc="left")
+
+
+def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
+    if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
+        found = line(x, y)
+        ends = np.array([x.min(), x.max()])
+        ax.plot(ends, found.intercept + found.slope * ends, linewidth=1.5, **style)

@@ -1,0 +1,182 @@
+"""How each figure compares with the paper's, in a sentence or two made of the numbers in its tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from morphofold.comparison.hinges import CHANCE
+from morphofold.sim.theory import critical_growth
+from morphofold.studies.markdown import Row
+from morphofold.studies.paper.folds import FIG7
+from morphofold.studies.paper.parts import Tables
+from morphofold.studies.paper.theory import ONE_D, THREE_D
+
+AGREES = 0.01           # share by which a simulation may miss theory and still be said to agree
+UNFOLDED = "Not as in the paper: there is a body without folds, or with too few stages that are folded."
+
+
+def _fig3(tables: Tables) -> str:
+    def worst(file: str, source: str, folded: int = 0) -> float:
+        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == folded]
+        return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=math.nan)
+
+    radius, stress, folded = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
+    same = radius < AGREES and stress < AGREES
+    text = (
+        f"{_as(same)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
+        f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
+    )
+    if math.isnan(folded):
+        return text
+    return text + f" Once folded, the mean radius is up to {100 * folded:.2g} % off, as growth goes into folds."
+
+
+def _fig4(tables: Tables) -> str:
+    rows = tables["fig4.tsv"]
+
+    def crease(law: str, thickness: float) -> float:
+        mine = [row for row in rows if row["law"] == law and row["g_crease"] is not None]
+        return float(min(mine, key=lambda row: abs(row["T_over_C"] - thickness))["g_crease"])
+
+    thin, even, flat = crease("isotropic", 0.0), crease("isotropic", 0.04), crease("tangential", 0.04)
+    return (
+        f"A thin cortex can crease from g = {thin:.2f} on, the paper's 1.34; one of T/C = 0.04 from {even:.2f} if "
+        f"growth is isotropic, from {flat:.2f} if tangential. That is the paper's criterion; wrinkles come earlier "
+        "(Fig. 5)."
+    )
+
+
+def _fig5(tables: Tables) -> str:
+    rows = _folded(tables["fig5.tsv"])
+    if len(rows) < 3:
+        return UNFOLDED
+    first, last = rows[0], rows[-1]
+    index = [row["gyrification_index"] for row in rows]
+    rising = _falls(index[:0:-1])                                       # the first is of a sphere that hardly folds
+    return (
+        f"{_as(rising)} in the paper folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
+        f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere has first wrinkles at g = "
+        f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first folds seen have "
+        f"{first['degree']:.1f}."
+    )
+
+
+def _fig6(tables: Tables) -> str:
+    bodies = _by_body(tables["fig6.tsv"], "thickness_mm")
+    if not all(bodies):
+        return UNFOLDED
+    last = [rows[-1] for rows in bodies]
+    T, sulci, width = ([row[key] for row in last] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
+    shortest = [min(row["wavelength_mm"] for row in rows) / t for rows, t in zip(bodies, T)]
+    exact = [row["theory_wavelength_mm"] / t for row, t in zip(last, T)]
+    return (
+        f"{_as(_falls(sulci) and _falls(width[::-1]))} in the paper, thick cortices have fewer and wider folds: "
+        f"{_listed(sulci, '{:.0f}')} sulci and gyri {_listed(width, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} mm. "
+        f"Waves are {_span(shortest)} T long at their shortest; theory of the whole sphere has {_span(exact)} T, the "
+        f"paper's formula of a stiff film {last[0]['film_wavelength_mm'] / T[0]:.1f} T."
+    )
+
+
+def _fig7(tables: Tables) -> str:
+    shown = [(column.scene, column.growth[0]) for column in FIG7]
+    rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in shown]
+    if len(rows) < len(FIG7):
+        return UNFOLDED
+    rows.sort(key=lambda row: row["mu_ratio"])
+    skewed, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
+    crease = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
+    before = "all" if max(wrinkles) < crease else "not all"
+    touching = ""
+    if all(row["first_contact_g"] is not None for row in rows):
+        later = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
+        touching = f" Walls of folds first touch {_listed(later, '{:.2f}')} of growth after those wrinkles."
+    return (
+        f"{_as(_falls(skewed[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
+        f"where folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the height is skewed by "
+        f"{_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
+        f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability has wrinkles at g = "
+        f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}, which the paper has "
+        f"come first at small ratios.{touching}"
+    )
+
+
+def _fig8(tables: Tables) -> str:
+    rows = tables["fig8.tsv"]
+    (bodies,) = [row for row in rows if row["points"] == "bodies"]
+    regions = [row for row in rows if row["points"].startswith("regions") and row["slope"] is not None]
+    crests = [row for row in rows if row["points"] == "crests"]
+    keys = ("gyral_over_cortical", "gyral_over_cortical_at_crests")
+    if bodies["slope"] is None or any(row[key] is None for row in crests for key in keys):
+        return UNFOLDED
+    ratios = [
+        [_span([row[key] for row in crests if row["surface"].startswith("T =") == model]) for model in (True, False)]
+        for key in keys
+    ]
+    start = f"{'+' if bodies['intercept_mm'] > 0 else '−'} {abs(bodies['intercept_mm']):.1f}"
+    return (
+        f"{_as(bodies['slope'] > 0)} in the paper gyri widen with the cortex from body to body: W = "
+        f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
+        f"each, the slope is positive in {sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits by least "
+        f"squares, in {sum(r['robust_slope'] > 0 for r in regions)} by medians, and above 0 with 95 % confidence in "
+        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests gyri are {ratios[1][0]} times as wide as the "
+        f"cortex is thick there in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
+        f"and {ratios[0][1]} times."
+    )
+
+
+def _fig9(tables: Tables) -> str:
+    shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
+    largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
+    model, *controls = tables["fig9-nearest.tsv"]
+    chance = [row for row in controls if row["source"] == CHANCE]
+    nearer = "".join(
+        f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
+        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a net at chance (p = "
+        f"{row['p']:.2g})"
+        for row in chance
+    )
+    own = "".join(f"; a hinge of {row['source']} has {row['median']:.3f}" for row in controls if row not in chance)
+    return (
+        f"The hinge of a person nearest to one of a model is {model['median']:.3f} away (median, by angles and "
+        f"lengths){nearer}{own}. The paper calls such pairs counterparts. As distributions the shapes "
+        f"{'differ' if shape['p'] < 0.05 else 'are not told apart'} (energy distance {shape['energy']:.3f}, p = "
+        f"{shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, {largest['other_median']:.0f}° "
+        "in the person."
+    )
+
+
+def _folded(rows: Sequence[Row]) -> list[Row]:
+    """The rows with all that a folded surface has."""
+    needed = ("wavelength_mm", "gyral_thickness_mm", "sulci", "height_skewness")
+    return [row for row in rows if all(row[key] is not None for key in needed)]
+
+
+def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
+    """The folded rows of each body, in the order of a number of the body."""
+    return [[row for row in _folded(rows) if row[key] == value] for value in sorted({row[key] for row in rows})]
+
+
+def _falls(values: Sequence[float]) -> bool:
+    return all(b < a for a, b in pairwise(values))
+
+
+def _as(same: bool) -> str:
+    return "As" if same else "Not as"
+
+
+def _listed(values: Sequence[float], how: str) -> str:
+    words = [how.format(value) for value in values]
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
+    return low if low == high else f"{low} to {high}"
+
+
+#: figure -> how it compares with the paper's, from its tables by the names of their files
+VERDICTS: dict[str, Callable[[Tables], str]] = {
+    "fig3": _fig3, "fig4": _fig4, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8, "fig9": _fig9,
+}  # fmt: skip

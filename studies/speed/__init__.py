@@ -1,0 +1,1 @@
+"""What the solver, the measures and a cohort cost on this machine."""

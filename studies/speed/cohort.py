@@ -1,0 +1,162 @@
+"""What many subjects cost: made-up ones, small, so that what is around the measuring shows."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.cohort.fleet import open_fleet
+from morphofold.cohort.group import GROUP, write_group
+from morphofold.cohort.participant import Participant, measure_participant, results_of
+from morphofold.cohort.running import run_tasks
+from morphofold.cohort.tasks import Outcome, Place
+from morphofold.io import write_annotation, write_surface
+from morphofold.shapes import bumpy_sphere
+from morphofold.surface import Regions, Surface
+from morphofold.timing import peak_memory
+
+LEVEL = 2               # 162 vertices
+REGIONS = 34            # as many as FreeSurfer's first atlas has, so that tables have their true size
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a cohort of made-up subjects, a left hemisphere each, took.
+
+    Attributes
+    ----------
+    subjects, workers : int
+    seconds : float
+        Until all were measured, from when the workers had started [s].
+    measuring : float
+        Seconds that workers spent on subjects, all together [s].
+    again : float
+        Seconds of a second run, which finds all of it done [s].
+    group : float
+        Seconds of tables and page [s].
+    memory_GiB, worker_GiB : float
+        Most memory that this process has held, which hands out the work, and a worker.
+    rows, tsv_bytes, parquet_bytes, page_bytes : int
+        Of measures.tsv, its files, and report.html.
+    subject_bytes : float
+        On disk, of the results of one subject, its log and record.
+    """
+
+    subjects: int
+    workers: int
+    seconds: float
+    measuring: float
+    again: float
+    group: float
+    memory_GiB: float
+    worker_GiB: float
+    rows: int
+    tsv_bytes: int
+    parquet_bytes: int
+    page_bytes: int
+    subject_bytes: float
+
+    @property
+    def overhead(self) -> float:
+        """Seconds of a worker beside measuring, for each subject: handing out, waiting, and the last one [s]."""
+        return (self.seconds * self.workers - self.measuring) / self.subjects
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {**asdict(self), "overhead": self.overhead}
+
+
+def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lambda share: None) -> list[Path]:
+    """``count`` made-up left hemispheres of FreeSurfer's shape, each of another size; those that are there stay."""
+    shape = bumpy_sphere(LEVEL, radius=40.0)
+    inner = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
+    labels = np.arange(len(inner)) % REGIONS
+    colours = np.column_stack([np.arange(REGIONS), np.full(REGIONS, 9), np.full(REGIONS, 9)]).astype(np.uint8)
+    regions = Regions(labels, tuple(f"region-{i:02d}" for i in range(REGIONS)), colours)
+    found = []
+    for i, size in enumerate(1 + 0.05 * np.random.default_rng(0).standard_normal(count)):
+        place = folder / f"sub-{i:05d}"
+        found.append(place)
+        if (place / "label" / "lh.aparc.annot").is_file():              # written last
+            continue
+        for part in ("surf", "label"):
+            (place / part).mkdir(parents=True, exist_ok=True)
+        for name, verts in (("white", inner), ("pial", shape.verts)):
+            write_surface(place / "surf" / f"lh.{name}", Surface((verts * size).astype(np.float32), shape.faces))
+        write_annotation(place / "label" / "lh.aparc.annot", regions)
+        tell((i + 1) / count)
+    return found
+
+
+def measure_load(
+    out: Path, count: int, workers: int, progress: Callable[[float, str], None] = lambda share, text: None
+) -> Load:
+    """Measure ``count`` made-up subjects with so many workers of one thread, then find them done, then group them.
+
+    They are measured into ``out``/cohort-COUNT-WORKERS, anew if it is there; ``out``/made-up is used again.
+
+    Raises
+    ------
+    RuntimeError
+        If one of them fails.
+    """
+    folders = write_subjects(out / "made-up", count, lambda share: progress(0.1 * share, "writing made-up subjects"))
+    place = out / f"cohort-{count}-{workers}"
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+
+    def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
+        tasks = [Participant(f.name, str(f), Place(str(place), f.name, number), ("lh",), report=False) for f in folders]
+        began = time.perf_counter()
+        done = run_tasks(fleet, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
+        return time.perf_counter() - began, done
+
+    with open_fleet(workers=workers) as fleet:
+        seconds, done = run("1", 0.1, 0.7)
+        for failed in (one for one in done if one.state != "done"):
+            raise RuntimeError(f"{failed.name}: {dict(failed.failures)}. Made-up subjects should not fail.")
+        again, found = run("2", 0.8, 0.1)
+        for other in (one for one in found if one.state != "reused"):
+            raise RuntimeError(f"{other.name}: was {other.state} again, though nothing had changed.")
+    results = {f.name: results_of(place, f.name, bids=False) for f in folders}
+    began = time.perf_counter()
+    write_group(place, results, progress=lambda share, text: progress(0.9 + 0.1 * share, text))
+    group = time.perf_counter() - began
+    text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
+    with text.open("rb") as file:
+        rows = sum(1 for _ in file) - 1
+    of_subjects = sum(
+        file.stat().st_size for name in ("subjects", "logs", "records") for file in (place / name).rglob("*")
+        if file.is_file()
+    )  # fmt: skip
+    return Load(
+        count, workers, seconds, sum(one.seconds for one in done), again, group, peak_memory() or 0.0,
+        max(one.memory_GiB for one in done), rows, text.stat().st_size, parquet.stat().st_size, page.stat().st_size,
+        of_subjects / count,
+    )  # fmt: skip
+
+
+def text_table(loads: Sequence[Load]) -> list[str]:
+    """Lines that say it."""
+    head = ("subjects", "workers", "s", "s each", "beside", "again s", "group s", "GiB", "worker GiB")
+    rows = [
+        (
+            f"{one.subjects:,}", str(one.workers), f"{one.seconds:.1f}", f"{one.measuring / one.subjects:.4f}",
+            f"{one.overhead:.4f}", f"{one.again:.1f}", f"{one.group:.1f}", f"{one.memory_GiB:.2f}",
+            f"{one.worker_GiB:.2f}",
+        )
+        for one in loads
+    ]  # fmt: skip
+    sizes = [
+        f"{one.subjects:,} subjects: {one.rows:,} rows, {one.tsv_bytes / 1e6:.1f} MB as text, "
+        f"{one.parquet_bytes / 1e6:.2f} MB as Parquet; page {one.page_bytes / 1e3:.0f} kB; "
+        f"{one.subject_bytes / 1e3:.0f} kB of each subject"
+        for one in {one.subjects: one for one in loads}.values()
+    ]
+    return [*("".join(f"{cell:>11}" for cell in row) for row in (head, *rows)), *sizes]

@@ -1,0 +1,267 @@
+"""The generated parts of docs/speed.md: how fast elements and effects are here, and what whole runs took.
+
+``python -m morphofold.studies.speed.page PAGE --speed FILE --effects FILE SIMULATION...`` puts them between the marks
+``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE and those that end them.
+The files hold what ``morphofold bench speed --json`` and ``morphofold bench effects --json`` print; a SIMULATION is a
+folder that ``morphofold simulate`` finished. What stands outside of the marks is for people to write.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from morphofold.io import atomic_file
+from morphofold.sim.output.folder import Simulation
+from morphofold.sim.scene.files import load_scene
+from morphofold.studies.markdown import Row, between_marks, number, table
+from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
+
+#: columns of words and of positive numbers that a row must have, as the command writes them
+SPEED = ("element",), ("elements", "threads", "median", "best", "steps")
+EFFECTS = ("effect",), ()
+CONTACT = ("contact", "symmetry")       # phases: with itself, and with its mirror image beyond symmetry planes
+
+
+def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Path]) -> None:
+    """Renew the marked parts of ``page``.
+
+    Parameters
+    ----------
+    page : Path
+    speed, effects : Path
+        What ``bench speed --json`` and ``bench effects --json`` printed.
+    simulations : sequence of Path
+        Folders of finished simulations, in the order of their rows.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file or folder isn't there, or a simulation isn't finished.
+    ValueError
+        If one holds something else, no simulation is named, or the page hasn't one pair of marks for each part. The
+        page is as it was then.
+    """
+    if not simulations:
+        raise ValueError("no simulation is named; name folders that `morphofold simulate` wrote.")
+    text = _text(page, "Begin the page with the marks.")
+    rows = [whole_run(folder) for folder in simulations]
+    parts = {
+        "elements": _elements(_rows(speed, "speed", *SPEED)),
+        "effects": _effects(_rows(effects, "effects", *EFFECTS), effects),
+        "runs": _runs(rows),
+    }
+    for name, paragraphs in parts.items():
+        text = between_marks(text, name, paragraphs, page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def whole_run(folder: Path) -> Row:
+    """What a finished simulation took, from its ``health.json`` and ``log.jsonl``.
+
+    Returns
+    -------
+    dict
+        ``scene``, ``level`` (or the edge in its place), ``portion``; ``kind`` and number of ``elements``, ``steps``,
+        wall ``seconds``, ``threads``; ``millions`` of element-steps per wall second, all set-up and writing included;
+        ``shares`` of the wall seconds by phase, ``rest`` for what is no phase; ``last_contact``, the share of contact
+        in the time of all phases from the last stage but one to the last; ``memory`` [GiB]; ``healthy``. None
+        stands for what a run does not have or did not record: a radial one has no elements, for example.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it isn't the folder of a finished simulation.
+    ValueError
+        If a file there can't be understood.
+    """
+    cure = "Name the folder of a finished simulation."
+    file = folder / "health.json"
+    _text(folder / "scene.toml", cure)                                  # for its words where there is none
+    with _understood(file):
+        _text(file, cure)
+        scene = load_scene(folder / "scene.toml")
+        told = Simulation(folder, scene).health
+        seconds, elements, phases = float(told["seconds"]), told.get("elements"), dict(told["seconds_by_phase"])
+        if not 0 < seconds < math.inf:
+            raise ValueError(f"{file}: a run of {seconds:g} s has no speed. {cure}")
+        shares = {phase: spent / seconds for phase, spent in phases.items()}
+        shares["rest"] = 1 - sum(shares.values())
+        row = {
+            "scene": scene.name,
+            "level": scene.accuracy.level if scene.accuracy.edge is None else f"edge {scene.accuracy.edge:g} mm",
+            "portion": getattr(scene.geometry, "portion", None),
+            "kind": None if elements is None else "tets" if scene.geometry.shape == "mesh" else "bricks",
+            "elements": elements,
+            "steps": told["steps"] if elements else None,
+            "seconds": seconds,
+            "threads": told.get("threads"),
+            "millions": elements * told["steps"] / seconds / 1e6 if elements else None,
+            "shares": shares,
+            "memory": told.get("peak_memory_GiB"),
+            "healthy": told["healthy"],
+        }
+        steps = [stage["step"] for stage in told["stages"]]
+        called = "contact" in told["effects"]
+    log = folder / "log.jsonl"
+    with _understood(log):
+        lines = [json.loads(line) for line in _text(log, cure).splitlines()]
+        row["last_contact"] = _last_contact(lines, steps) if called else None
+    return row
+
+
+def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
+    """Share of contact in the seconds of all phases since the last stage but one (the start, if there is one stage)."""
+    begin: Mapping[str, float] = {}
+    if len(steps) > 1:
+        begin = next((line["seconds"] for line in lines if line["step"] >= steps[-2]), lines[-1]["seconds"])
+    spent = {phase: s - begin.get(phase, 0.0) for phase, s in lines[-1]["seconds"].items()}
+    total = sum(spent.values())
+    return sum(spent.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
+
+
+@contextmanager
+def _understood(path: Path) -> Iterator[None]:
+    """Says of errors in the content of a file that they are in this file."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, IndexError, json.JSONDecodeError) as error:
+        raise ValueError(
+            f"{path}: isn't as `morphofold simulate` writes it ({type(error).__name__}: {error}). Grow anew."
+        ) from error
+
+
+def _text(path: Path, cure: str) -> str:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file. {cure}")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: isn't text ({error}). {cure}") from None
+
+
+def _rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
+    """Rows that ``bench`` printed as JSON, checked to be those of the command."""
+    cure = f"Write it anew: morphofold bench {command} --json > {path.name}"
+    try:
+        rows = json.loads(_text(path, cure))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: isn't JSON ({error}). {cure}") from None
+    if not isinstance(rows, list) or not rows:
+        raise ValueError(f"{path}: holds no rows. {cure}")
+    for k, row in enumerate(rows):
+        for name, good in (*((w, _is_word) for w in words), *((p, _is_positive) for p in positive)):
+            if not isinstance(row, dict) or not good(row.get(name)):
+                got = row.get(name) if isinstance(row, dict) else row
+                raise ValueError(f"{path}: row {k} of {len(rows)} has no good {name!r}, but {got!r}. {cure}")
+    return rows
+
+
+def _is_word(value: object) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+def _is_positive(value: object) -> bool:
+    return _is_number(value) and value > 0                              # type: ignore[operator]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+# parts ------------------------------------------------------------------------------------------------------
+
+
+def _elements(rows: Sequence[Row]) -> list[str]:
+    """Speeds measured here, then those quoted, in a table of their own."""
+    heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
+    cells = [
+        [
+            row["element"], f"{row['elements']:,}", f"{row['threads']}",
+            *(number(row[name], "{:.1f}") for name in ("median", "best", "steps")),
+            number(row["steps"] / row["threads"], "{:.1f}"),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
+    peers = [[p.design, p.threads, p.ms, p.millions, p.timed] for p in PEERS]
+    return [
+        "Million element-steps per second, measured here; a brick has 8 Gauss points, a tet shares in a patch of six:",
+        table(heads, cells), f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
+        table(quoted, peers),
+    ]  # fmt: skip
+
+
+def _effects(rows: Sequence[Row], path: Path) -> list[str]:
+    for k, row in enumerate(rows):
+        if not (_is_number(row.get("ms")) and _is_number(row.get("share"))):
+            raise ValueError(
+                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it anew: morphofold bench "
+                f"effects --json > {path.name}"
+            )
+    cells = [[row["effect"], number(row["ms"], "{:.3f}"), number(100 * row["share"], "{:.1f} %")] for row in rows]
+    return [table(["effect", "ms per step", "of a step without effects"], cells)]
+
+
+def _runs(rows: Sequence[Row]) -> list[str]:
+    heads = [
+        "scene", "level", "portion", "elements", "steps", "threads", "wall time, s", "million element-steps per second",
+        "per thread", "contact in the last stage", "peak memory, GiB",
+    ]  # fmt: skip
+    cells = []
+    for row in rows:
+        per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
+        cells.append([
+            row["scene"], row["level"], row["portion"] or "–",
+            f"{row['elements']:,} {row['kind']}" if row["elements"] else "–",
+            number(row["steps"], "{:,}"), number(row["threads"], "{}"), number(row["seconds"], "{:.1f}"),
+            number(row["millions"], "{:.2f}"), number(per_thread, "{:.2f}"), _percent(row["last_contact"]),
+            number(row["memory"], "{:.2f}"),
+        ])  # fmt: skip
+    phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "rest"))
+    shares = [
+        [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "rest"))]
+        for row in rows
+    ]
+    return [
+        table(heads, cells),
+        "Contact's share is of the time of all steps after the last stage but one, mirror images included.",
+        "Shares of the wall time; the rest is set-up, and the checking and writing of stages:",
+        table(["scene", "level", *phases, "rest"], shares), _say_health(rows),
+    ]  # fmt: skip
+
+
+def _percent(share: float | None) -> str:
+    return number(None if share is None else 100 * share, "{:.1f} %")
+
+
+def _say_health(rows: Sequence[Row]) -> str:
+    ill = [f"{row['scene']} ({row['level']})" for row in rows if not row["healthy"]]
+    return f"{len(rows) - len(ill)} of {len(rows)} runs are healthy" + (f"; not: {', '.join(ill)}." if ill else ".")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the page; 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.page", description=__doc__)
+    parser.add_argument("page", type=Path, metavar="PAGE")
+    parser.add_argument("--speed", type=Path, metavar="FILE", required=True)
+    parser.add_argument("--effects", type=Path, metavar="FILE", required=True)
+    parser.add_argument("simulations", type=Path, metavar="SIMULATION", nargs="+")
+    args = parser.parse_args(argv)
+    try:
+        write_page(args.page, args.speed, args.effects, args.simulations)
+    except (ValueError, OSError) as error:
+        print(f"speed_page: {error}", file=sys.stderr)
+        return 2
+    print(f"{args.page}: {len(args.simulations)} runs")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,218 @@
+"""How fast this machine is: the force kernels, whole steps, and what each effect adds to a step."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from skfem import MeshTet
+
+from morphofold.sim.body import Body
+from morphofold.sim.build import build_body
+from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.mesh.bilayer import Bilayer, bilayer_sphere
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene.files import load_scene
+
+#: settings that call for each effect
+EFFECTS = {
+    "contact": "{}", "perturbation": "{}", "ramp": '{shape = "smooth"}', "enclosure": "{gap = 13}", "inertia": "{}",
+    "core_growth": "{}", "regional_growth": "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}",
+    "bulk_viscosity": "{}", "notch": "{at = [[0, 0, 50]]}",
+}  # fmt: skip
+FOLDED = 1.7            # growth at which contact is awake
+
+#: surface cells along a quarter circle of the half spheres that are timed
+SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
+SHAKE = 0.05            # positions at which kernels are timed: standard deviation from the reference [mm]
+
+
+class Quoted(NamedTuple):
+    """A speed that others' code reached elsewhere, as noted then: text, for none of it is measured here."""
+
+    design: str
+    timed: str
+    threads: str
+    ms: str
+    millions: str
+
+
+#: where and how the speeds of the peers were measured
+PEERS_SOURCE = (
+    "noted on 2026-11-21 on a Linux machine of 2 cores and 24 GB (Python 3.11, numpy 2.4, numba 0.68, gcc 12): both "
+    "programs on BrainGrowth's demo ellipsoid, 6,761 nodes and 35,497 tet4 with nodal-averaged J, whole steps. CPU "
+    "rows are CPU time of a single thread; wall rows were taken with other load on the machine, but for the one "
+    "that says quiet, and their times are upper bounds"
+)
+#: whole steps of the peers' designs: milliseconds, and million tet-steps per second
+PEERS = (
+    Quoted("BrainGrowth (Python, numba)", "wall, quiet machine", "1", "51.3", "0.69"),
+    Quoted("BrainGrowth (Python, numba)", "CPU time, mean of steps 0 to 3,500", "1", "49.6", "0.72"),
+    Quoted("BrainGrowth (Python, numba)", "CPU time, steps 3,500 to 4,500 (folds form)", "1", "55.5", "0.64"),
+    Quoted("BrainGrowth (Python, numba)", "wall, taken once, other jobs not excluded: no speed-up seen", "2", "73.2",
+           "0.48"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, its own phase timers", "1", "10.1", "3.5"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "CPU time, whole run of about 6,000 steps", "1", "~7", "~5"),
+    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, best stretch", "2", "5.6 to 6.6", "5.4 to 6.3"),
+)  # fmt: skip
+
+
+def cut_bricks(bilayer: Bilayer) -> Bilayer:
+    """A layered cubed sphere in six tetrahedra a brick, conforming: the same nodes, layers and surface.
+
+    The six of a brick lie around its diagonal away from the middle of a face of the cube; so neighbours cut the
+    quad that they share alike. They make one full patch of ``elements.tets``, which no other mesh does everywhere.
+    """
+    p = bilayer.mesh.p
+    corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
+    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)                # least in the middle of a face of the cube
+    nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
+    corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
+    corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
+    paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
+    ends = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in paths])
+    tets = ends.transpose(2, 0, 1).reshape(-1, 4)
+    n = 6 * len(bilayer.mesh.subdomains["cortex"])
+    mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
+        {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
+    )
+    quads = bilayer.faces                                               # the bricks below them come first, in order
+    turned = np.isin(nearest[: len(quads)], (1, 2))[:, None]            # cut from corner 1 to 3, else from 0 to 2
+    quads = np.where(turned, np.roll(quads, -1, axis=1), quads)
+    return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+
+
+def speed_body(element: str, cells: int, portion: str = "half", *, single: bool = True) -> Body:
+    """The bilayer sphere that is timed, of one modulus, C = 50, T = 3 and A = 25 mm, not grown.
+
+    Parameters
+    ----------
+    element : {"brick", "tet"}
+        Tetrahedra are those of the bricks, six each (:func:`cut_bricks`).
+    cells : int
+        Surface cells along a quarter circle; 32 on half a sphere makes 27,648 bricks.
+    portion : str
+        See :func:`morphofold.sim.mesh.bilayer.bilayer_sphere`.
+    single : bool
+        As of :class:`Body`; scenes take it by default.
+
+    Raises
+    ------
+    ValueError
+        If there is no such element, portion or number of cells.
+    """
+    if element not in SIZES:
+        raise ValueError(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
+    bilayer = bilayer_sphere(50, 3, 25, portion, cells)
+    if element == "tet":
+        bilayer = cut_bricks(bilayer)
+    return Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", single=single)
+
+
+def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.0) -> list[dict[str, Any]]:
+    """Speed of the force kernel of a body, shaken by ``SHAKE``, and of its whole steps, from rest.
+
+    Parameters
+    ----------
+    body : Body
+        It is as before afterwards, but for what was last computed.
+    threads : iterable of int
+        Numbers of threads to use, one after the other.
+    seconds : float
+        How long to repeat each.
+
+    Returns
+    -------
+    list of dict
+        Per number of threads: ``element`` ("brick", of 8 Gauss points, or "tet"), ``elements``, ``threads``, and
+        million element-steps per second: ``best`` and ``median`` of the kernel over the repeats, ``steps`` of whole
+        steps, all measuring included (median).
+    """
+    x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
+    millions = body.elements.n / 1e6
+    before = numba.get_num_threads()
+    rows = []
+    try:
+        for n in threads:
+            numba.set_num_threads(n)
+            run = Dynamics(body, steps_per_unit=1e5)
+            kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
+            steps = _repeat(lambda run=run: run.relax(run.state.relaxed + REFRESH), seconds)  # type: ignore[misc]
+            rows.append({
+                "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
+                "elements": body.elements.n,
+                "threads": n,
+                "best": millions / min(kernel),
+                "median": millions / float(np.median(kernel)),
+                "steps": REFRESH * millions / float(np.median(steps)),
+            })  # fmt: skip
+    finally:
+        numba.set_num_threads(before)
+    return rows
+
+
+def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:
+    """What each effect adds to a step of an octant of ``demo``, and contact once more when it is folded.
+
+    Returns
+    -------
+    list of dict
+        ``effect``, ``ms`` per step, ``share`` of a step without effects.
+    """
+    before = numba.get_num_threads()
+    numba.set_num_threads(threads)
+    try:
+        bare = _per_step([], 1.05, seconds)
+        whole = sum(bare.values())
+        rows = [{"effect": "none", "ms": whole, "share": 1.0}]
+        for name in EFFECTS:
+            added = _per_step([name], 1.05, seconds)
+            ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0)
+            rows.append({"effect": name, "ms": ms, "share": ms / whole})
+        folded = _per_step(["contact", "perturbation"], FOLDED, seconds)
+        ms = folded["contact"] + folded["symmetry"]
+        rows.append({"effect": f"contact, folded (g = {FOLDED:g})", "ms": ms, "share": ms / whole})
+    finally:
+        numba.set_num_threads(before)
+    return rows
+
+
+def effect_scene(effects: Iterable[str]) -> Scene:
+    """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
+    settings = [f"effects.{name}={EFFECTS[name]}" for name in effects]
+    plain = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
+    return load_scene("demo", [*plain, *settings])
+
+
+def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
+    """Milliseconds per step by phase, at growth g and slow growth from there."""
+    scene = effect_scene(effects)
+    built = build_effects(scene)
+    body = build_body(scene, built)
+    run = Dynamics.of(scene, body, built)
+    run.grow_to(g)
+    run.seconds.clear()
+    first = run.state.step
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        run.grow_to(run.state.growth + 1e-6)
+    return {phase: 1e3 * s / (run.state.step - first) for phase, s in run.seconds.items()}
+
+
+def _repeat(work: Callable[[], object], seconds: float) -> list[float]:
+    """Times of repeated work, after once for the compiler."""
+    work()
+    times: list[float] = []
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end or len(times) < 5:
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return times
