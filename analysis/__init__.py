@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from morphofold.analysis.gyrification.local import local_gyrification_index
     from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms
     from morphofold.analysis.gyrification.spectrum import Spectrum, power_spectrum
-    from morphofold.analysis.measures import Measures, measure
+    from morphofold.analysis.measures import Measures
+    from morphofold.analysis.measuring import measure
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
     from morphofold.analysis.thickness.cortical import cortical_thickness
     from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
@@ -62,7 +63,7 @@ _PUBLIC = {
     "hinge_shapes": "analysis.graph.hinge_shapes",
     "hinges": "analysis.graph.hinges",
     "local_gyrification_index": "analysis.gyrification.local",
-    "measure": "analysis.measures",
+    "measure": "analysis.measuring",
     "power_spectrum": "analysis.gyrification.spectrum",
     "prominent_peaks": "analysis.graph.prominence",
     "gray_volumes": "analysis.regions",

@@ -19,7 +19,7 @@ _PUBLIC = {
     "read_cortex": "morphofold.io",
     "read_surface": "morphofold.io",
     "sample_path": "morphofold.io",
-    "measure": "morphofold.analysis.measures",
+    "measure": "morphofold.analysis.measuring",
     "Measures": "morphofold.analysis.measures",
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",

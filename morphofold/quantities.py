@@ -37,6 +37,9 @@ QUANTITIES = (
     Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
     Quantity("area", "Vertex area on white", "mm²", False, None, ("area_mm2",)),
 )  # fmt: skip
+# Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
+# protanopes and deuteranopes, too.
+CATEGORICAL = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
 MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
 
 #: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests

@@ -51,7 +51,7 @@ def quick_measure(cortex, *, progress=None, **options):
 
 
 def participants(folders, out, run="1", **options):
-    return [Participant(f.name, str(f), Place(str(out), f.name, run), report=False, **options) for f in folders]
+    return [Participant(f.name, str(f), Place(str(out), f.name, run), **options) for f in folders]
 
 
 class HereFleet:

@@ -11,12 +11,13 @@ import pytest
 
 from morphofold.analysis import curvature, measure, resampling, vertex_areas
 from morphofold.shapes import bumpy_sphere, torus
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
 from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
 from morphofold.studies.accuracy import points as timing
 from morphofold.studies.accuracy.measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.peers import Peer
-from morphofold.studies.speed.measures import folded_ball
+from morphofold.studies.accuracy.study import measuring_cases
 
 
 def by(points, **wanted):
@@ -208,7 +209,7 @@ def test_a_crushed_vertex_does_not_make_the_error_of_a_map():
 
 
 def test_every_case_has_a_name_of_its_own_that_a_file_can_bear():
-    names = [case.name for case in measuring.cases()]
+    names = [case.name for case in measuring_cases()]
     assert len(set(names)) == len(names) > 8
     assert all(c.isalnum() or c == "-" for name in names for c in name)
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from morphofold.comparison.distance import distance
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
 from morphofold.studies.accuracy.bodies import FINEST, Setting, axes
-from morphofold.studies.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, distance, fold_points, grown, pairs
+from morphofold.studies.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, fold_points, grown, pairs
 from morphofold.studies.accuracy.points import OURS
 from morphofold.studies.accuracy.solver import (
     INCOMPRESSIBLE,

@@ -13,11 +13,11 @@ from morphofold.cli import main
 from morphofold.forecast.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
 from morphofold.forecast.measured import measured_errors
 from morphofold.forecast.table import table
-from morphofold.forecast.text import percent
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
-from morphofold.studies.speed.measures import folded_ball
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages
+from morphofold.words import percent
 
 
 @pytest.fixture

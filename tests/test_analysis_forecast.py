@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.analysis.measures import scale_of_curvature
+from morphofold.analysis.measuring import scale_of_curvature
 from morphofold.analysis.resampling import ACCURACIES, copied
 from morphofold.cli import main
 from morphofold.forecast import forecast_analysis
@@ -17,7 +17,7 @@ from morphofold.forecast.analysis_cost import PAGE, STAGES, WRITING
 from morphofold.forecast.table import costs
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
-from morphofold.studies.speed.measures import folded_ball
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Surface
 
 MEASURING = [name for name in STAGES if name not in ("reading", WRITING, PAGE)]

@@ -21,6 +21,7 @@ from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import irregular_sphere
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
@@ -28,7 +29,6 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.mesh.bilayer import bilayer_sphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
-from morphofold.studies.speed.measures import folded_ball
 from morphofold.timing import Stages
 
 

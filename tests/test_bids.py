@@ -387,7 +387,7 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeyp
     place = tmp_path / "d" / "sub-fig5g18"
     assert (place / "report.html").stat().st_size > 10_000
     assert list((place / "figures").glob("*.png"))
-    monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *a, **k: pytest.fail("was measured"))
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
     assert main([*argv, "-o", str(place)]) == 2
     assert "is not a BIDS dataset that morphofold wrote" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["d"]

@@ -36,7 +36,7 @@ def test_names_that_bids_has_no_place_for_fail_alone(here, capsys, monkeypatch):
         yield HereFleet()
 
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     dataset(here)
     for name in ("sub-02sesa", "---"):                                  # as sub-02_ses-a is shortened; nothing left
         write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
@@ -69,7 +69,7 @@ def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here
         yield HereFleet()
 
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     dataset(here)
     begin_dataset(here / "out")
     with alone(here / "out"):

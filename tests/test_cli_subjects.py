@@ -171,7 +171,7 @@ def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(her
 def test_an_analysis_is_refused_inside_its_subject_before_anything_is_measured(here, capsys, monkeypatch):
     there = subjects(here / "all", "bert") / "bert"
     before = sorted(there.rglob("*"))
-    monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *a, **k: pytest.fail("was measured"))
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
     for out in ("all/bert/morphofold", "all/bert/surf"):
         refused(capsys, ["analyze", "-s", "bert", "--sd", "all", "-q", "-o", out], "all/bert")
     monkeypatch.chdir(there)

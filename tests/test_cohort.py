@@ -34,7 +34,7 @@ from morphofold.tables import read_table
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch
     measured(three, out)
     before = contents(out)
     assert b"done in" in before["logs/ben.log"]
-    monkeypatch.setattr("morphofold.analysis.measures.measure", None)       # nothing may be measured
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", None)       # nothing may be measured
     assert states(measured(three, out, "2")) == dict.fromkeys(("anna", "ben", "cleo"), "reused")
     assert contents(out) == before                                      # logs, too: they tell of what is there
 
@@ -482,7 +482,7 @@ def test_a_defect_is_told_as_such_and_stops_no_other(three, tmp_path, quick, mon
             raise KeyError("gyri")
         return quick_measure(cortex, **options)
 
-    monkeypatch.setattr("morphofold.analysis.measures.measure", broken)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", broken)
     found = measured(three, tmp_path / "out")
     assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
     assert found["ben"].failures[""].startswith("KeyError: 'gyri' (a defect")
@@ -513,7 +513,7 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
             assert go.wait(60)
         return quick_measure(cortex)
 
-    monkeypatch.setattr("morphofold.analysis.measures.measure", measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
     monkeypatch.setattr(tasks, "PAUSE", 0.01)
     lost = threading.Thread(target=measured, args=(three[:1], out))
     following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
@@ -542,7 +542,7 @@ def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr("morphofold.analysis.measures.measure", killed)
+        patch.setattr("morphofold.analysis.measuring.measure", killed)
         with pytest.raises(Killed):
             measured(three[:1], out)
     assert measured(three[:1], out)["anna"].attempt == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.quantities import common_limits, quantity
+from morphofold.quantities import CATEGORICAL, common_limits, quantity
 from morphofold.report import colours
 
 
@@ -75,7 +75,7 @@ SIGHT = {
 @pytest.mark.parametrize("sight", SIGHT)
 def test_colours_of_surfaces_stay_apart_for_every_eye(sight):
     """By distance in OKLab: 0.02 is just seen, 1 lies between black and white; amber and vermilion had 0.004."""
-    rgb = np.array([colours.rgb_of(c) for c in colours.CATEGORICAL]) / 255
+    rgb = np.array([colours.rgb_of(c) for c in CATEGORICAL]) / 255
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ np.transpose(SIGHT[sight])
     cones = np.cbrt(np.clip(linear, 0, 1) @ np.transpose([
         [0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],

@@ -9,7 +9,7 @@ from made_measures import made_measures
 
 from morphofold.analysis import measure
 from morphofold.comparison import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
-from morphofold.studies.speed.measures import folded_ball
+from morphofold.shapes.folded_ball import folded_ball
 
 
 def test_two_hemispheres_under_one_name_get_their_side():

@@ -12,8 +12,8 @@ from morphofold.analysis import measure, resampling
 from morphofold.analysis.resampling import Accuracy, copied
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere, ridged_sphere
+from morphofold.shapes.folded_ball import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
 from morphofold.shapes.ridges import irregular_net
-from morphofold.studies.speed.measures import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
 from morphofold.surface import Cortex, Regions, Surface
 
 THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 2600, 12.0)

@@ -14,12 +14,13 @@ from morphofold.forecast import forecast
 from morphofold.forecast import table as stored
 from morphofold.forecast.afterwards import REST, cost_beside, cost_line, cost_of
 from morphofold.forecast.calibration import LARGEST, calibrate, reduced
-from morphofold.forecast.forecasting import SETTING_UP, STAGES, forecast_from
+from morphofold.forecast.expected import SETTING_UP, STAGES
+from morphofold.forecast.forecasting import forecast_from
 from morphofold.forecast.memory import building_bytes, running_bytes
+from morphofold.forecast.printed import table_of
 from morphofold.forecast.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
 from morphofold.forecast.steps import steps_of
 from morphofold.forecast.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
-from morphofold.forecast.text import percent, span, table_of
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -30,6 +31,7 @@ from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import freesurfer_maps
 from morphofold.studies.speed.solver import cut_bricks
+from morphofold.words import percent, span
 
 SMALL = ("geometry.portion=octant", "accuracy.level=draft", "output.stages=[]")
 #: a scene of every shape that has a body

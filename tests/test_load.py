@@ -22,7 +22,7 @@ def here_fleet(monkeypatch):
         yield HereFleet()
 
     monkeypatch.setattr(cohort, "open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
 
 
 def test_made_up_subjects_are_whole_of_other_sizes_and_stay(tmp_path):
@@ -59,7 +59,7 @@ def test_a_subject_that_fails_is_told(tmp_path, here_fleet, monkeypatch):
     def failing(cortex, **options):
         raise ValueError("no folds")
 
-    monkeypatch.setattr("morphofold.analysis.measures.measure", failing)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", failing)
     with pytest.raises(RuntimeError, match=r"sub-00000: .*no folds"):
         measure_load(tmp_path, 2, 1)
 

@@ -12,8 +12,9 @@ from morphofold.analysis import gyral_thickness, measure
 from morphofold.cli import main
 from morphofold.geometry import is_closed
 from morphofold.report.pictures.net import KINDS, crest_figure, crest_row
+from morphofold.shapes.folded_ball import THICKNESS, folded_ball
 from morphofold.studies.pages import measuring, section_plot
-from morphofold.studies.speed.measures import THICKNESS, exponent, folded_ball, measuring_speed
+from morphofold.studies.speed.measures import exponent, measuring_speed
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from made_simulations import harmonic, made_simulation
 
 from morphofold.analysis import vertex_areas
-from morphofold.analysis.measures import measure
+from morphofold.analysis.measuring import measure
 from morphofold.io import read_cortex, read_label, sample_path, write_gifti_map
 from morphofold.results import write_analysis, write_dataset
 from morphofold.simulation import freesurfer_maps

@@ -23,11 +23,11 @@ from morphofold.report.pictures.hinges import (
     pair_of,
 )
 from morphofold.report.pictures.surfaces import draw
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper import compare, folds, thickness_plots
 from morphofold.studies.paper.parts import WORDS
-from morphofold.studies.speed.measures import folded_ball
 from morphofold.surface import Regions
 
 

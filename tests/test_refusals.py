@@ -111,7 +111,7 @@ def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(ab
     (here / "closed").mkdir()
     access = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "closed" and access(path, mode))
-    monkeypatch.setattr("morphofold.analysis.measures.measure", lambda *_, **__: pytest.fail("measured"))
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *_, **__: pytest.fail("measured"))
     for argv in (["analyze", "made"], ["reproduce", "fig4"], ["bench", "cohort", "--subjects", "1", "--workers", "1"]):
         refused([*argv, "-q", "-o", f"{above}/out"], capsys, here)
     assert above.partition("/")[0] in refused(["compare", "a=nowhere", "-q", "-o", f"{above}/out"], capsys, here)

@@ -9,10 +9,11 @@ import pytest
 from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
-from morphofold.analysis.measures import measure, scale_of_curvature
+from morphofold.analysis.measuring import measure, scale_of_curvature
 from morphofold.cli import main
 from morphofold.cohort import scales
-from morphofold.cohort.scales import FILE, MOST, Scales, curvature_scale, kept_scales, look, scales_of, with_scales
+from morphofold.cohort.measuring import curvature_scale
+from morphofold.cohort.scales import FILE, MOST, Scales, kept_scales, look, scales_of, with_scales
 from morphofold.io import read_cortex
 
 
@@ -114,7 +115,7 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
         yield HereFleet()
 
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measures.measure", quick_measure)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     monkeypatch.setattr(scales, "look", lambda one: {"a": [(12.0, 20.0)], "b": [(14.0, 24.0)]}[one.name])
     for name, level in (("a", 3), ("b", 2)):
         write_subject(tmp_path / "subjects" / name, level=level)

@@ -22,6 +22,7 @@ from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import Place, read_record, write_record
 from morphofold.io import read_surface
 from morphofold.io.locks import alone
+from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import radial_run, run, theory
@@ -432,7 +433,7 @@ def test_the_threads_are_no_more_than_the_worker_has(here, ball, monkeypatch):
 def test_a_page_of_each_run_is_there_if_it_is_asked_for(here, ball):
     assert grow_and_measure(one_run(here)).state == "done"
     assert not (here / "out/runs/one/analysis/report.html").exists()
-    assert grow_and_measure(one_run(here, report=True)).state == "done"
+    assert grow_and_measure(one_run(here, report=analysis_report)).state == "done"
     assert (here / "out/runs/one/analysis/report.html").is_file()
     assert ball["measured"] == ["one", "one"]
 

@@ -10,20 +10,21 @@ from made_simulations import harmonic
 
 from morphofold import analysis
 from morphofold.cli import main
+from morphofold.comparison.distance import distance
 from morphofold.forecast import estimate_error
 from morphofold.forecast import richardson as twin_module
 from morphofold.forecast.richardson import ALIKE, Grown, between, coarser, estimate_beside, twins
 from morphofold.forecast.sizes import edge_by_rule
 from morphofold.forecast.table import STUDIED, table
-from morphofold.forecast.text import called, percent
+from morphofold.forecast.text import called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import NEAR, UnstableError
 from morphofold.sim.output.folder_check import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
-from morphofold.studies.accuracy.folds import distance
 from morphofold.surface import Surface
+from morphofold.words import percent
 
 SMALL = ("geometry.portion=octant", "output.stages=[]", "output.volume=false", "accuracy.edge=6", "growth.final=1.05")
 

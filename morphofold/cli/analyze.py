@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.forecast.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
+    from morphofold.report import analysis_report
     from morphofold.results import (
         check_wide,
         refuse_place_of_inputs,
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
         tell(0.8, "writing")
         clock.begin(READING)
         asked = {"hemi": args.hemi, "name": args.name, **options}
-        report = not args.no_report
+        report: Any = False if args.no_report else analysis_report
         stages = [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)] if report else []
         if bids:
             write_dataset(
@@ -201,10 +202,10 @@ def _said(value: float | None, form: str, unit: str = "") -> str:
 
 
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
-    from morphofold.analysis.measures import scale_of_curvature
+    from morphofold.analysis.measuring import scale_of_curvature
     from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.forecast import forecast_analysis
-    from morphofold.forecast.text import table_of_analysis
+    from morphofold.forecast.printed import table_of_analysis
     from morphofold.provenance import strict_json
 
     def checked(cortex: Cortex) -> Cortex:
@@ -274,7 +275,7 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
                 done += 1
                 continue
             found = _measure(cortex, args, share, clock)
-            write_analysis([found], out / place.name, parameters=asked, report=False, clock=clock)
+            write_analysis([found], out / place.name, parameters=asked, clock=clock)
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
@@ -283,7 +284,7 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
 def _measure(
     cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None], clock: Stages
 ) -> Measures:
-    from morphofold.analysis.measures import measure
+    from morphofold.analysis.measuring import measure
 
     def tell(what: str, share: float) -> None:
         clock.at(what, share)

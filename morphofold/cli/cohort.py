@@ -103,10 +103,13 @@ def run_cohort(
     from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import Place
     from morphofold.io.locks import alone
+    from morphofold.report import analysis_report
+    from morphofold.report.pages.group_page import group_report
 
     options = measuring_options(args)
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
-    bids, report, run_id = args.layout == "bids", not args.no_report, secrets.token_hex(4)
+    bids, run_id = args.layout == "bids", secrets.token_hex(4)
+    report: Any = False if args.no_report else analysis_report
     out, more = out.absolute(), dict[str, Any]()
     subjects, looked_at = (
         [
@@ -118,7 +121,7 @@ def run_cohort(
     places, reasons = places_of(out, subjects)
     kept_scales(out)                                                    # refused before hours of work
     with ExitStack() as held:
-        with fleet_asked(args, memory_needed(subjects, args.accuracy, report)) as fleet:
+        with fleet_asked(args, memory_needed(subjects, args.accuracy, bool(report))) as fleet:
             begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
             if group:                                                   # several may measure participants at once
                 held.enter_context(alone(out))
@@ -136,7 +139,7 @@ def run_cohort(
             outcomes += [failed(one.place, reasons[one.name]) for one in subjects if one.name in reasons]
         if group:
             with progress("group ", args.quiet) as tell:
-                found = write_group(out, places, outcomes, progress=tell)
+                found = write_group(out, places, outcomes, report=group_report, progress=tell)
             told_unlike(found, args.quiet)
             more["remarks"] = found.pooling.said
     page = out / "group" / "report.html" if group else out
@@ -168,9 +171,10 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     from morphofold.cohort.group import write_group
     from morphofold.io.locks import alone
     from morphofold.provenance import strict_json
+    from morphofold.report.pages.group_page import group_report
 
     with alone(out), progress("group ", args.quiet) as tell:
-        group = write_group(out, results, progress=tell)
+        group = write_group(out, results, report=group_report, progress=tell)
     told_unlike(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:

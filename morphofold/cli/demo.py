@@ -14,7 +14,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.analysis.measures import measure
+    from morphofold.analysis.measuring import measure
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.io import read_cortex, sample_path
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     with progress("write  ", args.quiet) as tell:
         for i, (name, m) in enumerate(measures.items()):
             tell(i / 4, name)
-            write_analysis([m], out / name, report=False)
+            write_analysis([m], out / name)
         tell(0.75, "comparison")
         page = compare(measures).report(out / "comparison")
         tell(1.0, "done")

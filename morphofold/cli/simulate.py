@@ -148,7 +148,7 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
 
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
-    from morphofold.forecast.text import table_of
+    from morphofold.forecast.printed import table_of
     from morphofold.provenance import strict_json
 
     if chosen is None:

@@ -67,6 +67,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
     from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
     from morphofold.io.locks import alone
+    from morphofold.report.pages.phase_page import phase_report
 
     refuse_no_collection(out, "sweep")
     refuse_foreign(out / GROUP)                                         # before hours of work, not after them
@@ -83,7 +84,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
             with progress("theory", args.quiet) as tell:
                 theory = theory_by_place(fleet, grid, tell)
         with progress("phases", args.quiet) as tell:
-            phases = write_sweep(out, grid, theory, outcomes, progress=tell)
+            phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=tell)
     return runs, outcomes, phases
 
 
@@ -93,10 +94,12 @@ def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> lis
 
     from morphofold.cohort.sweep import Run
     from morphofold.cohort.tasks import Place
+    from morphofold.report import analysis_report
 
+    report: Any = False if args.no_report else analysis_report
     options, run_id = measuring_options(args), secrets.token_hex(4)
     return [
-        Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, not args.no_report, options)
+        Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, report, options)
         for point in points
     ]
 
@@ -113,7 +116,8 @@ def _anywhere(scene: Scene) -> Scene:
 def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.cohort.sweep import memory_of_run
     from morphofold.forecast import forecast
-    from morphofold.forecast.text import span, table_of
+    from morphofold.forecast.printed import table_of
+    from morphofold.words import span
 
     def size(point: Point) -> tuple[float, float]:
         growth = point.scene.growth

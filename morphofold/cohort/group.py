@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 from morphofold.cohort.tables import Group, write_tables
 from morphofold.cohort.tasks import Outcome
 from morphofold.io import atomic_folder
 
 GROUP = "group"
+Draw = Callable[[Group, Path, Callable[[float, str], None]], object]
 
 
 def write_group(
-    out: Path, results: Mapping[str, Path], outcomes: Sequence[Outcome] = (), *, report: bool = True,
+    out: Path, results: Mapping[str, Path], outcomes: Sequence[Outcome] = (), *, report: Draw | Literal[False] = False,
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> Group:  # fmt: skip
-    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html.
+    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv; and
+    report.html if it is drawn.
 
     Parameters
     ----------
@@ -26,8 +29,8 @@ def write_group(
         Where the results of each are, or would be.
     outcomes : sequence of Outcome
         Of subjects that were measured just now; of others the records tell.
-    report : bool
-        With the page.
+    report : callable or False
+        Draws the page of a group into a folder: :func:`morphofold.report.pages.group_page.group_report`.
     progress : callable
         Told the share done and what is being done.
     """
@@ -35,8 +38,6 @@ def write_group(
     with atomic_folder(out / GROUP) as folder:
         group = write_tables(folder, out, results, told, lambda share: progress(0.7 * share, "tables"))
         if report:
-            from morphofold.report.pages.group_page import group_report
-
-            group_report(group, folder, lambda share, text: progress(0.7 + 0.3 * share, text))
+            report(group, folder, lambda share, text: progress(0.7 + 0.3 * share, text))
     progress(1.0, "done")
     return group

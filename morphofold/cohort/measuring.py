@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
     """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy`` and ``repair``,
     where ``options`` have them; ``common_curvature_scale_mm`` is taken where the mesh bears it."""
-    from morphofold.analysis.measures import measure
-    from morphofold.cohort.scales import curvature_scale
+    from morphofold.analysis.measuring import measure
 
     scale, common = options.get("curvature_scale_mm"), options.get("common_curvature_scale_mm")
     if common is not None:
@@ -31,3 +30,15 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
         thickness_cap=options.get("thickness_cap_mm"), accuracy=options.get("accuracy", "standard"),
         repair=options.get("repair", True), progress=tell,
     )  # fmt: skip
+
+
+def curvature_scale(cortex: Cortex, common: float) -> float | None:
+    """The curvature scale [mm] of a cohort; None, its own, where a mesh is too coarse or too small for it."""
+    from morphofold.analysis.measuring import scale_of_curvature
+
+    if scale_of_curvature(cortex)[0] > common:
+        return None
+    try:
+        return scale_of_curvature(cortex, common)[0]
+    except ValueError:
+        return None

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.provenance import sha256_of
+from morphofold.results.summary import Page
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
@@ -32,8 +33,8 @@ class Participant:
         Empty: those that it has.
     bids : bool
         Write it as ``out/sub-NAME`` of a BIDS dataset; else into ``out/subjects/NAME``.
-    report : bool
-        With a page and pictures of its own.
+    report : callable or False
+        Draws a page and pictures of its own, as for :func:`morphofold.results.write_analysis`.
     options : mapping
         ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair`` and
         ``annotation``, as ``analyze`` takes them.
@@ -44,7 +45,7 @@ class Participant:
     place: Place
     hemis: tuple[str, ...] = ()
     bids: bool = False
-    report: bool = True
+    report: Page | Literal[False] = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -66,7 +67,7 @@ def measure_participant(subject: Participant) -> Outcome:
     A hemisphere that cannot be measured fails by itself: the other is measured, and the outcome says why.
     """
     hemis = subject.hemis or _hemispheres(subject)
-    asked = {"hemis": list(hemis), "bids": subject.bids, "report": subject.report, **subject.options}
+    asked = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
     seen: dict[str, str] = {}                                           # digests of its files, by their paths
 
     def key() -> str:

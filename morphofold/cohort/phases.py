@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -90,6 +90,9 @@ class Phases:
         for run in self.runs:
             found.setdefault(run.point.at, []).append(run)
         return found
+
+
+Draw = Callable[[Phases, Path, Callable[[float, str], None]], object]
 
 
 # theory ------------------------------------------------------------------------------------------------------
@@ -187,9 +190,10 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 def write_sweep(
     out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], outcomes: Sequence[Outcome] = (), *,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    report: Draw | Literal[False] = False, progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> Phases:  # fmt: skip
-    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv, theory.tsv and report.html.
+    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv;
+    and report.html if it is drawn.
 
     Parameters
     ----------
@@ -199,6 +203,8 @@ def write_sweep(
     theory : mapping of place to Theory
     outcomes : sequence of Outcome
         Of runs that were done just now; of others the records tell.
+    report : callable or False
+        Draws the page into a folder: :func:`morphofold.report.pages.phase_page.phase_report`.
     progress : callable
         Told the share done and what is being done.
     """
@@ -206,9 +212,8 @@ def write_sweep(
         told = {one.name: one for one in outcomes}
         phases = Phases(grid, tuple(read_run(out, point, told.get(point.name)) for point in grid.points), theory)
         write_tables(phases, folder)
-        from morphofold.report.pages.phase_page import phase_report
-
-        phase_report(phases, folder, progress)
+        if report:
+            report(phases, folder, progress)
     return phases
 
 

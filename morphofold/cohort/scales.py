@@ -18,7 +18,6 @@ from morphofold.provenance import strict_json
 if TYPE_CHECKING:
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
-    from morphofold.surface import Cortex
 
 FILE = "scales.json"
 MOST = 50               # subjects that are looked at, spread evenly over their names
@@ -87,7 +86,7 @@ def scales_of(
 def look(subject: Participant) -> list[tuple[float, float]]:
     """Curvature scale and gyral width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
     from morphofold.analysis.graph.crest_net import Ground
-    from morphofold.analysis.measures import scale_of_curvature
+    from morphofold.analysis.measuring import scale_of_curvature
 
     found = []
     try:
@@ -102,18 +101,6 @@ def look(subject: Participant) -> list[tuple[float, float]]:
         except Exception:
             continue
     return found
-
-
-def curvature_scale(cortex: Cortex, common: float) -> float | None:
-    """The curvature scale [mm] of a cohort; None, its own, where a mesh is too coarse or too small for it."""
-    from morphofold.analysis.measures import scale_of_curvature
-
-    if scale_of_curvature(cortex)[0] > common:
-        return None
-    try:
-        return scale_of_curvature(cortex, common)[0]
-    except ValueError:
-        return None
 
 
 def with_scales(options: Mapping[str, Any], scales: Scales | None) -> dict[str, Any]:

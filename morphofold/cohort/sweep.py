@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
+from morphofold.results.summary import Page
 from morphofold.sim.output.folder_check import clear_run, files_of_run, inputs_of
 from morphofold.sim.scene import MeshFile, Radial, Scene
 from morphofold.sim.scene.files import to_toml
@@ -30,8 +31,8 @@ class Run:
     scene : Scene
     threads : int
         Of its worker.
-    report : bool
-        With a page and pictures of its own.
+    report : callable or False
+        Draws a page and pictures of its own, as for :func:`morphofold.results.write_analysis`.
     options : mapping
         ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as ``analyze`` takes them.
     """
@@ -39,7 +40,7 @@ class Run:
     place: Place
     scene: Scene
     threads: int = 1
-    report: bool = False
+    report: Page | Literal[False] = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -68,7 +69,7 @@ def grow_and_measure(run: Run) -> Outcome:
     its checkpoint. One that leaves its bounds has failed, and stays as far as it came.
     """
     def key() -> str:
-        return digest({"grown": _grown_key(run.scene), "report": run.report, **run.options})
+        return digest({"grown": _grown_key(run.scene), "report": bool(run.report), **run.options})
 
     def files() -> dict[str, Path]:
         parts = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}

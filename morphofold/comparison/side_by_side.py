@@ -20,11 +20,10 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
-from morphofold.quantities import CREST_RATIO, RATIO
-from morphofold.report.colours import CATEGORICAL
-from morphofold.report.plots.svg import number
+from morphofold.quantities import CATEGORICAL, CREST_RATIO, RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
+from morphofold.words import listed, number
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +146,17 @@ def compare(
     by_kind = zip(named, named.values(), clouds)
     if crests := [name for name, m, cloud in by_kind if cloud.kind == "crest" and m.regions]:
         notes.append(
-            f"{_listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
+            f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
             "All measures."
         )
     if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
         notes.append(
-            f"{_listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
             "as further evidence: they are too narrow, and too small."
         )
     if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
         notes.append(
-            f"{_listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
             "stand for the surface."
         )
     return Comparison(
@@ -248,20 +247,20 @@ def _cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
     said = []
     if differing := _by_value(named, "curvature_scale_mm", lambda mm: f"{number(float(mm), 2)} mm"):
-        where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
+        where = listed([f"{mm} on {listed(names)}" for mm, names in differing.items()])
         said.append(f"Curvature was taken within {where}; compare H, folding indices and the sharpness of "
             "hinges with care.")
     if differing := _by_value(named, "cortical_thickness_cap_mm", lambda mm: f"at {mm:g} mm" if mm else "nowhere"):
-        where = _listed([f"{at} on {_listed(names)}" for at, names in differing.items()])
+        where = listed([f"{at} on {listed(names)}" for at, names in differing.items()])
         said.append(f"Cortical thickness was capped {where}; compare thick cortex with care.")
     if differing := _by_value(named, "graph_width_mm", lambda mm: f"{number(float(mm), 2)} mm"):
-        where = _listed([f"{mm} on {_listed(names)}" for mm, names in differing.items()])
+        where = listed([f"{mm} on {listed(names)}" for mm, names in differing.items()])
         said.append(f"Hinges are those of nets at a gyral width of {where}; compare them per square of that width.")
     if differing := _by_value(named, "accuracy", str):
-        where = _listed([f"{kind} on {_listed(names)}" for kind, names in differing.items()])
+        where = listed([f"{kind} on {listed(names)}" for kind, names in differing.items()])
         said.append(f"Accuracy was {where}; hinges and local gyrification hang on it where meshes are coarse.")
     if differing := _by_value(named, "cortex_mask", str):
-        where = _listed([f"by '{mask}' on {_listed(names)}" for mask, names in differing.items()])
+        where = listed([f"by '{mask}' on {listed(names)}" for mask, names in differing.items()])
         said.append(f"Cortex was marked out {where}; means where nothing marks the medial wall may count it as cortex.")
     return said
 
@@ -273,10 +272,6 @@ def _by_value(named: Mapping[str, Measures], key: str, words: Callable[[Any], st
         if key in m.parameters:
             found.setdefault(words(m.parameters[key]), []).append(name)
     return found if len(found) > 1 else {}
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:

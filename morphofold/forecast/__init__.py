@@ -10,13 +10,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.forecast.forecasting import Forecast, forecast
+    from morphofold.forecast.expected import Forecast
+    from morphofold.forecast.forecasting import forecast
     from morphofold.forecast.measuring import AnalysisForecast, forecast_analysis
     from morphofold.forecast.mesh_choice import Pick, pick
     from morphofold.forecast.richardson import Estimate, estimate_error
 
 _PUBLIC = {
-    "AnalysisForecast": "measuring", "Estimate": "richardson", "Forecast": "forecasting", "Pick": "mesh_choice",
+    "AnalysisForecast": "measuring", "Estimate": "richardson", "Forecast": "expected", "Pick": "mesh_choice",
     "estimate_error": "richardson", "forecast": "forecasting", "forecast_analysis": "measuring", "pick": "mesh_choice",
 }  # fmt: skip
 __all__ = [

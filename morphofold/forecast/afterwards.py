@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.forecast.table import Expected, doubts, expected_errors, headline, not_studied, table
-from morphofold.forecast.text import percent, unstudied
+from morphofold.forecast.text import unstudied
+from morphofold.words import percent
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

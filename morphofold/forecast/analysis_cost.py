@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from morphofold.forecast.measured import Measured, measured_errors
-from morphofold.forecast.text import percent, span
+from morphofold.words import percent, span
 
 if TYPE_CHECKING:
     from morphofold.analysis import Measures

@@ -146,8 +146,8 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
     """Seconds by stage of measuring a small folded ball as a draft, how uneven repeats were, and the threads used."""
     import numba
 
-    from morphofold.analysis.measures import measure
-    from morphofold.studies.speed.measures import folded_ball
+    from morphofold.analysis.measuring import measure
+    from morphofold.shapes.folded_ball import folded_ball
     from morphofold.threads import check_threads, set_threads
     from morphofold.timing import Stages
 
@@ -182,7 +182,7 @@ def _copied(cortex: Cortex, chosen: Accuracy) -> int:
 
 def _wider(cortex: Cortex, wanted: float | None) -> float:
     """How many times as long curvature takes at the scale wanted as at the usual one; refuses what does not fit."""
-    from morphofold.analysis.measures import scale_of_curvature
+    from morphofold.analysis.measuring import scale_of_curvature
 
     scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
     return (scale / usual) ** WIDER

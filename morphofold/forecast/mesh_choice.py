@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from morphofold.forecast.calibration import Calibration, calibrate
-from morphofold.forecast.forecasting import Forecast, forecast_from
+from morphofold.forecast.expected import Forecast
+from morphofold.forecast.forecasting import forecast_from
 from morphofold.forecast.sizes import edges_between
 from morphofold.forecast.table import ROUNDED, costs, headline, not_studied, studied
-from morphofold.forecast.text import percent, percent_above, span, unstudied
+from morphofold.forecast.text import unstudied
+from morphofold.words import percent, percent_above, span
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

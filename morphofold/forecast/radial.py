@@ -9,7 +9,7 @@ from morphofold.forecast.sizes import Sizes
 from morphofold.forecast.table import costs
 
 if TYPE_CHECKING:
-    from morphofold.forecast.forecasting import Forecast
+    from morphofold.forecast.expected import Forecast
     from morphofold.sim.scene import Scene
 
 
@@ -18,7 +18,7 @@ def radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     import numba
 
     from morphofold.forecast.calibration import slowness_of_stages
-    from morphofold.forecast.forecasting import SETTING_UP, STAGES, Forecast
+    from morphofold.forecast.expected import SETTING_UP, STAGES, Forecast
     from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
     from morphofold.threads import check_threads, set_threads
     from morphofold.timing import working_seconds

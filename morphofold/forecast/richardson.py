@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from morphofold.forecast.table import not_studied, table
-from morphofold.forecast.text import percent, unstudied
+from morphofold.forecast.text import unstudied
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.provenance import input_records, strict_json
 from morphofold.surface import Surface, check_kind
+from morphofold.words import percent
 
 if TYPE_CHECKING:
-    from morphofold.forecast.forecasting import Forecast
+    from morphofold.forecast.expected import Forecast
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -277,7 +278,7 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
 def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
     """By how much the last stages of two runs differ: quantities and units as those of ``Estimate.errors``."""
     from morphofold import analysis
-    from morphofold.studies.accuracy.folds import distance
+    from morphofold.comparison.distance import distance
 
     changes = {"pial distance": distance(one.pial, other.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):

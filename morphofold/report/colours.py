@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 
 RGB = NDArray[np.uint8]
 
-# Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
-# protanopes and deuteranopes, too.
-CATEGORICAL = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
 NOT_MEASURED = (196, 196, 192)  # vertices without a value
 BARE = (214, 207, 198)  # the surface without any overlay
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
 from morphofold.forecast.analysis_cost import WRITING, cost_of_analysis
@@ -29,6 +29,7 @@ from morphofold.results.summary import (
     COLUMNS,
     CURE,
     SURFACES,
+    Page,
     Summary,
     checked_inputs,
     entries_of,
@@ -75,7 +76,7 @@ def write_dataset(
     *,
     failed: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
-    report: bool = True,
+    report: Page | Literal[False] = False,
     stages: Sequence[Cortex] = (),
     clock: Stages | None = None,
 ) -> Path:
@@ -93,8 +94,8 @@ def write_dataset(
         As for ``write_analysis``.
     parameters : mapping, optional
         Recorded for the whole run.
-    report : bool
-        Whether to draw figures/*.png and report.html.
+    report : callable or False
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or another like it.
     stages : sequence of Cortex
     clock : Stages, optional
         As for ``write_analysis``; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
@@ -135,12 +136,8 @@ def write_dataset(
         said = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
         (anat / f"{place.name}{PROVENANCE}").write_text(strict_json(said), encoding="utf-8")
         if report:
-            from morphofold.report import analysis_report
-
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(
-                measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock
-            )
+            report(measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock)
         if clock is not None:
             cost = cost_of_analysis(measures, clock)
             (anat / f"{place.name}{COST}").write_text(strict_json(cost.as_dict()), encoding="utf-8")

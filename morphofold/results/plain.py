@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from morphofold.results.summary import (
     COLUMNS,
     CURE,
     SURFACES,
+    Page,
     Summary,
     checked_inputs,
     entries_of,
@@ -64,7 +65,7 @@ def write_analysis(
     failed: Mapping[str, str] | None = None,
     inputs: Iterable[str | Path] = (),
     parameters: Mapping[str, Any] | None = None,
-    report: bool = True,
+    report: Page | Literal[False] = False,
     stages: Sequence[Cortex] = (),
     mgh: bool = False,
     wide: bool = False,
@@ -84,8 +85,8 @@ def write_analysis(
         Files to record with their SHA-256 beside those the cortices name.
     parameters : mapping, optional
         Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
-    report : bool
-        Whether to draw figures/*.png and report.html.
+    report : callable or False
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or another like it.
     stages : sequence of Cortex
         Those of the one body that was measured, for the page to draw it as it grows.
     mgh : bool
@@ -127,12 +128,8 @@ def write_analysis(
         said = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
         (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
         if report:
-            from morphofold.report import analysis_report
-
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            analysis_report(
-                measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock
-            )
+            report(measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock)
         if clock is not None:
             cost = cost_of_analysis(measures, clock)
             (folder / "cost.json").write_text(strict_json(cost.as_dict()), encoding="utf-8")

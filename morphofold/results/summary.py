@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +21,9 @@ from morphofold.tables import read_table
 if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
+
+#: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
+Page = Callable[..., object]
 
 COLUMNS = {
     "regions": REGION_COLUMNS,

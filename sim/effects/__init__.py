@@ -9,7 +9,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Iterable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,22 @@ from scipy import sparse
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
-    from morphofold.sim.dynamics import Dynamics
     from morphofold.sim.mesh.bilayer import Bilayer
     from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
 PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")   # names that a run has for itself
+
+
+class Running(Protocol):
+    """What an effect sees of a run: its body, its state (x, v, step, growth), its pace and damping per step."""
+
+    body: Body
+    state: Any
+    rate: float
+    damping: float
+    waits_for_balance: bool
 
 
 class Effect:
@@ -38,7 +47,7 @@ class Effect:
     def prepare(self, body: Body) -> None:
         """Called once, when the body is built."""
 
-    def refresh(self, run: Dynamics) -> None:
+    def refresh(self, run: Running) -> None:
         """Called every ``REFRESH`` steps, after the mass was measured."""
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import analysis
+from morphofold.comparison.distance import distance
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.surfaces import whole_surfaces
@@ -130,16 +131,3 @@ def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, 
             for what, error in errors.items()
         ]  # fmt: skip
     return points
-
-
-def distance(one: Surface, other: Surface) -> float:
-    """Mean distance [mm] of the vertices of each of two surfaces to the nearest point of the other; of both means."""
-    return 0.5 * (_one_way(one, other) + _one_way(other, one))
-
-
-def _one_way(points: Surface, surface: Surface) -> float:
-    import pyvista as pv
-
-    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)      # type: ignore[arg-type]
-    _, nearest = mesh.find_closest_cell(points.verts, return_closest_point=True)
-    return float(np.linalg.norm(points.verts - nearest, axis=1).mean())

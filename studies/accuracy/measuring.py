@@ -16,7 +16,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
-from morphofold.analysis.measures import COARSE, CURVATURE_SCALE
+from morphofold.analysis.measuring import COARSE, CURVATURE_SCALE
 from morphofold.shapes import Shape, bumpy_sphere, ellipsoid, irregular_sphere, torus, with_noise
 from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
@@ -45,9 +45,7 @@ def point(
 
 
 def cases() -> list[Case]:
-    """Everything that the measuring room's half of the study consists of."""
-    from morphofold.studies.accuracy import measuring_folds, measuring_person
-
+    """Those of this file."""
     shapes: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
         "bumpy sphere": (partial(bumpy, noise=0.0), LEVELS),
         "bumpy sphere, 1 % noise": (partial(bumpy, noise=0.01), LEVELS),
@@ -63,7 +61,7 @@ def cases() -> list[Case]:
         for name in ("bumpy sphere", "bumpy sphere, 1 % noise")
     ]
     found.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
-    return [*found, *measuring_folds.cases(), *measuring_person.cases()]
+    return found
 
 
 def _word(name: str) -> str:

@@ -15,10 +15,10 @@ from morphofold.analysis import gyral_thickness, local_gyrification_index
 from morphofold.analysis.gyrification.local import CLOSING
 from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
+from morphofold.shapes.folded_ball import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
 from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
-from morphofold.studies.speed.measures import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
 from morphofold.surface import Cortex, PerVertex, Surface
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from morphofold.report.colours import CATEGORICAL
+from morphofold.quantities import CATEGORICAL
 from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure
 from morphofold.studies.accuracy.bodies import PACED
 from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving

@@ -118,12 +118,17 @@ def _part_of(tell: Progress, begun: float, part: float) -> Progress:
 
 
 def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
-    from morphofold.studies.accuracy.measuring import cases
-
-    todo = cases()
+    todo = measuring_cases()
     for k, case in enumerate(todo):
         tell(k / len(todo), case.name)
         yield from kept.points(case)
+
+
+def measuring_cases() -> list[Case]:
+    """Everything that the measuring room's half of the study consists of."""
+    from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
+
+    return [*measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
 
 
 def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from morphofold.io import atomic_file
 from morphofold.sim import scene
+from morphofold.sim.scene.meanings import MEANINGS
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
@@ -36,63 +37,6 @@ TABLES: dict[str, type[BaseModel]] = {
     "[accuracy]": scene.Accuracy,
     "[output]": scene.Output,
 }
-
-#: (model, key) -> unit and meaning; a key of any model that has no entry of its own stands under an empty name
-MEANINGS: dict[tuple[str, str], tuple[str, str]] = {
-    ("Scene", "name"): ("", "name of the scene, and of its folder by default"),
-    ("Scene", "title"): ("", "one line for people"),
-    ("", "shape"): ("", "which body"),
-    ("", "cortex_thickness"): ("mm", "of the cortex before growth"),
-    ("MeshFile", "cortex_thickness"): ("mm", "of the cortex before growth; with a `label` it sets the imperfection"),
-    ("", "radius"): ("mm", "of the outer (pial) surface"),
-    ("", "hole_radius"): ("mm", "of the hole in the middle, whose wall is held fixed; inside the core"),
-    ("", "portion"): ("", "part that is simulated, cut by symmetry planes; output is mirrored to the whole"),
-    ("", "thickness_spots"): ("", "regions of another thickness, factors times `cortex_thickness`"),
-    ("Ellipsoid", "semi_axes"): ("mm", "of the outer (pial) surface, along x, y and z"),
-    ("Ellipsoid", "hole_share"): ("", "size of the hole over that of the outer surface"),
-    ("Patch", "size"): ("mm", "along x and y; the sides are symmetry planes"),
-    ("", "depth"): ("mm", "of cortex and core together; the base is held fixed"),
-    ("Strip", "length"): ("mm", "along x; plane strain across"),
-    ("MeshFile", "file"): ("", "tetrahedra in any format that meshio reads: a path, or one of data_samples"),
-    ("MeshFile", "scale"): ("", "lengths of the file times this are mm"),
-    ("MeshFile", "label"): ("", "cell data that say what is cortex; without it, what lies within `cortex_thickness`"),
-    ("MeshFile", "cortex_label"): ("", "value of `label` in the cortex"),
-    ("MeshFile", "held"): ("", "what never moves: the inner surface (a ventricle), or nothing"),
-    ("Spot", "centre"): ("mm", "a point of the outer surface"),
-    ("Spot", "radius"): ("mm", "beyond it the factor is 1"),
-    ("Spot", "factor"): ("", "at the centre"),
-    ("Material", "mu_ratio"): ("", "shear modulus of the cortex over that of the core"),
-    ("Material", "kappa_ratio"): ("", "bulk over shear modulus, in both layers"),
-    ("Growth", "law"): ("", "in all directions, or along the surface only"),
-    ("Growth", "final"): ("", "growth stretch at the end: a ratio of lengths"),
-    ("Growth", "rate"): ("", "pace, times that by default; lower is slower and calmer"),
-    ("Perturbation", "amplitude"): ("", "rms of the imperfection over the thickness"),
-    ("Perturbation", "seed"): ("", "another seed, another pattern"),
-    ("Perturbation", "wavelength"): ("mm", "of its waves in space; by default theory's first wrinkles over 1.28"),
-    ("Notch", "at"): ("mm", "points of the pial surface, the nearest nodes stand for them; in a strip their x counts"),
-    ("Notch", "line"): ("", "one groove along straight lines from each point to the next, not a pit at each"),
-    ("Notch", "depth"): ("", "of the groove over the thickness"),
-    ("Notch", "width"): ("mm", "from edge to edge; by default the thickness"),
-    ("CoreGrowth", "final"): ("", "growth stretch of the core when the cortex has reached its own"),
-    ("RegionalGrowth", "spots"): ("", "regions where the cortex takes `factor` times the growth g - 1"),
-    ("Ramp", "shape"): ("", "how growth rises; without the table, linearly"),
-    ("Enclosure", "gap"): ("mm", "between the body at first and a rigid shell around it; the grown body must fit"),
-    ("Inertia", "density"): ("", "density of the body; 1 is that of the unit of time"),
-    ("Inertia", "duration"): ("", "time for growth to rise by 1, in times of a shear wave across 1 mm of core"),
-    ("Inertia", "damping"): ("", "rate at which velocities decay, per that time"),
-    ("BulkViscosity", "linear"): ("", "coefficient of the linear term"),
-    ("BulkViscosity", "quadratic"): ("", "coefficient of the quadratic term"),
-    ("Accuracy", "level"): ("", "sets the surface edge, as a share of the (thinnest) cortex"),
-    ("Accuracy", "elements_through_cortex"): (
-        "", "layers of bricks in the cortex; by default 2 with edges longer than half of it, 3 else",
-    ),
-    ("Accuracy", "edge"): ("mm", "largest surface edge, instead of that of the level"),
-    ("Accuracy", "precision"): ("", "of the forces of bricks: single is good to 1e-5 and a third faster"),
-    ("Output", "stages"): ("", "growth stretches where the body rests and is written, the final one too; 0.01 apart"),
-    ("Output", "volume"): ("", "write the body of each stage as VTK too"),
-    ("Output", "stability"): ("", "count the unstable modes of each stage; by default of strips alone: it takes long"),
-    ("Output", "checkpoint_minutes"): ("min", "between checkpoints"),
-}  # fmt: skip
 
 
 def tables() -> str:

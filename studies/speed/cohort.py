@@ -17,6 +17,7 @@ from morphofold.cohort.participant import Participant, measure_participant, resu
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.tasks import Outcome, Place
 from morphofold.io import write_annotation, write_surface
+from morphofold.report.pages.group_page import group_report
 from morphofold.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
@@ -112,7 +113,7 @@ def measure_load(
     place.mkdir(parents=True)
 
     def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
-        tasks = [Participant(f.name, str(f), Place(str(place), f.name, number), ("lh",), report=False) for f in folders]
+        tasks = [Participant(f.name, str(f), Place(str(place), f.name, number), ("lh",)) for f in folders]
         began = time.perf_counter()
         done = run_tasks(fleet, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
         return time.perf_counter() - began, done
@@ -126,7 +127,7 @@ def measure_load(
             raise RuntimeError(f"{other.name}: was {other.state} again, though nothing had changed.")
     results = {f.name: results_of(place, f.name, bids=False) for f in folders}
     began = time.perf_counter()
-    write_group(place, results, progress=lambda share, text: progress(0.9 + 0.1 * share, text))
+    write_group(place, results, report=group_report, progress=lambda share, text: progress(0.9 + 0.1 * share, text))
     group = time.perf_counter() - began
     text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with text.open("rb") as file:

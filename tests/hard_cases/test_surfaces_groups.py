@@ -34,7 +34,7 @@ def all_pooled(patch):
 @hard_case("surfaces", "a group whose left and right hemispheres were measured with nets of unlike width",
            peers="–", guard="hemispheres measured unlike are not pooled", without=all_pooled)  # fmt: skip
 def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
-    monkeypatch.setattr("morphofold.analysis.measures.measure", by_width)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", by_width)
     folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
     subjects = participants(folders, tmp_path / "out")
     run_tasks(HereFleet(), measure_participant, subjects)

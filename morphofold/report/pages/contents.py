@@ -16,7 +16,7 @@ from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.comparison.growth import matching_growth
 from morphofold.quantities import HEADLINES, RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
-from morphofold.report.plots.svg import number
+from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison

@@ -11,8 +11,9 @@ from morphofold.forecast.afterwards import PHASES, Cost, cost_beside
 from morphofold.forecast.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
 from morphofold.forecast.richardson import Estimate, estimate_beside
 from morphofold.forecast.table import Expected
-from morphofold.forecast.text import called, percent, span
+from morphofold.forecast.text import called
 from morphofold.report.pages.contents import Entry
+from morphofold.words import percent, span
 
 if TYPE_CHECKING:
     from morphofold.timing import Stages

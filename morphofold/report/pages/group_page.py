@@ -37,14 +37,14 @@ from morphofold.cohort.statistics import (
     subject_cloud,
     write_statistics,
 )
-from morphofold.quantities import RATIO, scalar_words
-from morphofold.report.colours import CATEGORICAL
+from morphofold.quantities import CATEGORICAL, RATIO, scalar_words
 from morphofold.report.pages.contents import versions
 from morphofold.report.pages.methods import REFERENCES, measured
 from morphofold.report.pictures.group import SIDES, draw_outliers
 from morphofold.report.pictures.surfaces import renderer
 from morphofold.report.plots import svg
 from morphofold.tables import write_table
+from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.cohort.tables import Group
@@ -117,7 +117,7 @@ def group_report(
     said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     page = svg.environment().get_template("group.html").render(
         title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
-        script=Markup(script), number=svg.number, told=told_number, percent=percent, beside=beside, p_told=p_told,
+        script=Markup(script), number=number, told=told_number, percent=percent, beside=beside, p_told=p_told,
         words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
         headlines=headlines(scalars, there), unlike=unlike(group), pooling=group.pooling,
         charts=[charts[name] for name in CHARTS if name in charts],
@@ -148,24 +148,24 @@ def known(scalars: Scalars) -> NDArray[np.bool_]:
 
 
 def plural(n: int, word: str) -> str:
-    return f"{svg.number(n)} {word}{'' if n == 1 else 's'}"
+    return f"{number(n)} {word}{'' if n == 1 else 's'}"
 
 
 def verdict(group: Group) -> str:
     """How many subjects and hemispheres of how many were measured."""
     there = known(group.scalars)
     some, n = int(there.any(axis=1).sum()), len(group.subjects)
-    said = f"{svg.number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
+    said = f"{number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
     if not some:
         return f"{said}: none could be measured."
     both = int(there.all(axis=1).sum())
-    parts = [f"{svg.number(both)} with both sides"] if both else []
+    parts = [f"{number(both)} with both sides"] if both else []
     for k, side in enumerate(("left", "right")):
         if only := int((there[:, k] & ~there[:, 1 - k]).sum()):
-            parts.append(f"{svg.number(only)} with the {side} one alone")
+            parts.append(f"{number(only)} with the {side} one alone")
     said = f"{said}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
     if group.simulated:
-        simulated = svg.number(group.simulated)
+        simulated = number(group.simulated)
         said += f" {simulated} of these are simulated: they have no side, and stand where their files do."
     return said
 
@@ -204,9 +204,9 @@ def outlying(far: Outliers, subjects: int) -> list[str]:
         said.append(f"Far from the median of their side: {plural(len(far.found), 'value')} of "
                     f"{plural(subjects, 'subject')}.")
     if far.looked_at:
-        chance = svg.number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
+        chance = number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
         said.append(
-            f"Of the {svg.number(far.looked_at)} values looked at, {chance} would lie so far out if all were "
+            f"Of the {number(far.looked_at)} values looked at, {chance} would lie so far out if all were "
             "normally distributed."
         )
     if far.too_few:
@@ -274,8 +274,8 @@ def methods(
 def told_number(measure: str, value: float) -> str:
     """A value as a page has it: counts as whole numbers where they are."""
     if np.isfinite(value) and value == round(value) and measure.startswith(("n_", "euler")):
-        return svg.number(round(value))
-    return svg.number(value)
+        return number(round(value))
+    return number(value)
 
 
 def beside(one: Outlier) -> tuple[str, str]:
@@ -283,7 +283,7 @@ def beside(one: Outlier) -> tuple[str, str]:
     value, median = told_number(one.measure, one.value), told_number(one.measure, one.median)
     digits = 4
     while value == median and digits < 8:
-        value, median = svg.number(one.value, digits), svg.number(one.median, digits)
+        value, median = number(one.value, digits), number(one.median, digits)
         digits += 1
     return value, median
 
@@ -292,7 +292,7 @@ def percent(x: float) -> str:
     """A share in percent, with its sign."""
     if not np.isfinite(x):
         return "–"
-    return f"{'+' if x > 0 else ''}{svg.number(100 * x, 2)}"
+    return f"{'+' if x > 0 else ''}{number(100 * x, 2)}"
 
 
 def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
@@ -319,7 +319,7 @@ def of_both(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def p_told(p: float) -> str:
     """A p-value as a page has it."""
-    return "< 0.001" if p < 0.001 else svg.number(p, 2)
+    return "< 0.001" if p < 0.001 else number(p, 2)
 
 
 def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
@@ -359,7 +359,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     ]
     chart = svg.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
-    told = [f"n: {', '.join(f'{SIDES[side.hemi]} {svg.number(n)}' for side, n in zip(there, numbers))}."]
+    told = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
     told = told if len(set(numbers)) > 1 else []                        # else the caption below all charts says it
     told += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and told:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.measures import Measures
-from morphofold.report.plots.svg import number
+from morphofold.words import number
 
 Ids = NDArray[np.int64]
 

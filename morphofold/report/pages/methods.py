@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from morphofold.analysis.measures import Measures
-from morphofold.report.plots.svg import number
+from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison

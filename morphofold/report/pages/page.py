@@ -38,6 +38,7 @@ from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Looks, Picture, Row, figure, renderer, safe_name
 from morphofold.report.plots import svg
 from morphofold.surface import Surface
+from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -112,7 +113,7 @@ def _write(
     templates = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = svg.environment().get_template("report.html").render(
-        kind=kind, title=title, lede=lede, entries=entries, number=svg.number, theory=comparison.theory,
+        kind=kind, title=title, lede=lede, entries=entries, number=number, theory=comparison.theory,
         headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
         scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),

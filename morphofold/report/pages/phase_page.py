@@ -35,6 +35,7 @@ from morphofold.report.plots.phase_plots import (
 )
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
+from morphofold.words import number
 
 MOST_ROWS = 400         # of the table of numbers, and of that of failures
 MOST_PIXELS = 190       # of a thumbnail
@@ -222,8 +223,8 @@ def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     return {
         "values": [axis.words[i] for axis, i in zip(phases.grid.axes, at)] or ["the scene"],
         "cells": [" ".join(one.words) for one in cells],
-        "final": svg.number(final), "g_crit": svg.number(theory.g_crit),
-        "wavelength": svg.number(theory.wavelength), "state": _state(beyond(phases, at)),
+        "final": number(final), "g_crit": number(theory.g_crit),
+        "wavelength": number(theory.wavelength), "state": _state(beyond(phases, at)),
         "runs": f"{cells[0].runs - cells[0].failed} of {cells[0].runs}",
     }  # fmt: skip
 
@@ -275,7 +276,7 @@ def verdict(phases: Phases) -> str:
             ratios.append(measured / theory)
     if not ratios:
         return ""
-    span = " to ".join(dict.fromkeys(svg.number(ratio) for ratio in (min(ratios), max(ratios))))
+    span = " to ".join(dict.fromkeys(number(ratio) for ratio in (min(ratios), max(ratios))))
     points = f"{len(ratios)} point{'s' if len(ratios) > 1 else ''}"
     return f"Where both are known ({points}), the measured wavelength is {span} times that of theory's first wrinkles."
 

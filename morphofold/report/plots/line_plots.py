@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.report.colours import CATEGORICAL
+from morphofold.quantities import CATEGORICAL
 
 if TYPE_CHECKING:                                           # matplotlib takes a second to import
     from matplotlib.axes import Axes

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
-from morphofold.quantities import round_out
+from morphofold.quantities import CATEGORICAL, round_out
 from morphofold.report import colours
 from morphofold.report.plots.line_plots import BLACK, GREY, new_figure
-from morphofold.report.plots.svg import number
-from morphofold.studies.pages.scenes import MEANINGS
+from morphofold.sim.scene.meanings import MEANINGS
+from morphofold.words import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -234,7 +234,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
     with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
-            ax.plot(np.full(len(values), at), values, "o", color=colours.CATEGORICAL[0], markersize=5, alpha=0.6)
+            ax.plot(np.full(len(values), at), values, "o", color=CATEGORICAL[0], markersize=5, alpha=0.6)
             doubted = [run.measures.get(shown.key, math.nan) for run in phases.at[i,] if run.warnings]
             ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
             if failed := sum(bool(run.reason) for run in phases.at[i,]):
@@ -246,7 +246,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
         if np.isfinite(means).any():
             label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
             if axis.numeric or len(phases.grid.seeds) > 1:
-                ax.plot(x[order], means[order], color=colours.CATEGORICAL[0], label=label, **style)
+                ax.plot(x[order], means[order], color=CATEGORICAL[0], label=label, **style)
         top = limits_of(phases, shown)[1]
         if shown.key == WAVELENGTH:
             theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])

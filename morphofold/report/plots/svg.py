@@ -14,6 +14,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
+from morphofold.words import number
+
 MARKERS = ("circle", "square", "triangle", "diamond")
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
 
@@ -42,21 +44,6 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     first = int(np.ceil(low / step - 1e-9))
     last = int(np.floor(high / step + 1e-9))
     return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
-
-
-def number(x: float | int | None, digits: int = 3) -> str:
-    """A number for a reader: ``digits`` figures, spaced thousands, a real minus, a dash for None."""
-    if x is None or (isinstance(x, float) and not np.isfinite(x)):
-        return "–"
-    if isinstance(x, bool | str):
-        return str(x)
-    if isinstance(x, int | np.integer) or abs(x) >= 10**digits:
-        text = f"{round(x):,}".replace(",", "\u202f")
-    elif x != 0 and abs(x) < 1e-3:
-        text = f"{x:.{digits - 1}e}"
-    else:
-        text = f"{x:.{max(digits - 1 - int(np.floor(np.log10(abs(x)))), 0) if x else 0}f}"
-    return text.replace("-", "−")
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """The generated parts of docs/commands: the options of every command, taken from the parser itself.
 
-``python -m morphofold.studies.pages.commands docs/commands`` puts them between the marks ``<!-- options -->`` and
+``python -m morphofold.cli.command_pages docs/commands`` puts them between the marks ``<!-- options -->`` and
 ``<!-- /options -->`` of each command's page, and the list of commands between those of ``commands`` in index.md.
 """
 

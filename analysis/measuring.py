@@ -1,0 +1,299 @@
+"""All measures of one cortex: ``measure(cortex)``, the same code for simulated and FreeSurfer surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.analysis.measures import LINE, SCALARS, Measures
+from morphofold.surface import Cortex, PerVertex, check_kind
+
+if TYPE_CHECKING:
+    import networkx as nx
+    from numpy.typing import NDArray
+
+    from morphofold.analysis.thickness.gyral import GyralThickness
+    from morphofold.analysis.thickness.robust_slope import Line
+
+CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
+COARSE = 2.5            # mean edges that the curvature scale has at least
+SMOOTHED = 1.5          # mean edges over which the folding indices are smoothed at least
+BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
+CROSSED = 0.01          # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
+
+
+def measure(
+    cortex: Cortex,
+    *,
+    curvature_scale: float | None = None,
+    gyral: Mapping[str, Any] | None = None,
+    gyral_width: float | None = None,
+    thickness_cap: float | None = None,
+    accuracy: str = "standard",
+    repair: bool = True,
+    progress: Callable[[str, float], None] | None = None,
+) -> Measures:
+    """Everything the measuring room says of one cortex, by the same code whatever its origin.
+
+    Parameters
+    ----------
+    cortex : Cortex
+        White and pial surface [mm]; its mask, regions and maps are used where it has them.
+    curvature_scale : float, optional
+        Radius of the neighbourhoods of curvature, and of smoothing for the folding indices [mm]. None: 3, but at least
+        2.5 mean edges of either surface, and 1.5 for the indices. Pass one number to compare surfaces of different
+        resolution.
+    gyral : mapping, optional
+        Options for :func:`morphofold.analysis.gyral_thickness`.
+    gyral_width : float, optional
+        For :func:`morphofold.analysis.gyral_graph` [mm]; None: measured.
+    thickness_cap : float, optional
+        Upper bound [mm] of each distance that cortical thickness is made of; FreeSurfer's is 5. None: none, whatever
+        the origin, as a cap is a length of adult human cortex.
+    accuracy : {"draft", "standard", "fine"}
+        ``"draft"``: cortical and gyral thickness and the gyral net are of a copy of the surfaces that is thinned to
+        50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four,
+        if they have less than 40,000. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm. Curvature, areas
+        and depth are the same in all (see docs/accuracy.md).
+    repair : bool
+        Whether to mend flipped triangles, pinched edges, torn seams and the like before measuring, as note ``repair``
+        and numbers ``repaired_...`` among the parameters then say; else they are refused.
+    progress : callable, optional
+        Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.
+
+    Returns
+    -------
+    Measures
+        Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
+        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, NaN
+        where that is 0, too.
+        Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
+        name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
+        vertices, pieces, borders), ``crossing`` (white outside pial), ``pair`` (so much that the two are hardly of one
+        cortex), ``self_crossing``, ``thickness_file`` (gaps in it), ``thickness_unlike`` (it is not that of the
+        surfaces), ``thickness_cap``, ``curvature_scale``, ``gyral_width``, ``size``, ``side``, ``cortex_mask``,
+        ``cortex_label``, ``parcellation`` and ``simulation``, what to know of the input before believing the numbers.
+
+    Raises
+    ------
+    ValueError
+        If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
+        a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
+        pial, lies outside it on most of an open piece, or all but coincides with it, the two are of two cortices, the
+        cortex label is next to empty, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not
+        fit the mesh.
+
+    Notes
+    -----
+    Cortex is what the first of these says that can: the cortex label; a parcellation (all regions but ``unknown``,
+    ``corpuscallosum`` and the like); the thickness that came with the surfaces, which is 0 on the medial wall; or their
+    geometry: large connected patches where white and pial nearly meet are no cortex (a simulated body has none).
+    Vertices where white and pial coincide never are. Areas, Euler characteristic, gyrification and folding
+    indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
+    or of several pieces, has no gyrification index.
+    """
+    from morphofold import geometry
+    from morphofold.analysis import notes, regions, resampling
+    from morphofold.analysis.curvatures import curvature
+    from morphofold.analysis.graph.tables import gyral_tables
+    from morphofold.analysis.gyrification import depth, hull
+    from morphofold.analysis.gyrification.folding import folding_indices
+    from morphofold.analysis.mesh_quality import checks, defects, plausibility
+    from morphofold.analysis.mesh_quality import repair as mending
+    from morphofold.analysis.thickness.robust_slope import through_regions
+
+    check_kind(cortex, Cortex, "measure: cortex")
+    chosen = resampling.accuracy_of(accuracy)
+    tell = progress or (lambda what, share: None)
+    tell("areas", 0.0)
+    mend = mending.measurable(cortex, repair=repair)
+    cortex = mend.cortex
+    white, pial, faces = cortex.white, cortex.pial, cortex.faces
+    mask = checks.cortex_mask(cortex)
+    on_cortex = lambda values: np.where(mask, values, np.nan)
+    maps: dict[str, PerVertex] = {}
+    scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
+    said = notes.of_input(cortex) | mend.notes | defects.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
+
+    closed, pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
+    crossing, crossed = defects.self_crossings(cortex, mask)
+    said |= crossing
+    euler = geometry.euler_characteristic(faces)
+    area_white, area_pial = (geometry.vertex_areas(s.verts, faces) for s in (white, pial))
+    maps["area"] = area_white
+    scalars.update(
+        n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
+        area_white_mm2=float(area_white.sum()), gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
+    )  # fmt: skip
+    if closed:
+        scalars.update({f"volume_{n}_mm3": checks.volume(s) for n, s in (("white", white), ("pial", pial))})
+    said |= notes.of_volumes(closed)
+
+    maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
+    scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)
+    if closed and pieces == 1:
+        scalars["gyrification_index"] = hull.gyrification_index(pial.verts, faces)
+    said |= notes.of_gyrification(closed, pieces)
+
+    tell("cortical thickness", 0.05)
+    copy = resampling.copied(cortex, chosen)
+    maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=thickness_cap))
+    scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
+    both = area_white + area_pial
+    scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(maps["cortical_thickness"], both)
+    said |= plausibility.at_cap(maps["cortical_thickness"], thickness_cap)
+    if "thickness" in cortex.maps:
+        maps["thickness_file"], gaps = defects.given_thickness(cortex, mask)
+        said |= gaps | plausibility.against_file(maps["thickness_file"], maps["cortical_thickness"])
+    said |= notes.of_thickness(thickness_cap, "thickness" in cortex.maps)
+
+    tell("curvature", 0.3)
+    scale, remark = scale_of_curvature(cortex, curvature_scale)
+    bent = curvature(pial.verts, faces, scale)
+    maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
+    smooth = scale if curvature_scale is not None else scale_of_folding(cortex, scale)
+    folding = folding_indices(white.verts, faces, smooth)
+    scalars.update(
+        folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
+    )
+    said |= notes.of_folding(smooth, folding, closed, euler)
+    if remark:
+        said["curvature_scale"] = remark
+
+    tell("gyral thickness", 0.5)
+    across = copy.gyral_thickness(**(gyral or {}))
+    maps["gyral_thickness"] = on_cortex(across.per_vertex)
+    scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
+    said |= notes.of_gyral_thickness(across)
+
+    tell("gyral graph", 0.7)
+    graph = copy.gyral_graph(gyral_width, midway=crossed > CROSSED)
+    scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
+    said |= notes.of_gyral_graph(graph, across)
+
+    tell("local gyrification", 0.9)
+    local, unfit = _local_gyrification(cortex, closed, pieces, chosen.voxels)
+    if local is not None:
+        maps["local_gyrification_index"] = on_cortex(local)
+        scalars["mean_local_gyrification_index"] = _mean(maps["local_gyrification_index"], area_pial)
+    said |= notes.of_local_gyrification(unfit)
+    said |= notes.of_accuracy(accuracy, cortex.n_vertices, copy.cortex.n_vertices)
+
+    tell("regions", 0.95)
+    rows = regions.region_table(cortex, maps, across, graph)
+    tables = gyral_tables(cortex, graph, maps)
+    fitted, why = through_regions(rows)
+    scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
+    said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
+    tell("done", 1.0)
+    scales = (scale, smooth)
+    parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | resampling.parameters(accuracy, copy)
+    return mend.back(Measures(
+        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
+    ))  # fmt: skip
+
+
+def _parameters(
+    cortex: Cortex, mask: NDArray[np.bool_], scales_of: tuple[float, float], cap: float | None, across: GyralThickness,
+    graph: nx.MultiGraph,
+) -> dict[str, Any]:  # fmt: skip
+    """Scales and options that the numbers depend on."""
+    from morphofold.analysis.mesh_quality.checks import cortex_label
+
+    scales = graph.graph["scales"]
+    return {
+        "curvature_scale_mm": scales_of[0],
+        "folding_scale_mm": scales_of[1],
+        "curvature_map_surface": "pial",
+        "folding_index_surface": "white",
+        "cortical_thickness_mode": "surface",
+        "cortical_thickness_cap_mm": cap,
+        "cortex_mask": ", and ".join(filter(None, (cortex_label(cortex)[1], "white off pial"))),
+        "cortex_vertices": int(np.count_nonzero(mask)),
+        "gyral_scale_mm": _number(across.scale),
+        "gyral_coverage": _number(across.coverage),
+        **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
+    }
+
+
+def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[float, str]:
+    """The scale of curvature [mm], and what to remark on it or the unit of length; empty if nothing.
+
+    Raises
+    ------
+    ValueError
+        If it does not fit the mesh.
+    """
+    from morphofold import geometry
+    from morphofold.analysis.curvatures import check_scale, largest_scale
+
+    surfaces = (cortex.white, cortex.pial)
+    edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
+    area = min(float(geometry.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
+    size = float(np.sqrt(area / (4 * np.pi)))
+    usual = _usual_scale(size)
+    most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
+    scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
+    for surface in surfaces:
+        check_scale(surface.verts, cortex.faces, scale)
+    say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
+    if cortex.units != "mm":
+        return scale, f"Lengths are in {cortex.units!r}, not mm, whatever the names of the measures say; {say}"
+    if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
+        return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
+    return scale, ""
+
+
+def scale_of_folding(cortex: Cortex, scale: float) -> float:
+    """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
+    from morphofold import geometry
+
+    verts, faces = cortex.white.verts, cortex.faces
+    size = float(np.sqrt(geometry.face_areas(verts, faces).sum() / (4 * np.pi)))
+    return min(scale, max(_usual_scale(size), SMOOTHED * geometry.mean_edge_length(verts, faces)))
+
+
+def _usual_scale(size: float) -> float:
+    """The scale of curvature of a body whose sphere of equal area has the radius ``size``; 0 where only the mesh can
+    say what is fine."""
+    return CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0
+
+
+def _local_gyrification(
+    cortex: Cortex, closed: bool, pieces: int, voxels: float
+) -> tuple[PerVertex | None, str]:
+    """The index (N,) of so many voxels in the radius of the closing, or why there is none."""
+    from morphofold.analysis.gyrification.local import CLOSING, local_gyrification_index
+    from morphofold.geometry import face_areas
+
+    pial = cortex.pial
+    if not closed or pieces != 1:
+        return None, "the pial surface is not one closed piece"
+    if cortex.units != "mm":
+        return None, f"lengths are in {cortex.units!r}, not mm"
+    radius = (float(face_areas(pial.verts, pial.faces).sum()) / (4 * np.pi)) ** 0.5
+    if not 1 <= radius / CLOSING <= 20:
+        return None, f"a sphere of its area has a radius of {radius:.3g}: not for a ball of {CLOSING:g} mm"
+    return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING / voxels), ""
+
+
+def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
+    """Mean over the finite values; None if there are none."""
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    return float(np.average(values[known], weights=None if weights is None else weights[known]))
+
+
+def _line_numbers(fitted: Line | None) -> list[float | None]:
+    """Of the scalars in ``LINE``; bounds are missing where there are too few regions for them."""
+    if fitted is None:
+        return [None] * len(LINE)
+    return [_number(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

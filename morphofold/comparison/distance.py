@@ -1,0 +1,22 @@
+"""How far two surfaces lie apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from morphofold.surface import Surface
+
+
+def distance(one: Surface, other: Surface) -> float:
+    """Mean distance [mm] of the vertices of each of two surfaces to the nearest point of the other; of both means."""
+    return 0.5 * (_one_way(one, other) + _one_way(other, one))
+
+
+def _one_way(points: Surface, surface: Surface) -> float:
+    import pyvista as pv
+
+    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)      # type: ignore[arg-type]
+    _, nearest = mesh.find_closest_cell(points.verts, return_closest_point=True)
+    return float(np.linalg.norm(points.verts - nearest, axis=1).mean())

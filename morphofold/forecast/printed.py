@@ -1,0 +1,68 @@
+"""A forecast as a short table for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from morphofold.forecast.expected import Forecast
+from morphofold.forecast.measuring import AnalysisForecast
+from morphofold.forecast.table import Expected
+from morphofold.forecast.text import called
+from morphofold.words import percent, span
+
+
+def table_of(found: Forecast) -> str:
+    """A forecast as a short table."""
+    rows = [("setting", _setting(found))]
+    if found.shape != "radial":
+        rows += [
+            ("elements", f"{found.elements:,}"),
+            ("nodes", f"{found.nodes:,}"),
+            ("steps", f"{found.steps:,}  ({found.fewest_steps:,} to {found.most_steps:,})"),
+        ]
+    rows += _memory_and_time(found, found.seconds_by_phase)
+    rows += [
+        (f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
+        for name, e in found.errors.items()
+    ]
+    return _laid_out(found.scene, rows, found)
+
+
+def table_of_analysis(found: AnalysisForecast) -> str:
+    """The same of an analysis."""
+    rows = [("accuracy", found.accuracy)]
+    for one in found.hemispheres:
+        copy = "" if one.measured_on == one.vertices else f"; thicknesses and net on {one.measured_on:,}"
+        rows.append((one.hemi, f"{one.vertices:,} vertices of white and pial each{copy}; {span(one.seconds)}"))
+    rows += _memory_and_time(found, found.seconds_by_stage)
+    rows += [(f"error of {name}", f"{percent(e.error)}  against {e.against}") for name, e in found.errors.items()]
+    return _laid_out(found.name, rows, found)
+
+
+def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, float]) -> list[tuple[str, str]]:
+    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
+    most = sorted(parts.items(), key=lambda item: -item[1])[:4]
+    return [
+        ("memory", f"{found.memory_GiB:.2g} GiB"),
+        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
+        ("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)),
+    ]
+
+
+def _laid_out(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
+    """Rows in two columns, how they were obtained, and doubts."""
+    width = max(len(label) for label, _ in rows)
+    lines = [f"{name}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
+    lines += [f"{what}: {how}" for what, how in found.how.items()]
+    return "\n".join([*lines, *found.doubts])
+
+
+def _beside(expected: Expected) -> str:
+    return f", other settings {percent(expected.other)}" if expected.other else ""
+
+
+def _setting(found: Forecast) -> str:
+    if found.edge_over_T is None:
+        return found.setting
+    layers = f", {found.elements_through_cortex} elements through the cortex" if found.elements_through_cortex else ""
+    return f"{found.setting}, edge {found.edge_mm:.3g} mm ({found.edge_over_T:.2f} T){layers}"

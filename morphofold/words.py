@@ -1,0 +1,54 @@
+"""Numbers, times and lists as a reader meets them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def number(x: float | int | None, digits: int = 3) -> str:
+    """A number for a reader: ``digits`` figures, spaced thousands, a real minus, a dash for None."""
+    if x is None or (isinstance(x, float) and not np.isfinite(x)):
+        return "–"
+    if isinstance(x, bool | str):
+        return str(x)
+    if isinstance(x, int | np.integer) or abs(x) >= 10**digits:
+        text = f"{round(x):,}".replace(",", "\u202f")
+    elif x != 0 and abs(x) < 1e-3:
+        text = f"{x:.{digits - 1}e}"
+    else:
+        text = f"{x:.{max(digits - 1 - int(np.floor(np.log10(abs(x)))), 0) if x else 0}f}"
+    return text.replace("-", "−")
+
+
+def span(seconds: float) -> str:
+    """A time in two units at most: ``0.4 s``, ``45 s``, ``4 min 40 s``, ``2 h 5 min``, ``3 d 2 h``."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    if seconds < 119.5:
+        return f"{seconds:.0f} s"
+    for unit, below, part, name in ((60, "s", 10, "min"), (3600, "min", 60, "h"), (86400, "h", 3600, "d")):
+        whole, rest = divmod(round(seconds / part) * part, unit)
+        if name == "d" or whole < {"min": 60, "h": 24}[name]:
+            rest //= {"s": 1, "min": 60, "h": 3600}[below]
+            return f"{whole} {name} {rest} {below}" if rest else f"{whole} {name}"
+    raise AssertionError                                                # the last unit takes all
+
+
+def percent(share: float) -> str:
+    """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
+    value = 100 * share
+    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+
+
+def percent_above(share: float) -> str:
+    """A share with two digits, rounded up: what is asked for so is no less than it."""
+    step = 10.0 ** (math.floor(math.log10(share)) - 1)
+    return percent(math.ceil(share / step - 1e-9) * step)
+
+
+def listed(words: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
