@@ -7,7 +7,7 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line
