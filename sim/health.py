@@ -53,9 +53,9 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
     }
     if scene is None:
         return found
-    if scene.effects.contact is not None:
+    if "contact" in scene.effects:
         del found["contact"]
-    if scene.effects.inertia is not None:
+    if scene.real_time:
         found["slower"] = "slow the growth down (effects.inertia.duration)"
         del found["stages"]
     if scene.geometry.shape == "mesh":

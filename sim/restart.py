@@ -85,7 +85,7 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
         )
     x, v, X, _ = _read(file)
     check_mesh(file, X, body.X, scene)
-    if scene.effects.inertia is not None:                               # velocities are per step, of another length
+    if scene.real_time:                               # velocities are per step, of another length
         v[:] = 0.0
     return State(x, v, growth=restart["growth"])
 
@@ -131,8 +131,8 @@ def _same_wavelength(file: Path, scene: Scene) -> str:
 
     with suppress(OSError, ValueError):
         other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
-        if scene.effects.perturbation and other.effects.perturbation:
-            theirs = build(other.effects.perturbation, other).wavelength
-            if theirs != build(scene.effects.perturbation, scene).wavelength:
+        if "perturbation" in scene.effects and "perturbation" in other.effects:
+            theirs = build(other.effects["perturbation"], other).wavelength
+            if theirs != build(scene.effects["perturbation"], scene).wavelength:
                 return f": effects.perturbation.wavelength = {theirs!r}, for one"
     return ""

@@ -245,7 +245,7 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     return {
         "scene": scene.name, "shape": scene.geometry.shape, "portion": getattr(scene.geometry, "portion", None),
         "law": scene.growth.law, "thickness_mm": T, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio,
-        "left_out": scene.effects.named, "elements": bilayer.mesh.nelements, "edge_over_T": bilayer.edge / T,
+        "left_out": tuple(scene.effects), "elements": bilayer.mesh.nelements, "edge_over_T": bilayer.edge / T,
         "g_crit": found.g_crit, "rounded": found.rounded, "degree": found.degree,
         "wavelength_mm": found.wavelength, "wavelength_over_T": found.wavelength / T,
         "g_theory": g_theory, "degree_theory": _degree(degree),

@@ -25,8 +25,6 @@ from morphofold.sim.scene import Scene, in_double
 
 Array = NDArray[np.float64]
 
-#: effects that are left out: they don't act on a smooth body, or only on its pace
-SILENT = ("perturbation", "notch", "contact", "enclosure", "inertia", "ramp")
 KICK = 1e-3             # of the cortical thickness, rms
 RISE = 3.0              # the difference has turned for good when it is this many times its least
 PURE = 30.0             # and its growing part is nearly alone when it is so many times its least
@@ -83,7 +81,7 @@ def onset(
             f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
         )
     scene = in_double(scene)                                            # differences die away to round-off
-    scene = scene.model_copy(update={"effects": scene.effects.model_copy(update=dict.fromkeys(SILENT))})
+    scene = scene.without(*(name for name, options in scene.effects.items() if not options.at_onset))
     thickness = scene.geometry.cortex_thickness
     twins = _Twins(scene, rate, bilayer)
     twins.grow(start)

@@ -166,7 +166,7 @@ def test_other_seeds_are_grown_at_the_second_finest_level_only():
     assert len({run.name for run in runs}) == len(runs) == 10
     for run in runs:
         scene = load_scene(run.source, run.settings)
-        assert (scene.accuracy.level, scene.effects.perturbation.seed) == (run.level, run.seed)
+        assert (scene.accuracy.level, scene.effects["perturbation"].seed) == (run.level, run.seed)
         assert (scene.geometry.portion, scene.stages) == ("octant", (1.0, 1.3, 1.5))
     assert [run.seed for run in planned(Study(("fig5",), ("fine",), (0, 1), "half", (1.5,)))] == [0, 1]
 
@@ -250,7 +250,7 @@ def study(tmp_path_factory):
 
     def rows(simulation, tell):
         scene = simulation.scene
-        seed, level = scene.effects.perturbation.seed, scene.accuracy.level
+        seed, level = scene.effects["perturbation"].seed, scene.accuracy.level
         body = fold(scene.name, level, seed)
         body["wavelength_mm"] += 0.5 * seed
         body["gyrification_index"] = 1.5 if level == "draft" else 1.53

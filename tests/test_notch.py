@@ -85,7 +85,7 @@ def grown(notch, *settings, final, back=None):
         "geometry.length=20", "material.mu_ratio=1.0", f"growth.final={final}", f"effects.core_growth.final={final}",
         "output.stages=[]", *settings, *([f"effects.notch={notch}"] if notch else []),
     ])  # fmt: skip
-    scene = scene.model_copy(update={"effects": scene.effects.model_copy(update={"perturbation": None})})
+    scene = scene.without("perturbation")
     effects = build_effects(scene)
     body = build_body(scene, effects)
     run = Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))

@@ -67,7 +67,7 @@ def stopping(out):
 
 def test_an_effect_does_the_same_whether_its_scene_names_it_or_its_caller_gives_it(tmp_path):
     scene = load_scene("demo", [*TINY, SWELLING])
-    swelling = build(scene.effects.core_growth, scene)
+    swelling = build(scene.effects["core_growth"], scene)
     swelling.name = "swelling"
     by_scene = simulate(scene, tmp_path / "a")
     by_caller = mf.simulate("demo", tmp_path / "b", settings=TINY, effects=[swelling])

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from morphofold.sim.scene import EFFECTS_OF, LEVELS, SHAPES, Effects, Scene
+from morphofold.sim.scene import LEVELS, SHAPES, Scene
+from morphofold.sim.scene.effects import effect_names, effects_of
 from morphofold.sim.scene.files import load_scene, scene_names, to_toml, toml_value
 from morphofold.studies.pages import scenes
 
@@ -45,8 +46,8 @@ def test_a_resolved_scene_reads_back_as_itself(tmp_path):
 
 
 def test_only_the_effects_named_are_there(tmp_path):
-    assert load_scene(write(tmp_path, GOOD)).effects.named == ("contact",)
-    assert load_scene(write(tmp_path, GOOD.replace("[effects.contact]", ""))).effects.named == ()
+    assert load_scene(write(tmp_path, GOOD)).effects.keys() == {"contact"}
+    assert load_scene(write(tmp_path, GOOD.replace("[effects.contact]", ""))).effects == {}
 
 
 def test_settings_change_single_values(tmp_path):
@@ -258,7 +259,7 @@ in_a_checkout = pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout"
 @in_a_checkout
 def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
     sections = dict(part.split("\n", 1) for part in PAGE.read_text("utf-8").split("\n### ")[1:])
-    effects = {f"[effects.{name}]" for name in Effects.model_fields}
+    effects = {f"[effects.{name}]" for name in effect_names()}
     tables = {f"[{name}]" for name in Scene.model_fields} - {"[name]", "[title]", "[geometry]", "[effects]"}
     shapes = {f'[geometry] with shape = "{shape}"' for shape in SHAPES}
     assert {*effects, *tables, *shapes} <= set(sections)
@@ -280,9 +281,9 @@ def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
 
 @in_a_checkout
 def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_date(tmp_path):
-    for shape, takes in EFFECTS_OF.items():
+    for shape in SHAPES:
         row = re.search(rf"^\| {shape} \| (.*) \|$", PAGE.read_text("utf-8"), re.M)[1].split(" | ")
-        assert {name for name, said in zip(Effects.model_fields, row) if said == "yes"} == set(takes)
+        assert {name for name, said in zip(effect_names(), row) if said == "yes"} == set(effects_of(shape))
     copy = tmp_path / "scenes.md"
     copy.write_text(PAGE.read_text("utf-8"), "utf-8")
     scenes.write(copy)

@@ -59,7 +59,7 @@ def test_a_grid_has_every_point_with_every_seed_by_its_name():
         T, mu = (axis.values[i] for axis, i in zip(grid.axes, point.at))
         assert point.scene.geometry.cortex_thickness == T
         assert point.scene.material.mu_ratio == mu
-        assert point.scene.effects.perturbation.seed == point.seed
+        assert point.scene.effects["perturbation"].seed == point.seed
         assert point.scene.name == point.name
     assert grid.places == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
@@ -86,7 +86,7 @@ def test_the_seeds_can_be_named_like_any_other_key():
     grid = make_grid("demo", ["seed=3,7"])
     assert not grid.axes
     assert [point.name for point in grid.points] == ["seed-3", "seed-7"]
-    assert [point.scene.effects.perturbation.seed for point in grid.points] == [3, 7]
+    assert [point.scene.effects["perturbation"].seed for point in grid.points] == [3, 7]
 
 
 def test_a_scene_without_imperfection_has_no_seed():

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     scenes = [load_scene(name) for name in scene_names()]
     if args.json:
-        print(json.dumps([{"name": s.name, "title": s.title, "effects": s.effects.named} for s in scenes], indent=1))
+        print(json.dumps([{"name": s.name, "title": s.title, "effects": tuple(s.effects)} for s in scenes], indent=1))
     else:
         print(_table(scenes))
     return 0
@@ -43,7 +43,7 @@ def _row(scene: Scene) -> tuple[str, ...]:
     geometry = scene.geometry
     shape = " ".join(filter(None, (getattr(geometry, "portion", "").replace("full", ""), geometry.shape)))
     thickness, ratio, final = geometry.cortex_thickness, scene.material.mu_ratio, scene.growth.final
-    effects = ", ".join(scene.effects.named) or "-"
+    effects = ", ".join(scene.effects) or "-"
     return scene.name, shape, f"{thickness:g} mm", f"{ratio:g}", scene.growth.law, f"{final:.2f}", effects
 
 

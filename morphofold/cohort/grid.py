@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.sim.output.folder_check import inputs_of
-from morphofold.sim.scene import EFFECTS_OF, Effects, MeshFile, Scene
+from morphofold.sim.scene import MeshFile, Scene
+from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene, toml_value
 from morphofold.sim.scene.problems import with_notes
 
@@ -138,18 +139,12 @@ def _too_many(count: int) -> ValueError:
 
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all that a scene of this shape may say."""
-    effects = EFFECTS_OF.get(scene.geometry.shape, tuple(Effects.model_fields))
     tables: dict[str, type[BaseModel]] = {
         "geometry": type(scene.geometry), "material": type(scene.material), "growth": type(scene.growth),
-        **{f"effects.{name}": _model(name) for name in effects}, "accuracy": type(scene.accuracy),
-        "output": type(scene.output),
+        **{f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()},
+        "accuracy": type(scene.accuracy), "output": type(scene.output),
     }  # fmt: skip
     return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
-
-
-def _model(effect: str) -> type[BaseModel]:
-    """The table of an effect, out of ``Table | None``."""
-    return next(kind for kind in Effects.model_fields[effect].annotation.__args__ if hasattr(kind, "model_fields"))  # type: ignore[union-attr]
 
 
 def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
@@ -245,7 +240,7 @@ def _seeded(
 ) -> Iterator[tuple[int | None, Scene]]:
     """The scene with each seed; with its own, or none, unless seeds are asked for."""
     scene = load_scene(source, settings)
-    imperfect = scene.effects.perturbation
+    imperfect = scene.effects.get("perturbation")
     if seeds is None:
         yield None if imperfect is None else imperfect.seed, scene
         return

@@ -26,8 +26,6 @@ GROUP = "group"
 HINGES_PER_AREA = "hinges_per_1000_mm2"
 OVER_FLAT = "area_over_flat"
 MEASURES = (*SCALARS, HINGES_PER_AREA, OVER_FLAT)
-#: effects of which the theory of the sphere knows nothing
-UNKNOWN = ("core_growth", "regional_growth", "enclosure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +107,7 @@ def theory_of(scene: Scene) -> Theory:
         return Theory(reason=f"theory is of spheres, this is of shape {geometry.shape}")
     if getattr(geometry, "thickness_spots", ()):
         return Theory(reason="theory is of a cortex of one thickness, this has spots of another")
-    if unlike := [name for name in UNKNOWN if name in scene.effects.named]:
+    if unlike := [name for name, options in scene.effects.items() if not options.theory]:
         return Theory(reason=f"theory knows no {unlike[0]}")
     try:
         found = theory.bifurcation(
@@ -136,7 +134,7 @@ def theory_by_place(
 
 def _sphere(scene: Scene) -> str:
     """What theory sees of a scene, in words."""
-    return repr((scene.geometry, scene.material, scene.growth.law, scene.effects.named))
+    return repr((scene.geometry, scene.material, scene.growth.law, tuple(scene.effects)))
 
 
 # results -----------------------------------------------------------------------------------------------------

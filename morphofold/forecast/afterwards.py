@@ -28,12 +28,6 @@ PHASES = {
     REST: "building the body; checks, maps and files of the stages; log and checkpoints",
 }
 
-#: effects that have no phase of their own, and where their time is
-WITHIN = {
-    "core_growth": "within grow", "regional_growth": "within grow", "perturbation": "once, within rest",
-    "notch": "once, within rest",
-    "ramp": "sets the pace, takes no time",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,12 +87,19 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         seconds,
         {name: cost for name, cost in shared.items() if name not in called},
         {name: cost for name, cost in shared.items() if name in called},
-        {name: "within radial" if "radial" in shared else WITHIN.get(name, "not timed apart")
-         for name in called if name not in shared},
+        {name: "within radial" if "radial" in shared else _counted(name) for name in called if name not in shared},
         health.get("steps"), health.get("elements"), health.get("threads"), health.get("peak_memory_GiB"), ratio,
         {} if ratio is None or outside else expected_errors(ratio), outside, unstudied(outside) if outside else how,
         () if ratio is None else tuple(doubts(scene, ratio)),
     )  # fmt: skip
+
+
+def _counted(effect: str) -> str:
+    """Where the time of an effect is that has no phase of its own."""
+    from morphofold.sim.scene.effects import options_of
+
+    options = options_of(effect)
+    return options.counted if options is not None and options.counted else "not timed apart"
 
 
 def cost_beside(stage: Path) -> Cost | None:

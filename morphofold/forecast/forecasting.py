@@ -115,7 +115,7 @@ def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dic
 
 def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     said = doubts(scene, sizes.edge / scene.thinnest)
-    if "inertia" in scene.effects.named:
+    if scene.real_time:
         said.append("The step of real masses shrinks as elements are squeezed, by how much was seen in one run only.")
     if scene.output.stability:
         said.append("Counting the unstable modes of the stages comes on top, in time and memory (output.stability).")

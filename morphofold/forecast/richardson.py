@@ -153,7 +153,7 @@ def twins(scene: Scene) -> dict[str, Scene]:
     from morphofold.sim.scene.files import load_scene
 
     found, rate = {COARSER: coarser(scene)}, scene.growth.rate / 2
-    if scene.effects.inertia is None and rate >= SLOWEST_RATE:
+    if not scene.real_time and rate >= SLOWEST_RATE:
         found[SLOWER] = load_scene(found[COARSER], [f"growth.rate={rate!r}"])
     return found
 

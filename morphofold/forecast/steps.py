@@ -62,10 +62,10 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
 
     waiting, resting, contact = costs["waiting"], costs["resting"], costs["contact"]
-    touching = contact["per_growth"] if "contact" in scene.effects.named else 0.0
+    touching = contact["per_growth"] if "contact" in scene.effects else 0.0
     folding = lambda g: max(0.0, g - contact["from"]) * touching
-    shape = None if scene.effects.ramp is None else ramps.build(scene.effects.ramp, scene)
-    waits, slow = scene.effects.inertia is None, slow_growth(scene)
+    shape = None if "ramp" not in scene.effects else ramps.build(scene.effects["ramp"], scene)
+    waits, slow = not scene.real_time, slow_growth(scene)
     ramp, awake, growth, ramps_to = 0, 0.0, 1.0, [0]
     for stage in scene.stages:
         while growth < stage:                                           # as Dynamics.grow_to does

@@ -19,7 +19,6 @@ ROUNDED = 0.05          # share of an edge within which two of them are alike: c
 #: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
-EFFECTS = ("contact", "perturbation")
 
 
 @dataclass(frozen=True)
@@ -72,14 +71,14 @@ def studied() -> tuple[float, float]:
 def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     """What of a scene lies outside of ``STUDIED``, so that no errors are told of it; empty if the table holds for it.
 
-    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"effects"`` (others than ``EFFECTS``),
-    ``"edge"``, and the names of ``STUDIED``.
+    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"effects"`` (one that no study of
+    errors had), ``"edge"``, and the names of ``STUDIED``.
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
     found = {
         "shape": geometry.shape != "sphere" or bool(getattr(geometry, "thickness_spots", ())),
         "law": scene.growth.law != "isotropic",
-        "effects": not {*scene.effects.named} <= {*EFFECTS},
+        "effects": not all(options.errors_known for options in scene.effects.values()),
         "edge": not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest,
     }
     values = {"growth": scene.growth.final, "mu_ratio": scene.material.mu_ratio,

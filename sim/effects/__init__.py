@@ -36,7 +36,7 @@ class Running(Protocol):
 
 
 class Effect:
-    """What an optional effect may do. Hooks are called in the order of ``scene.Effects``."""
+    """What an optional effect may do. Hooks are called in the order of ``scene.effects.ORDER``."""
 
     name = ""
 

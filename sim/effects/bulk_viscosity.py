@@ -9,6 +9,8 @@ volume before growth.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
 import numpy as np
 from numba import njit, prange
 
@@ -17,6 +19,10 @@ from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.brick_kernels import _FAST, _U, _W, EIGHTH, WIDTH
 from morphofold.sim.elements.bricks import Bricks
+from morphofold.sim.scene.tables import EffectOptions, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 LOCAL = Bricks.LOCAL
 
@@ -76,7 +82,17 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
         brick_kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
 
 
-def build(options, scene) -> BulkViscosity:
+class Options(EffectOptions):
+    """Viscous pressure against volume rate, as in the program that the paper used."""
+
+    shapes: ClassVar = ("sphere", "ellipsoid", "patch", "strip")
+    theory: ClassVar = True
+
+    linear: Annotated[float, key("coefficient of the linear term", ge=0, le=0.5)] = 0.06
+    quadratic: Annotated[float, key("coefficient of the quadratic term", ge=0, le=2)] = 1.2
+
+
+def build(options: Options, scene: Scene) -> BulkViscosity:
     return BulkViscosity(options.linear, options.quadratic)
 
 

@@ -8,7 +8,7 @@ within a gap of 0.2 cell sizes and is scaled by nodal mass, so that it can never
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numba import njit, prange
@@ -17,6 +17,10 @@ from scipy import sparse
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
+from morphofold.sim.scene.tables import EffectOptions
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -245,7 +249,15 @@ def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([faces[:, k] for k in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])])
 
 
-def build(options, scene) -> Contact:
+class Options(EffectOptions):
+    """Self-contact of the pial surface; no options."""
+
+    theory: ClassVar = True
+    errors_known: ClassVar = True
+    at_onset: ClassVar = False
+
+
+def build(options: Options, scene: Scene) -> Contact:
     return Contact()
 
 

@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from morphofold.sim.effects import Effect
+from morphofold.sim.scene.tables import EffectOptions, key
 
 if TYPE_CHECKING:                                       # a body of one dimension calls for this effect too
     from morphofold.sim.body import Body
+    from morphofold.sim.scene import Scene
 
 
-def build(options, scene) -> CoreGrowth:
-    return CoreGrowth((options.final - 1) / (scene.growth.final - 1))
+class Options(EffectOptions):
+    """Isotropic growth of the core, to ``final`` when the cortex reaches its own (g_c of Eq. 9)."""
+
+    shapes: ClassVar = (*EffectOptions.shapes, "radial")
+    counted: ClassVar = "within grow"
+
+    final: Annotated[float, key("growth stretch of the core when the cortex has reached its own", gt=0.5, le=4)] = 1.2
+
+    def check(self, scene: Scene) -> None:
+        if scene.growth.final == 1:
+            raise ValueError("effects.core_growth needs a cortex that grows: growth.final is 1")
+
+    def share(self, scene: Scene) -> float:
+        """Growth g - 1 of the core over that of the cortex."""
+        return (self.final - 1) / (scene.growth.final - 1)
+
+    def first_wrinkles(self, growth: float, scene: Scene) -> float:
+        """Theory's growth is that of the cortex over that of the core."""
+        share = self.share(scene)
+        return growth * (1 - share) / (1 - growth * share) if growth * share < 1 else math.nan
+
+
+def build(options: Options, scene: Scene) -> CoreGrowth:
+    return CoreGrowth(options.share(scene))
 
 
 class CoreGrowth(Effect):

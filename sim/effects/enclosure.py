@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -13,6 +13,11 @@ from scipy.optimize import brentq
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
+from morphofold.sim.scene.geometries import Ellipsoid, Sphere
+from morphofold.sim.scene.tables import LARGEST, EffectOptions, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -46,7 +51,21 @@ def press_shell(x, v, mass, semi_axes, extra):
     return count, energy
 
 
-def build(options, scene) -> Enclosure:
+class Options(EffectOptions):
+    """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it."""
+
+    shapes: ClassVar = ("sphere", "ellipsoid")
+    at_onset: ClassVar = False
+    example: ClassVar = "{gap = 13}"
+
+    gap: Annotated[
+        float,
+        key("between the body at first and a rigid shell around it; the grown body must fit", "mm", ge=0, le=LARGEST),
+    ] = 2.0
+
+
+def build(options: Options, scene: Scene) -> Enclosure:
+    assert isinstance(scene.geometry, Sphere | Ellipsoid)
     axes = np.array(scene.geometry.semi_axes)
     fills, holds = grown_volume(scene, axes), 4 / 3 * np.pi * float(np.prod(axes + options.gap))
     if fills > holds:
@@ -58,11 +77,13 @@ def build(options, scene) -> Enclosure:
     return Enclosure(axes + options.gap)
 
 
-def grown_volume(scene, axes: Array) -> float:
+def grown_volume(scene: Scene, axes: Array) -> float:
     """Volume [mm^3] within the pial surface of an incompressible body at its final growth, spots and regions aside."""
     whole, inside = 4 / 3 * np.pi * np.prod(axes), 4 / 3 * np.pi * np.prod(axes - scene.geometry.cortex_thickness)
-    core = scene.effects.core_growth.final if scene.effects.core_growth else 1.0
-    hollow = getattr(scene.geometry, "hole_share", None) or scene.geometry.hole_radius / scene.geometry.radius
+    core = scene.effects["core_growth"].final if "core_growth" in scene.effects else 1.0
+    geometry = scene.geometry
+    assert isinstance(geometry, Sphere | Ellipsoid)
+    hollow = geometry.hole_share if isinstance(geometry, Ellipsoid) else geometry.hole_radius / geometry.radius
     swelling = volume(scene.growth.final, scene.growth.law)
     return float(swelling * (whole - inside) + core**3 * (inside - hollow**3 * whole) + hollow**3 * whole)
 

@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
+from morphofold.sim.scene.tables import EffectOptions, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
 
-def build(options, scene) -> Inertia:
+class Options(EffectOptions):
+    """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per
+    time; time in that of a shear wave across 1 mm of core at density 1. Growth waits for collapsing elements still."""
+
+    theory: ClassVar = True
+    real_time: ClassVar = True
+    at_onset: ClassVar = False
+
+    density: Annotated[float, key("density of the body; 1 is that of the unit of time", ge=1e-4, le=1e4)] = 1.0
+    duration: Annotated[
+        float, key("time for growth to rise by 1, in times of a shear wave across 1 mm of core", ge=1, le=1e6)
+    ] = 500.0
+    damping: Annotated[float, key("rate at which velocities decay, per that time", ge=0, le=10)] = 0.05
+
+
+def build(options: Options, scene: Scene) -> Inertia:
     return Inertia(options.density, options.duration, options.damping)
 
 

@@ -16,17 +16,50 @@ docs/solver.md, section 6, has what notches do there.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.scene.tables import EffectOptions, Length, Point, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
 
-def build(options, scene) -> Notch:
+class Options(EffectOptions):
+    """Narrow pits in the pial surface at points ``at`` [mm], or with ``line`` one groove from each to the next; in a
+    strip grooves across it at their x. ``depth`` over the thickness; ``width`` [mm], by default the thickness."""
+
+    theory: ClassVar = True
+    at_onset: ClassVar = False
+    counted: ClassVar = "once, within rest"
+    example: ClassVar = "{at = [[0, 0, 50]]}"
+
+    at: Annotated[
+        tuple[Annotated[Point, Field(strict=False)], ...],
+        key(
+            "points of the pial surface, the nearest nodes stand for them; in a strip their x counts", "mm",
+            strict=False, min_length=1,
+        ),
+    ]
+    line: Annotated[bool, key("one groove along straight lines from each point to the next, not a pit at each")] = False
+    depth: Annotated[float, key("of the groove over the thickness", gt=0, le=0.5)] = 0.1
+    width: Annotated[Length | None, key("from edge to edge; by default the thickness", "mm")] = None
+
+    def check(self, scene: Scene) -> None:
+        if self.line and (scene.geometry.shape == "strip" or len(self.at) == 1):
+            raise ValueError(
+                "effects.notch.line joins two points or more; in a strip grooves run across without it: drop it"
+            )
+
+
+def build(options: Options, scene: Scene) -> Notch:
     thickness = scene.geometry.cortex_thickness
     return Notch(
         options.at, options.depth * thickness, options.width or thickness, options.line, scene.geometry.shape == "strip"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 from morphofold.sim.effects import Effect
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.scene.tables import EffectOptions, Length, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -20,7 +25,26 @@ WAVELENGTH = 7.85       # in space, in cortical thicknesses, where theory knows 
 CUT = 1.28              # and the share of that of the first wrinkles: a sphere cuts waves in space so much longer
 
 
-def build(options, scene) -> Perturbation:
+class Options(EffectOptions):
+    """Random smooth imperfection of the cortical thickness: rms amplitude over the thickness, and its seed.
+
+    ``wavelength`` [mm]: of its waves in space, by default theory's first wrinkles over 1.28: a sphere cuts waves in
+    space so much longer (a strip twice, or so).
+    """
+
+    theory: ClassVar = True
+    errors_known: ClassVar = True
+    at_onset: ClassVar = False
+    counted: ClassVar = "once, within rest"
+
+    amplitude: Annotated[float, key("rms of the imperfection over the thickness", gt=0, le=0.3)] = 0.02
+    seed: Annotated[int, key("another seed, another pattern", ge=0, lt=2**63)] = 0
+    wavelength: Annotated[
+        Length | None, key("of its waves in space; by default theory's first wrinkles over 1.28", "mm")
+    ] = None
+
+
+def build(options: Options, scene: Scene) -> Perturbation:
     thickness = scene.geometry.cortex_thickness
     wavelength = first_wrinkles(scene).wavelength_over_T / CUT
     known = LEAST <= wavelength < math.inf

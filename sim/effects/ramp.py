@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from morphofold.sim.effects import Effect
+from morphofold.sim.scene.tables import EffectOptions, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 LAST = 0.1              # the slowing ramp ends at about this share of its first rate
 
@@ -16,7 +21,22 @@ RATES = {
 }
 
 
-def build(options, scene) -> Ramp:
+class Options(EffectOptions):
+    """Shape of the growth ramp; without it growth rises linearly. The number of steps stays about the same."""
+
+    theory: ClassVar = True
+    at_onset: ClassVar = False
+    counted: ClassVar = "sets the pace, takes no time"
+    example: ClassVar = '{shape = "smooth"}'
+
+    shape: Annotated[Literal["exponential", "smooth", "slowing"], key("how growth rises; without the table, linearly")]
+
+    def check(self, scene: Scene) -> None:
+        if scene.growth.final == 1:
+            raise ValueError("effects.ramp needs growth: growth.final is 1")
+
+
+def build(options: Options, scene: Scene) -> Ramp:
     return Ramp(options.shape, scene.growth.final)
 
 

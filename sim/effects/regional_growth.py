@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.bilayer import spot_factors
+from morphofold.sim.scene.tables import EffectOptions, Spot, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
 
 
-def build(options, scene) -> RegionalGrowth:
+class Options(EffectOptions):
+    """Regions where the cortex takes ``factor`` times the growth g - 1."""
+
+    counted: ClassVar = "within grow"
+    example: ClassVar = "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}"
+
+    spots: Annotated[
+        tuple[Spot, ...],
+        key("regions where the cortex takes `factor` times the growth g - 1", strict=False, min_length=1),
+    ]
+
+    def first_wrinkles(self, growth: float, scene: Scene) -> float:
+        """Where the cortex grows most."""
+        return 1 + (growth - 1) / max(1.0, *(spot.factor for spot in self.spots))
+
+
+def build(options: Options, scene: Scene) -> RegionalGrowth:
     return RegionalGrowth([(spot.centre, spot.radius, spot.factor) for spot in options.spots])
 
 

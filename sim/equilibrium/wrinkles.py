@@ -41,24 +41,21 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
 
     Incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`.
     """
-    geometry, effects = scene.geometry, scene.effects
+    geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
     thickness = geometry.cortex_thickness
     T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else FLAT
     found = _of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
-    growth = found.growth                                               # of the cortex over that of the core
-    if effects.core_growth is not None:
-        share = (effects.core_growth.final - 1) / (scene.growth.final - 1)
-        growth = growth * (1 - share) / (1 - growth * share) if growth * share < 1 else math.nan
-    if effects.regional_growth is not None:
-        growth = 1 + (growth - 1) / max(1.0, *(spot.factor for spot in effects.regional_growth.spots))
+    growth = found.growth
+    for options in scene.effects.values():
+        growth = options.first_wrinkles(growth, scene)
     return Wrinkles(growth, found.wavelength_over_T)
 
 
 def slow_growth(scene: Scene) -> Slow | None:
     """Where growth slows down for the first wrinkles; None if they don't come, or time is real (inertia)."""
     pace = SLOW / (scene.material.mu_ratio * scene.growth.rate)
-    if pace >= 1 or scene.effects.inertia is not None:
+    if pace >= 1 or scene.real_time:
         return None
     growth = first_wrinkles(scene).growth
     return None if math.isnan(growth) else Slow(growth - BEFORE, growth + AFTER, pace)

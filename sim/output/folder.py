@@ -36,6 +36,7 @@ from morphofold.sim.output.folder_check import (
 )
 from morphofold.sim.output.volume import check_series, write_series
 from morphofold.sim.scene import Scene
+from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.surface import Cortex, Surface
 
@@ -233,7 +234,6 @@ class FolderWriter:
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
         """``health.json``, with which a run is finished."""
-        effects = self.scene.effects
         content = {
             "morphofold": __version__,
             "healthy": not warnings,
@@ -241,7 +241,7 @@ class FolderWriter:
             "stages": stages,
             **numbers,
             "effects": [*self.scene.called_effects, *self.own],
-            "effects_left_out": [name for name in type(effects).model_fields if name not in effects.named],
+            "effects_left_out": [name for name in effect_names() if name not in self.scene.effects],
         }
         _write_json(self.out / "health.json", content)
 

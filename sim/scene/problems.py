@@ -9,6 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from morphofold.sim.scene.effects import effect_names, options_of
+
 Problem = Mapping[str, Any]
 Loc = tuple[str | int, ...]
 
@@ -175,10 +177,14 @@ _EXAMPLES = {
 
 def _known(loc: Loc, shape: str | None, model: Any, shapes: Mapping[str, type[BaseModel]]) -> str:
     """What could stand in the place of an unknown key."""
+    names: Sequence[str] = effect_names()
+    if loc[0] == "effects" and len(loc) > 2:
+        model, loc = options_of(str(loc[1])), loc[2:]
     for part in (part for part in loc[:-1] if isinstance(part, str)):
         inner = _inner(model.model_fields[part].annotation, model)
         model = shapes[shape] if part == "geometry" and shape else inner
-    names = list(model.model_fields)
+    if loc[0] != "effects":
+        names = list(model.model_fields)
     close = difflib.get_close_matches(str(loc[-1]), names, n=1)
     if close:
         return f"Did you mean {close[0]}?"

@@ -161,7 +161,7 @@ def _comparable(source: str) -> str:
     scene = load_scene(source)
     if scene.geometry.shape != "sphere":
         raise ValueError(f"{scene.name}: is no sphere but a body of shape {scene.geometry.shape!r}; name a sphere.")
-    if scene.effects.perturbation is None:
+    if "perturbation" not in scene.effects:
         raise ValueError(f"{scene.name}: has no [effects.perturbation], so no seed changes its folds; add one.")
     if scene.accuracy.edge is not None:
         raise ValueError(

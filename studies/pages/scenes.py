@@ -14,7 +14,8 @@ from pydantic import BaseModel
 
 from morphofold.io import atomic_file
 from morphofold.sim import scene
-from morphofold.sim.scene.meanings import MEANINGS
+from morphofold.sim.scene.effects import effect_names, effects_of, options_of
+from morphofold.sim.scene.tables import Spot, unit_of
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
@@ -22,18 +23,10 @@ BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 TABLES: dict[str, type[BaseModel]] = {
     "At the top": scene.Scene,
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
-    "An item of thickness_spots or spots": scene.Spot,
+    "An item of thickness_spots or spots": Spot,
     "[material]": scene.Material,
     "[growth]": scene.Growth,
-    "[effects.contact]": scene.Contact,
-    "[effects.perturbation]": scene.Perturbation,
-    "[effects.notch]": scene.Notch,
-    "[effects.core_growth]": scene.CoreGrowth,
-    "[effects.regional_growth]": scene.RegionalGrowth,
-    "[effects.ramp]": scene.Ramp,
-    "[effects.enclosure]": scene.Enclosure,
-    "[effects.inertia]": scene.Inertia,
-    "[effects.bulk_viscosity]": scene.BulkViscosity,
+    **{f"[effects.{name}]": options for name in effect_names() if (options := options_of(name)) is not None},
     "[accuracy]": scene.Accuracy,
     "[output]": scene.Output,
 }
@@ -66,11 +59,11 @@ def write(page: Path) -> None:
 
 
 def _effects_by_shape() -> str:
-    effects = list(scene.Effects.model_fields)
+    effects = effect_names()
     lines = ["### Which shapes take which effects", "", f"| shape | {' | '.join(effects)} |",
              "|---|" + "---|" * len(effects)]  # fmt: skip
     for shape in scene.SHAPES:
-        takes = scene.EFFECTS_OF.get(shape, effects)
+        takes = effects_of(shape)
         lines.append(f"| {shape} | {' | '.join('yes' if effect in takes else '-' for effect in effects)} |")
     return "\n".join(lines)
 
@@ -82,11 +75,10 @@ def _rows(model: type[BaseModel]) -> list[str]:
         if "$ref" in schema or "oneOf" in schema or (key, model) == ("effects", scene.Scene):
             continue                                                    # a table of its own
         plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
-        unit, meaning = MEANINGS.get((model.__name__, key)) or MEANINGS["", key]
         field = model.model_fields[key]
         default = "needed" if field.is_required() else "-" if field.default is None else f"`{_toml(field.default)}`"
         kind, span = _kind_and_range(plain)
-        rows.append(f"| `{key}` | {kind} | {unit} | {span} | {default} | {meaning} |")
+        rows.append(f"| `{key}` | {kind} | {unit_of(model, key)} | {span} | {default} | {field.description} |")
     return rows
 
 

@@ -19,14 +19,9 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.mesh.bilayer import Bilayer, bilayer_sphere
 from morphofold.sim.scene import Scene
+from morphofold.sim.scene.effects import effect_names, options_of
 from morphofold.sim.scene.files import load_scene
 
-#: settings that call for each effect
-EFFECTS = {
-    "contact": "{}", "perturbation": "{}", "ramp": '{shape = "smooth"}', "enclosure": "{gap = 13}", "inertia": "{}",
-    "core_growth": "{}", "regional_growth": "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}",
-    "bulk_viscosity": "{}", "notch": "{at = [[0, 0, 50]]}",
-}  # fmt: skip
 FOLDED = 1.7            # growth at which contact is awake
 
 #: surface cells along a quarter circle of the half spheres that are timed
@@ -172,7 +167,7 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
         bare = _per_step([], 1.05, seconds)
         whole = sum(bare.values())
         rows = [{"effect": "none", "ms": whole, "share": 1.0}]
-        for name in EFFECTS:
+        for name in effect_names():
             added = _per_step([name], 1.05, seconds)
             ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0)
             rows.append({"effect": name, "ms": ms, "share": ms / whole})
@@ -186,7 +181,7 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
 
 def effect_scene(effects: Iterable[str]) -> Scene:
     """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
-    settings = [f"effects.{name}={EFFECTS[name]}" for name in effects]
+    settings = [f"effects.{name}={options.example}" for name in effects if (options := options_of(name)) is not None]
     plain = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
     return load_scene("demo", [*plain, *settings])
 

@@ -5,7 +5,8 @@ import pytest
 
 import morphofold as mf
 from morphofold.shapes import even_directions
-from morphofold.sim.scene import LEVELS, SHAPES, Effects
+from morphofold.sim.scene import LEVELS, SHAPES
+from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.studies.folds.statistics import outer_radius
 
@@ -80,5 +81,5 @@ def test_the_scenes_of_the_figures_are_what_the_paper_says(name, thickness, rati
 
 def test_each_effect_and_each_shape_has_a_scene():
     scenes = [load_scene(name) for name in scene_names()]
-    assert {name for scene in scenes for name in scene.effects.named} == set(Effects.model_fields)
+    assert {name for scene in scenes for name in scene.effects} == set(effect_names())
     assert {scene.geometry.shape for scene in scenes} == set(SHAPES)

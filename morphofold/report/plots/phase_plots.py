@@ -17,7 +17,7 @@ from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
 from morphofold.quantities import CATEGORICAL, round_out
 from morphofold.report import colours
 from morphofold.report.plots.line_plots import BLACK, GREY, new_figure
-from morphofold.sim.scene.meanings import MEANINGS
+from morphofold.sim.scene.tables import unit_of
 from morphofold.words import number
 
 if TYPE_CHECKING:
@@ -284,9 +284,9 @@ def axis_title(phases: Phases, axis: Axis) -> str:
     """A varied key and its unit."""
     table, _, key = axis.key.rpartition(".")
     model: Any = phases.grid.points[0].scene
-    for part in table.split("."):
-        model = getattr(model, part, None)
-    unit, _ = MEANINGS.get((type(model).__name__, key)) or MEANINGS.get(("", key), ("", ""))
+    for part in table.split(".") if table else ():
+        model = model[part] if isinstance(model, dict) else getattr(model, part)
+    unit = unit_of(type(model), key)
     return f"{axis.label} [{unit}]" if unit else axis.label
 
 
