@@ -23,8 +23,8 @@ _PUBLIC = {
     "Measures": "morphofold.analysis.measures",
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
-    "forecast": "morphofold.forecast",
-    "estimate_error": "morphofold.forecast",
+    "forecast": "morphofold.forecasts",
+    "estimate_error": "morphofold.forecasts",
 }
 __all__ = ["__version__", *_PUBLIC]
 

@@ -11,10 +11,10 @@ from commands import refused
 from morphofold.analysis.measuring import scale_of_curvature
 from morphofold.analysis.resampling import ACCURACIES, copied
 from morphofold.cli import main
-from morphofold.forecast import forecast_analysis
-from morphofold.forecast import measuring as before
-from morphofold.forecast.analysis_cost import PAGE, STAGES, WRITING
-from morphofold.forecast.table import costs
+from morphofold.forecasts import forecast_analysis
+from morphofold.forecasts import measuring as before
+from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
+from morphofold.forecasts.table import costs
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball

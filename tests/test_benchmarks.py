@@ -15,8 +15,8 @@ from made_measures import large_pair
 
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
-from morphofold.forecast import forecast_analysis
-from morphofold.forecast.analysis_cost import READING
+from morphofold.forecasts import forecast_analysis
+from morphofold.forecasts.analysis_cost import READING
 from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis

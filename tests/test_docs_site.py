@@ -214,7 +214,7 @@ def test_a_measure_has_a_definition_a_unit_a_picture_limits_and_a_source(page):
     for part in ("Where", "Definition", "Unit", "How well it is known", "Limits", "Source"):
         assert text.count(f"\n**{part}.** ") == 1, part
     assert re.search(r"^!\[.*\]\(", text, re.M)
-    names = re.findall(r"`analysis\.(\w+)", text)
+    names = re.findall(r"`analysis\.([\w.]+)", text)
     assert names
     assert all(hasattr(analysis, name) or importlib.util.find_spec(f"morphofold.analysis.{name}") for name in names)
 

@@ -10,17 +10,17 @@ from commands import refused
 
 import morphofold
 from morphofold.cli import main
-from morphofold.forecast import forecast
-from morphofold.forecast import table as stored
-from morphofold.forecast.afterwards import REST, cost_beside, cost_line, cost_of
-from morphofold.forecast.calibration import LARGEST, calibrate, reduced
-from morphofold.forecast.expected import SETTING_UP, STAGES
-from morphofold.forecast.forecasting import forecast_from
-from morphofold.forecast.memory import building_bytes, running_bytes
-from morphofold.forecast.printed import table_of
-from morphofold.forecast.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
-from morphofold.forecast.steps import steps_of
-from morphofold.forecast.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
+from morphofold.forecasts import forecast
+from morphofold.forecasts import table as stored
+from morphofold.forecasts.afterwards import REST, cost_beside, cost_line, cost_of
+from morphofold.forecasts.calibration import LARGEST, calibrate, reduced
+from morphofold.forecasts.expected import SETTING_UP, STAGES
+from morphofold.forecasts.forecasting import forecast_from
+from morphofold.forecasts.memory import building_bytes, running_bytes
+from morphofold.forecasts.printed import table_of
+from morphofold.forecasts.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.forecasts.steps import steps_of
+from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -305,7 +305,7 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
     assert main(["analyze", "run", "-q", "-o", "unlike"]) == 0
     assert "Relative error of" not in (here / "unlike" / "report.html").read_text("utf-8").split("The measuring")[0]
-    monkeypatch.setattr("morphofold.forecast.afterwards.not_studied", lambda scene, edge_over_T: ())
+    monkeypatch.setattr("morphofold.forecasts.afterwards.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
     said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]

@@ -22,7 +22,7 @@ ROOMS = {
 
 #: the house from the ground floor up: a room imports only what stands before it, late imports included
 ORDER = (
-    "ground", "io", "intersections", "shapes", "sim", "analysis", "simulation", "comparison", "forecast", "results",
+    "ground", "io", "intersections", "shapes", "sim", "analysis", "simulation", "comparison", "forecasts", "results",
     "cohort", "report", "studies", "cli",
 )  # fmt: skip
 GROUND = ("surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "words")

@@ -6,9 +6,9 @@ import pytest
 from commands import refused
 
 from morphofold.cli import main
-from morphofold.forecast import calibration, forecast
-from morphofold.forecast.mesh_choice import budget_seconds, error_share, pick
-from morphofold.forecast.table import STUDIED, headline, studied
+from morphofold.forecasts import calibration, forecast
+from morphofold.forecasts.mesh_choice import budget_seconds, error_share, pick
+from morphofold.forecasts.table import STUDIED, headline, studied
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.files import load_scene
 
@@ -119,7 +119,7 @@ def test_options_that_exclude_each_other_are_refused(here, capsys):
 
 
 def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.forecast.mesh_choice.pick", lambda *asked, **more: pytest.fail("timed"))
+    monkeypatch.setattr("morphofold.forecasts.mesh_choice.pick", lambda *asked, **more: pytest.fail("timed"))
     (here / "busy").mkdir()
     (here / "busy" / "notes.txt").write_text("mine")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")

@@ -10,7 +10,7 @@ from made_simulations import Stop
 
 import morphofold as mf
 from morphofold.cli import main
-from morphofold.forecast.richardson import estimate_error
+from morphofold.forecasts.richardson import estimate_error
 from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
 from morphofold.sim.output.folder_check import scene_digest

@@ -175,10 +175,10 @@ class Here:
 @pytest.fixture
 def ball(here, monkeypatch):
     """A scene of a second, no workers, and the names of what was grown and measured."""
-    from morphofold.analysis import measures
+    from morphofold.analysis import measuring
 
     did = {"grown": [], "measured": []}
-    grow, measure = morphofold.simulation.simulate, measures.measure
+    grow, measure = morphofold.simulation.simulate, measuring.measure
 
     def simulate(scene, out, **options):
         did["grown"].append(scene.name)
@@ -195,7 +195,7 @@ def ball(here, monkeypatch):
     monkeypatch.setattr(radial_run, "SPHERE_LEVEL", 3)                  # 642 vertices
     monkeypatch.setattr(fleet, "open_fleet", open_fleet)
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
-    monkeypatch.setattr(measures, "measure", measured)
+    monkeypatch.setattr(measuring, "measure", measured)
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     (here / "ball.toml").write_text(SPHERE)
     return did

@@ -11,12 +11,12 @@ from made_simulations import harmonic
 from morphofold import analysis
 from morphofold.cli import main
 from morphofold.comparison.distance import distance
-from morphofold.forecast import estimate_error
-from morphofold.forecast import richardson as twin_module
-from morphofold.forecast.richardson import ALIKE, Grown, between, coarser, estimate_beside, twins
-from morphofold.forecast.sizes import edge_by_rule
-from morphofold.forecast.table import STUDIED, table
-from morphofold.forecast.text import called
+from morphofold.forecasts import estimate_error
+from morphofold.forecasts import richardson as twin_module
+from morphofold.forecasts.richardson import ALIKE, Grown, between, coarser, estimate_beside, twins
+from morphofold.forecasts.sizes import edge_by_rule
+from morphofold.forecasts.table import STUDIED, table
+from morphofold.forecasts.text import called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import NEAR, UnstableError

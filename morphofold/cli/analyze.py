@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
-    from morphofold.forecast.analysis_cost import READING, analysis_cost_line, cost_of_analysis
+    from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
     from morphofold.io import read_cortex, refuse_foreign
     from morphofold.report import analysis_report
     from morphofold.results import (
@@ -204,8 +204,8 @@ def _said(value: float | None, form: str, unit: str = "") -> str:
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
     from morphofold.analysis.measuring import scale_of_curvature
     from morphofold.analysis.mesh_quality.repair import measurable
-    from morphofold.forecast import forecast_analysis
-    from morphofold.forecast.printed import table_of_analysis
+    from morphofold.forecasts import forecast_analysis
+    from morphofold.forecasts.printed import table_of_analysis
     from morphofold.provenance import strict_json
 
     def checked(cortex: Cortex) -> Cortex:
@@ -241,7 +241,7 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
     """Analyses of all stages of a simulation, those that are there already left as they are."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
-    from morphofold.forecast.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING
     from morphofold.io import atomic_folder, read_cortex
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.forecast.mesh_choice import Pick
-    from morphofold.forecast.richardson import Estimate
+    from morphofold.forecasts.mesh_choice import Pick
+    from morphofold.forecasts.richardson import Estimate
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
-        from morphofold.forecast.richardson import twins
+        from morphofold.forecasts.richardson import twins
 
         twins(scene)                                                    # or refuses, before anything is grown
     if args.dry_run:
@@ -130,7 +130,7 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
     """The accuracy that --budget and --error ask for, said on the way."""
     if args.budget is None and args.error is None:
         return None
-    from morphofold.forecast.mesh_choice import budget_seconds, error_share, pick
+    from morphofold.forecasts.mesh_choice import budget_seconds, error_share, pick
 
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
@@ -141,25 +141,25 @@ def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
 
 def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
-    from morphofold.forecast.richardson import estimate_error
+    from morphofold.forecasts.richardson import estimate_error
 
     with progress(f"{simulation.scene.name}, twins", args.quiet) as tell:
         return estimate_error(simulation, threads=args.threads, progress=tell)
 
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
-    from morphofold.forecast.printed import table_of
+    from morphofold.forecasts.printed import table_of
     from morphofold.provenance import strict_json
 
     if chosen is None:
-        from morphofold.forecast import forecast
+        from morphofold.forecasts import forecast
 
         found = forecast(scene, args.threads)
     else:
         found = chosen.forecast
     others = {}
     if args.estimate:
-        from morphofold.forecast.richardson import twin_forecasts
+        from morphofold.forecasts.richardson import twin_forecasts
 
         others = twin_forecasts(scene, args.threads)
     if args.json:
@@ -170,7 +170,7 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
 
 
 def _what_it_cost(scene: Scene, health: Mapping[str, Any]) -> str:
-    from morphofold.forecast.afterwards import cost_line, cost_of
+    from morphofold.forecasts.afterwards import cost_line, cost_of
 
     return cost_line(cost_of(health, scene))
 

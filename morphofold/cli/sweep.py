@@ -115,8 +115,8 @@ def _anywhere(scene: Scene) -> Scene:
 
 def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.cohort.sweep import memory_of_run
-    from morphofold.forecast import forecast
-    from morphofold.forecast.printed import table_of
+    from morphofold.forecasts import forecast
+    from morphofold.forecasts.printed import table_of
     from morphofold.words import span
 
     def size(point: Point) -> tuple[float, float]:

@@ -140,7 +140,7 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
 
 
 def _measures(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
-    from morphofold.forecast.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING
 
     say(f"{hemi} reading")
     clock.begin(READING)

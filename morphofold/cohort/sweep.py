@@ -143,7 +143,7 @@ def _threads(run: Run) -> int:
 
 def _measure(run: Run, simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
-    from morphofold.forecast.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING
     from morphofold.results import write_analysis
     from morphofold.timing import Stages
 
@@ -161,9 +161,9 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Most memory that growing and measuring a scene is expected to take [GiB]; 0 for a mesh from a file, not known."""
-    from morphofold.forecast.measuring import memory_of_analysis
-    from morphofold.forecast.memory import memory_GiB
-    from morphofold.forecast.sizes import Layers, sizes_by_rule
+    from morphofold.forecasts.measuring import memory_of_analysis
+    from morphofold.forecasts.memory import memory_GiB
+    from morphofold.forecasts.sizes import Layers, sizes_by_rule
 
     geometry = scene.geometry
     if isinstance(geometry, MeshFile):

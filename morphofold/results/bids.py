@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
-from morphofold.forecast.analysis_cost import WRITING, cost_of_analysis
+from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import shown, strict_json

@@ -14,7 +14,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.forecast.analysis_cost import WRITING, cost_of_analysis
+from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
 from morphofold.io import (
     atomic_folder,
     read_annotation,

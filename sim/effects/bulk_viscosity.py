@@ -9,7 +9,7 @@ volume before growth.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numba import njit, prange
@@ -85,8 +85,8 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
 class Options(EffectOptions):
     """Viscous pressure against volume rate, as in the program that the paper used."""
 
-    shapes: ClassVar = ("sphere", "ellipsoid", "patch", "strip")
-    theory: ClassVar = True
+    shapes = ("sphere", "ellipsoid", "patch", "strip")
+    theory = True
 
     linear: Annotated[float, key("coefficient of the linear term", ge=0, le=0.5)] = 0.06
     quadratic: Annotated[float, key("coefficient of the quadratic term", ge=0, le=2)] = 1.2

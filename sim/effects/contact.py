@@ -8,7 +8,7 @@ within a gap of 0.2 cell sizes and is scaled by nodal mass, so that it can never
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit, prange
@@ -252,9 +252,9 @@ def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 class Options(EffectOptions):
     """Self-contact of the pial surface; no options."""
 
-    theory: ClassVar = True
-    errors_known: ClassVar = True
-    at_onset: ClassVar = False
+    theory = True
+    errors_known = True
+    at_onset = False
 
 
 def build(options: Options, scene: Scene) -> Contact:

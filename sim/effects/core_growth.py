@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
@@ -16,8 +16,8 @@ if TYPE_CHECKING:                                       # a body of one dimensio
 class Options(EffectOptions):
     """Isotropic growth of the core, to ``final`` when the cortex reaches its own (g_c of Eq. 9)."""
 
-    shapes: ClassVar = (*EffectOptions.shapes, "radial")
-    counted: ClassVar = "within grow"
+    shapes = (*EffectOptions.shapes, "radial")
+    counted = "within grow"
 
     final: Annotated[float, key("growth stretch of the core when the cortex has reached its own", gt=0.5, le=4)] = 1.2
 

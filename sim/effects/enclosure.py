@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numba import njit
@@ -54,9 +54,9 @@ def press_shell(x, v, mass, semi_axes, extra):
 class Options(EffectOptions):
     """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it."""
 
-    shapes: ClassVar = ("sphere", "ellipsoid")
-    at_onset: ClassVar = False
-    example: ClassVar = "{gap = 13}"
+    shapes = ("sphere", "ellipsoid")
+    at_onset = False
+    example = "{gap = 13}"
 
     gap: Annotated[
         float,

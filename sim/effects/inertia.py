@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,9 @@ class Options(EffectOptions):
     """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per
     time; time in that of a shear wave across 1 mm of core at density 1. Growth waits for collapsing elements still."""
 
-    theory: ClassVar = True
-    real_time: ClassVar = True
-    at_onset: ClassVar = False
+    theory = True
+    real_time = True
+    at_onset = False
 
     density: Annotated[float, key("density of the body; 1 is that of the unit of time", ge=1e-4, le=1e4)] = 1.0
     duration: Annotated[

@@ -16,7 +16,7 @@ docs/solver.md, section 6, has what notches do there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,10 +36,10 @@ class Options(EffectOptions):
     """Narrow pits in the pial surface at points ``at`` [mm], or with ``line`` one groove from each to the next; in a
     strip grooves across it at their x. ``depth`` over the thickness; ``width`` [mm], by default the thickness."""
 
-    theory: ClassVar = True
-    at_onset: ClassVar = False
-    counted: ClassVar = "once, within rest"
-    example: ClassVar = "{at = [[0, 0, 50]]}"
+    theory = True
+    at_onset = False
+    counted = "once, within rest"
+    example = "{at = [[0, 0, 50]]}"
 
     at: Annotated[
         tuple[Annotated[Point, Field(strict=False)], ...],

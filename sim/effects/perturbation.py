@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +32,10 @@ class Options(EffectOptions):
     space so much longer (a strip twice, or so).
     """
 
-    theory: ClassVar = True
-    errors_known: ClassVar = True
-    at_onset: ClassVar = False
-    counted: ClassVar = "once, within rest"
+    theory = True
+    errors_known = True
+    at_onset = False
+    counted = "once, within rest"
 
     amplitude: Annotated[float, key("rms of the imperfection over the thickness", gt=0, le=0.3)] = 0.02
     seed: Annotated[int, key("another seed, another pattern", ge=0, lt=2**63)] = 0

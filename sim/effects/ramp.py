@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
@@ -24,10 +24,10 @@ RATES = {
 class Options(EffectOptions):
     """Shape of the growth ramp; without it growth rises linearly. The number of steps stays about the same."""
 
-    theory: ClassVar = True
-    at_onset: ClassVar = False
-    counted: ClassVar = "sets the pace, takes no time"
-    example: ClassVar = '{shape = "smooth"}'
+    theory = True
+    at_onset = False
+    counted = "sets the pace, takes no time"
+    example = '{shape = "smooth"}'
 
     shape: Annotated[Literal["exponential", "smooth", "slowing"], key("how growth rises; without the table, linearly")]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 class Options(EffectOptions):
     """Regions where the cortex takes ``factor`` times the growth g - 1."""
 
-    counted: ClassVar = "within grow"
-    example: ClassVar = "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}"
+    counted = "within grow"
+    example = "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}"
 
     spots: Annotated[
         tuple[Spot, ...],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module, util
+from importlib import import_module
 from typing import Any
 
 from pydantic import ValidationError
@@ -21,27 +21,26 @@ ORDER = (
 )  # fmt: skip
 
 
+#: brought along by contact at symmetry planes, and by strips: no scene names them
+BROUGHT = ("symmetry", "plane_strain")
+
+
 @cache
 def effect_names() -> tuple[str, ...]:
-    """Names of all effects that a scene can call for, in the order of their hooks; imports every one."""
-    spec = util.find_spec(PACKAGE)
-    assert spec is not None
-    assert spec.submodule_search_locations is not None
-    there = (module.name for module in pkgutil.iter_modules(spec.submodule_search_locations))
-    return tuple(sorted((name for name in there if options_of(name) is not None), key=_place))
+    """Names of all effects that a scene can call for, in the order of their hooks; imports none of them."""
+    there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
+    return tuple(sorted((name for name in there if name not in BROUGHT), key=_place))
 
 
 def effects_of(shape: str) -> dict[str, type[EffectOptions]]:
     """The tables of the effects that a geometry can have, by name."""
     found = {name: options_of(name) for name in effect_names()}
-    return {name: options for name, options in found.items() if options is not None and shape in options.shapes}
+    return {name: options for name, options in found.items() if shape in options.shapes}
 
 
-def options_of(name: str) -> type[EffectOptions] | None:
-    """The table of an effect, from its file; None if a scene cannot call for it, or there is none of that name."""
-    if not name.isidentifier() or util.find_spec(f"{PACKAGE}.{name}") is None:
-        return None
-    return getattr(import_module(f"{PACKAGE}.{name}"), "Options", None)
+def options_of(name: str) -> type[EffectOptions]:
+    """The table of an effect, from its file."""
+    return import_module(f"{PACKAGE}.{name}").Options
 
 
 def read_effects(tables: Any) -> Any:
@@ -51,11 +50,12 @@ def read_effects(tables: Any) -> Any:
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
     for name in sorted(tables, key=_place):
-        model, table = options_of(name), tables[name]
+        table = tables[name]
+        if name not in effect_names():
+            problems.append(InitErrorDetails(type="extra_forbidden", loc=(name,), input=table))
+            continue
         try:
-            if model is None:
-                raise ValidationError.from_exception_data("effects", [{"type": "extra_forbidden", "input": table}])
-            found[name] = model.model_validate(table)
+            found[name] = options_of(name).model_validate(table)
         except ValidationError as error:
             problems += [
                 InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))

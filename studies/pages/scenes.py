@@ -26,7 +26,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "An item of thickness_spots or spots": Spot,
     "[material]": scene.Material,
     "[growth]": scene.Growth,
-    **{f"[effects.{name}]": options for name in effect_names() if (options := options_of(name)) is not None},
+    **{f"[effects.{name}]": options_of(name) for name in effect_names()},
     "[accuracy]": scene.Accuracy,
     "[output]": scene.Output,
 }

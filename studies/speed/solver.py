@@ -181,7 +181,7 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
 
 def effect_scene(effects: Iterable[str]) -> Scene:
     """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
-    settings = [f"effects.{name}={options.example}" for name in effects if (options := options_of(name)) is not None]
+    settings = [f"effects.{name}={options_of(name).example}" for name in effects]
     plain = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
     return load_scene("demo", [*plain, *settings])
 

@@ -9,7 +9,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
-from morphofold.analysis import measure, measures
+from morphofold.analysis import measure, measuring
 from morphofold.analysis.mesh_quality import defects
 from morphofold.analysis.thickness import rays
 from morphofold.io import read_cortex, read_surface, write_surface
@@ -89,7 +89,7 @@ def test_every_format_holds_the_surface_to_single_precision(holds, tmp_path, kin
 
 def in_mm(patch):
     """The mesh is not asked what is fine."""
-    patch.setattr(measures, "COARSE", 0.0)
+    patch.setattr(measuring, "COARSE", 0.0)
 
 
 @pytest.mark.parametrize(("size", "word"), [(1e-3, "0.054"), (1e3, "5.4e+04")], ids=["metres", "micrometres"])

@@ -19,7 +19,7 @@ from morphofold.analysis import (
     gyral_graph,
     gyral_thickness,
     measure,
-    measures,
+    measuring,
     vertex_areas,
     vertex_normals,
 )  # fmt: skip
@@ -222,7 +222,7 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
 
 @hard_case("surfaces", "white through itself: an offset along the normals of a noisy surface",
            guard="the net is taken half way to pial",
-           without=lambda patch: patch.setattr(measures, "CROSSED", 1.0))  # fmt: skip
+           without=lambda patch: patch.setattr(measuring, "CROSSED", 1.0))  # fmt: skip
 def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(holds):
     """Ridges 6 mm wide, white 2.5 mm within: crowns are gone from it, and on it alone 33 hinges of 48 are found."""
     net = irregular_net(26, seed=5, shortest=0.1)

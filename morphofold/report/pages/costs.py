@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.afterwards import PHASES, Cost, cost_beside
-from morphofold.forecast.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
-from morphofold.forecast.richardson import Estimate, estimate_beside
-from morphofold.forecast.table import Expected
-from morphofold.forecast.text import called
+from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
+from morphofold.forecasts.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
+from morphofold.forecasts.richardson import Estimate, estimate_beside
+from morphofold.forecasts.table import Expected
+from morphofold.forecasts.text import called
 from morphofold.report.pages.contents import Entry
 from morphofold.words import percent, span
 

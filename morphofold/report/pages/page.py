@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
-from morphofold.forecast.analysis_cost import PAGE
+from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.geometry import vertex_areas
 from morphofold.provenance import records_as_read
 from morphofold.quantities import MAIN, Quantity, common_limits, find, quantity

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.forecast.table import not_studied, table
-from morphofold.forecast.text import unstudied
+from morphofold.forecasts.table import not_studied, table
+from morphofold.forecasts.text import unstudied
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.provenance import input_records, strict_json
@@ -17,7 +17,7 @@ from morphofold.surface import Surface, check_kind
 from morphofold.words import percent
 
 if TYPE_CHECKING:
-    from morphofold.forecast.expected import Forecast
+    from morphofold.forecasts.expected import Forecast
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -54,7 +54,7 @@ class Estimate:
     how : str
     doubts : tuple of str
     not_studied : tuple of str
-        What of the scene is unlike those whose powers are taken (:func:`morphofold.forecast.table.not_studied`).
+        What of the scene is unlike those whose powers are taken (:func:`morphofold.forecasts.table.not_studied`).
     pace : mapping, optional
         Quantity to how much it changes, as it stands, if the coarser twin grows at half the pace; None of a scene that
         has no slower twin (:func:`twins`), and of estimates that knew of none.
@@ -121,7 +121,7 @@ def coarser(scene: Scene) -> Scene:
     ValueError
         If it has no edge to be made longer, doesn't grow, or is so small that the edges come out hardly longer.
     """
-    from morphofold.forecast.sizes import edge_by_rule
+    from morphofold.forecasts.sizes import edge_by_rule
     from morphofold.sim.scene.files import load_scene
 
     if scene.geometry.shape in ("mesh", "radial"):
@@ -160,7 +160,7 @@ def twins(scene: Scene) -> dict[str, Scene]:
 
 def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
     """What each twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
-    from morphofold.forecast.forecasting import forecast
+    from morphofold.forecasts.forecasting import forecast
 
     found = {folder: forecast(twin, threads) for folder, twin in twins(scene).items()}
     how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.memory import memory_GiB
-from morphofold.forecast.sizes import Sizes
-from morphofold.forecast.table import costs
+from morphofold.forecasts.memory import memory_GiB
+from morphofold.forecasts.sizes import Sizes
+from morphofold.forecasts.table import costs
 
 if TYPE_CHECKING:
-    from morphofold.forecast.expected import Forecast
+    from morphofold.forecasts.expected import Forecast
     from morphofold.sim.scene import Scene
 
 
@@ -17,8 +17,8 @@ def radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Solve the final stage of a radial scene, which takes milliseconds, and forecast the run."""
     import numba
 
-    from morphofold.forecast.calibration import slowness_of_stages
-    from morphofold.forecast.expected import SETTING_UP, STAGES, Forecast
+    from morphofold.forecasts.calibration import slowness_of_stages
+    from morphofold.forecasts.expected import SETTING_UP, STAGES, Forecast
     from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
     from morphofold.threads import check_threads, set_threads
     from morphofold.timing import working_seconds

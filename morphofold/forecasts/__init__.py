@@ -10,11 +10,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from morphofold.forecast.expected import Forecast
-    from morphofold.forecast.forecasting import forecast
-    from morphofold.forecast.measuring import AnalysisForecast, forecast_analysis
-    from morphofold.forecast.mesh_choice import Pick, pick
-    from morphofold.forecast.richardson import Estimate, estimate_error
+    from morphofold.forecasts.expected import Forecast
+    from morphofold.forecasts.forecasting import forecast
+    from morphofold.forecasts.measuring import AnalysisForecast, forecast_analysis
+    from morphofold.forecasts.mesh_choice import Pick, pick
+    from morphofold.forecasts.richardson import Estimate, estimate_error
 
 _PUBLIC = {
     "AnalysisForecast": "measuring", "Estimate": "richardson", "Forecast": "expected", "Pick": "mesh_choice",

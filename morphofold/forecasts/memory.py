@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from morphofold.forecast.sizes import Sizes
-from morphofold.forecast.table import costs
+from morphofold.forecasts.sizes import Sizes
+from morphofold.forecasts.table import costs
 
 GiB = 2**30
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.sizes import Layers, Sizes, layers_of, sizes_of
-from morphofold.forecast.steps import Steps, steps_of
+from morphofold.forecasts.sizes import Layers, Sizes, layers_of, sizes_of
+from morphofold.forecasts.steps import Steps, steps_of
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from morphofold.forecast.calibration import Calibration, calibrate
-from morphofold.forecast.expected import SETTING_UP, STAGES, Forecast
-from morphofold.forecast.memory import memory_GiB
-from morphofold.forecast.sizes import Sizes, sizes_by_rule
-from morphofold.forecast.steps import Steps, steps_of
-from morphofold.forecast.table import costs, doubts, expected_errors, not_studied, table
-from morphofold.forecast.text import setting_words, unstudied
+from morphofold.forecasts.calibration import Calibration, calibrate
+from morphofold.forecasts.expected import SETTING_UP, STAGES, Forecast
+from morphofold.forecasts.memory import memory_GiB
+from morphofold.forecasts.sizes import Sizes, sizes_by_rule
+from morphofold.forecasts.steps import Steps, steps_of
+from morphofold.forecasts.table import costs, doubts, expected_errors, not_studied, table
+from morphofold.forecasts.text import setting_words, unstudied
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +48,7 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
-        from morphofold.forecast.radial import radial_forecast
+        from morphofold.forecasts.radial import radial_forecast
 
         return radial_forecast(scene, threads)
     return forecast_from(scene, calibrate(scene, costs(), threads))

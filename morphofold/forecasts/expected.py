@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from morphofold.forecast.table import HEADLINE, Expected
+from morphofold.forecasts.table import HEADLINE, Expected
 
 STAGES = "stages"       # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
 SETTING_UP = "set-up"   # and the building of its body
@@ -36,7 +36,7 @@ class Forecast:
     errors : mapping
         Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene unlike those studied.
     not_studied : tuple of str
-        What of the scene is unlike them (:func:`morphofold.forecast.table.not_studied`).
+        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.measured import Measured, measured_errors
+from morphofold.forecasts.measured import Measured, measured_errors
 from morphofold.words import percent, span
 
 if TYPE_CHECKING:

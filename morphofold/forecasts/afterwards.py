@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.table import Expected, doubts, expected_errors, headline, not_studied, table
-from morphofold.forecast.text import unstudied
+from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, not_studied, table
+from morphofold.forecasts.text import unstudied
 from morphofold.words import percent
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Cost:
     errors : mapping
         Expected relative error by quantity; empty in one dimension, and for a scene unlike those studied.
     not_studied : tuple of str
-        What of the scene is unlike them (:func:`morphofold.forecast.table.not_studied`).
+        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
     how : str
         How the errors were obtained, or why there are none.
     doubts : tuple of str
@@ -96,10 +96,9 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
 
 def _counted(effect: str) -> str:
     """Where the time of an effect is that has no phase of its own."""
-    from morphofold.sim.scene.effects import options_of
+    from morphofold.sim.scene.effects import effect_names, options_of
 
-    options = options_of(effect)
-    return options.counted if options is not None and options.counted else "not timed apart"
+    return (effect in effect_names() and options_of(effect).counted) or "not timed apart"
 
 
 def cost_beside(stage: Path) -> Cost | None:

@@ -35,7 +35,7 @@ class Expected:
 @functools.cache
 def table() -> dict[str, Any]:
     """Contents of ``table.json``: ``costs`` and ``errors``."""
-    return json.loads((resources.files("morphofold.forecast") / "table.json").read_text("utf-8"))
+    return json.loads((resources.files("morphofold.forecasts") / "table.json").read_text("utf-8"))
 
 
 def costs() -> Mapping[str, Any]:

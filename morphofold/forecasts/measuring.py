@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecast.analysis_cost import PAGE, READING, WRITING
-from morphofold.forecast.measured import Measured, measured_errors
-from morphofold.forecast.table import costs
+from morphofold.forecasts.analysis_cost import PAGE, READING, WRITING
+from morphofold.forecasts.measured import Measured, measured_errors
+from morphofold.forecasts.table import costs
 
 if TYPE_CHECKING:
     from morphofold.analysis.resampling import Accuracy

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from morphofold.forecast.table import table
+from morphofold.forecasts.table import table
 
 if TYPE_CHECKING:
     from morphofold.surface import Cortex

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from morphofold.forecast.expected import Forecast
-from morphofold.forecast.measuring import AnalysisForecast
-from morphofold.forecast.table import Expected
-from morphofold.forecast.text import called
+from morphofold.forecasts.expected import Forecast
+from morphofold.forecasts.measuring import AnalysisForecast
+from morphofold.forecasts.table import Expected
+from morphofold.forecasts.text import called
 from morphofold.words import percent, span
 
 

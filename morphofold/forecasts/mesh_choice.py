@@ -6,12 +6,12 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from morphofold.forecast.calibration import Calibration, calibrate
-from morphofold.forecast.expected import Forecast
-from morphofold.forecast.forecasting import forecast_from
-from morphofold.forecast.sizes import edges_between
-from morphofold.forecast.table import ROUNDED, costs, headline, not_studied, studied
-from morphofold.forecast.text import unstudied
+from morphofold.forecasts.calibration import Calibration, calibrate
+from morphofold.forecasts.expected import Forecast
+from morphofold.forecasts.forecasting import forecast_from
+from morphofold.forecasts.sizes import edges_between
+from morphofold.forecasts.table import ROUNDED, costs, headline, not_studied, studied
+from morphofold.forecasts.text import unstudied
 from morphofold.words import percent, percent_above, span
 
 if TYPE_CHECKING:
