@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from morphofold.arrays import Array
 
 BLOCKS = 64             # stretches of rows whose partial sums are added in order
 MOST_STEPS = 3000

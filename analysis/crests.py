@@ -13,11 +13,9 @@ from scipy.spatial import cKDTree
 from morphofold.analysis.curvatures import Curvature, curvature
 from morphofold.analysis.graph.net import paths
 from morphofold.analysis.relief import diffused
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CALM = 0.6              # scales over which extremality is smoothed
 SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median,

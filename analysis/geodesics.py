@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
+from morphofold.arrays import Ints
 from morphofold.surface import Faces, PerVertex, Verts
-
-Ints = NDArray[np.int64]
 
 
 def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:

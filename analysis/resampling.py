@@ -17,12 +17,11 @@ from morphofold.analysis.graph.gyral_graph import Feet, gyral_graph
 from morphofold.analysis.mesh_quality import checks
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
+from morphofold.arrays import Ints
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
 
 if TYPE_CHECKING:
     import networkx as nx
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,6 @@ class Accuracy:
     most: int
     least: int
     voxels: float
-
 
 #: docs/accuracy.md has their errors and times, and where they are on the fronts of both
 ACCURACIES = {"draft": Accuracy(50_000, 0, 6.0), "standard": Accuracy(0, 0, 12.0), "fine": Accuracy(0, 40_000, 20.0)}

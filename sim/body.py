@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshHex
 
+from morphofold.arrays import Array
 from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.mesh.bilayer import Bilayer
-
-Array = NDArray[np.float64]
 
 FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
 SAFETY = 1.5               # nodal mass over the least that keeps a step of one stable

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import brick_kernels
@@ -26,8 +27,6 @@ from morphofold.timing import working_seconds
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 REFRESH = 12            # steps between measurements of mass and energies,
 INCREMENT = 3           # and between increments of growth: no wave is so fast, so none is in resonance with them

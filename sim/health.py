@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import self_intersections
 from morphofold.intersections.rays import ray_hits
@@ -17,8 +17,6 @@ from morphofold.surface import Surface
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 RAYS = 10_000
 TOUCHING = 1e-9             # stretches of a ray shorter than this share of its length are none

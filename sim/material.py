@@ -7,12 +7,10 @@ another arrangement; tests hold them together. Everything here is plain NumPy wi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.elements.brick_kernels import J_MIN
 from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED
-
-Array = NDArray[np.float64]
 
 
 def cofactor(A: Array) -> Array:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.shapes import icosphere
 from morphofold.sim.effects import build_effects
@@ -21,8 +20,6 @@ from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
-
-Array = NDArray[np.float64]
 
 SPHERE_LEVEL = 4        # of the icosphere that is written: 2,562 vertices
 POINTS = 41             # of the written profile, in each layer

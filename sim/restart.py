@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.io.files import decoding, existing_file
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.folder_check import begun_with, read_stage, scene_digest, stage_folder
@@ -21,8 +21,6 @@ from morphofold.sim.scene.files import load_scene
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import State
-
-Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-9        # of the size of a body: within it reference positions are the same
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from morphofold.arrays import Array
 from morphofold.sim.growth import check_law, volume
 from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
 from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
@@ -21,8 +22,6 @@ __all__ = [
     "BIOT", "CREASE", "Bifurcation", "Stresses", "bifurcation",
     "critical_growth", "deformed_radius", "stresses", "thickest_creasing",
 ]  # fmt: skip
-
-Array = NDArray[np.float64]
 
 #: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); 0.6661 in equibiaxial stretch
 BIOT = 3.382975767906237

@@ -14,16 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.scene import Scene, in_double
-
-Array = NDArray[np.float64]
 
 KICK = 1e-3             # of the cortical thickness, rms
 RISE = 3.0              # the difference has turned for good when it is this many times its least

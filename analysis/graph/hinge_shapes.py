@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import counts
+from morphofold.arrays import Array, Ints
 from morphofold.shapes.ridges import irregular_net
 from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FEATURES = ("angle", "length", "curvature", "sharpness")
 #: features that any planar net has; the others need a surface

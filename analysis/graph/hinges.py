@@ -9,15 +9,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.graph.refine import INNER, OUTER, SHARE
+from morphofold.arrays import Array
 from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
-
-Array = NDArray[np.float64]
 
 EVEN = 30.0             # degrees from 120 within which all three angles of a Y are
 STRAIGHT = 150.0        # degrees that the largest angle of a T has at least

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.arrays import Array, Ints
 from morphofold.surface import Faces, Verts
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Node:

@@ -6,17 +6,14 @@ import math
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import _reach
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
+from morphofold.arrays import Array
 from morphofold.geometry import adjacency
 from morphofold.surface import PerVertex
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROUNDS = 3
 ENOUGH = 1.6            # edges around a point within which there are enough vertices for a fit

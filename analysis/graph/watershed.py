@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.analysis.graph.prominence import _root
+from morphofold.arrays import Ints
 from morphofold.surface import PerVertex
-
-Ints = NDArray[np.int64]
 
 
 class Watershed:

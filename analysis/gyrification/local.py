@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 from scipy.spatial import cKDTree
 
+from morphofold.arrays import Array
 from morphofold.geometry import in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-
-Array = NDArray[np.float64]
 
 CLOSING, REGION = 15.0, 25.0    # [mm], of Schaer and others 2008
 VOXELS = 12.0           # in the radius of the closing, unless asked otherwise

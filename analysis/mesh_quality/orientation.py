@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from morphofold.arrays import Ints
 from morphofold.surface import Faces
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,18 +12,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.mesh_quality import checks, defects
 from morphofold.analysis.mesh_quality.orientation import Sides, after, against, joined_sides, sheets
+from morphofold.arrays import Bools, Ints
 from morphofold.surface import Cortex, Faces, Verts
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Done = dict[str, tuple[int, int]]
 
 DEBRIS = 0.005          # of the pial area, below which a piece that parting sheets cut off is left out

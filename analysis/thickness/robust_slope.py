@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from morphofold.arrays import Array, Ints
 
 DRAWS = 2000
 CONFIDENCE = 0.95

@@ -6,14 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import Measures
+from morphofold.arrays import Array
 from morphofold.comparison.thickness import thickness_ratios
-
-Array = NDArray[np.float64]
 
 
 def _k(m: Measures) -> float | None:
@@ -29,7 +27,6 @@ def _hinges(m: Measures) -> float | None:
 def _wavelength(m: Measures) -> float | None:
     wavelength, thickness = m.scalars.get("wavelength_mm"), m.scalars.get("mean_cortical_thickness_mm")
     return None if wavelength is None or not thickness else wavelength / thickness
-
 
 #: numbers without unit, so that bodies of any size can be laid beside each other
 NUMBERS: dict[str, Callable[[Measures], float | None]] = {

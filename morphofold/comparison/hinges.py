@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinge_shapes import (
     OF_A_NET,
@@ -18,8 +17,7 @@ from morphofold.analysis.graph.hinge_shapes import (
     together,
     two_sample,
 )
-
-Array = NDArray[np.float64]
+from morphofold.arrays import Array
 
 SHORTEST = 0.5          # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
 DENSEST = 0.7           # hinges per square of the gyral width: of more the arms can't all be as long as that

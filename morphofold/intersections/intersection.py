@@ -14,13 +14,13 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.intersections.boxes import BLOCK, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
 from morphofold.intersections.signs import plane_sign, side
 from morphofold.intersections.vectors import area_vector, cross, dot, less
 from morphofold.surface import Surface
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ANOTHER_WALL = 0.5      # a face belongs to another wall than a vertex if the cosine of their normals is less than this

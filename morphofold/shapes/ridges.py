@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import SphericalVoronoi
 
+from morphofold.arrays import Array
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts
 
-Array = NDArray[np.float64]
 GOLDEN = (1 + 5**0.5) / 2
 
 #: corners of the regular solids, on any sphere

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.arrays import Array
+
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.mesh.bilayer import Bilayer
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")   # names that a run has for itself
 

@@ -15,14 +15,13 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 GAP = 0.2               # contact acts below this distance, in cell sizes h
 STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of one

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import brentq
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
@@ -18,8 +18,6 @@ from morphofold.sim.scene.tables import LARGEST, EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 STIFFNESS, DASHPOT = 0.1, 0.5           # as in contact: force per mass and depth, per mass and speed
 

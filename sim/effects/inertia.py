@@ -14,8 +14,6 @@ from morphofold.sim.scene.tables import EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-Array = NDArray[np.float64]
-
 
 class Options(EffectOptions):
     """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per

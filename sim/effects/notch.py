@@ -19,17 +19,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
+from morphofold.arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.scene.tables import EffectOptions, Length, Point, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class Options(EffectOptions):

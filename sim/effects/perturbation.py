@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.bilayer import Bilayer
@@ -15,8 +15,6 @@ from morphofold.sim.scene.tables import EffectOptions, Length, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 WAVES = 200
 LEAST = 3.0             # shortest waves by default [cortical thicknesses]: meshes don't resolve shorter ones

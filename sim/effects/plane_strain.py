@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-
-Array = NDArray[np.float64]
 
 
 def build(options, scene) -> PlaneStrain:

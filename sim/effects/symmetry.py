@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, contact
-
-Array = NDArray[np.float64]
 
 STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT     # a node and its image press, at twice the depth
 

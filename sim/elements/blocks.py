@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array, Ints
 from morphofold.sim.elements.brick_kernels import WIDTH, gather, gather_scalar
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def to_lanes(values: NDArray, n_blocks: int) -> NDArray:

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
+from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
 from morphofold.sim.elements.brick_kernels import POINT, WIDTH
-
-Array = NDArray[np.float64]
 
 #: skfem's corner numbers in the order 4 i + 2 j + k of the kernels
 BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])

@@ -12,13 +12,10 @@ import heapq
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from skfem import MeshTet
 
+from morphofold.arrays import Array, Ints
 from morphofold.sim.elements.tet_kernels import NODES, TETS
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:

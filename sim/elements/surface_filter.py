@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.bilayer import Bilayer
-
-Array = NDArray[np.float64]
 
 FLAT = 1e-7             # singular value, over the largest, below which a stencil is flat that way
 SAME = 1e-4             # distance at which two points of a stencil are one [cell sizes]

@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTet
 
+from morphofold.arrays import Array, Ints
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import Blocks, to_lanes
 from morphofold.sim.elements.brick_kernels import WIDTH
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tet_kernels import NODES, TETS
 from morphofold.sim.growth import check_law
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
 

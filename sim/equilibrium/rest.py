@@ -18,10 +18,10 @@ from numba import njit
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from morphofold.arrays import Array
+
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
-
-Array = NDArray[np.float64]
 
 SOFT = 0.005            # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
 NEAR_SHARE = 0.01       # of the way that a slender body has moved at all: how near to rest it has to be

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import blas, lapack
 from scipy.sparse import csgraph
 from threadpoolctl import threadpool_limits
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from morphofold.arrays import Array, Ints
 
 LEAF = 60                                   # nodes that are not halved any more
 SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)      # of the nodes on one side of a cut
@@ -266,6 +264,5 @@ class _Indefinite:
 
     def backward(self, y: Array, later: Array) -> Array:
         return self._solve(y) - self.X @ later
-
 
 _Pivot = _Definite | _Indefinite

@@ -14,10 +14,10 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
@@ -25,7 +25,6 @@ from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.scene import Scene, in_double
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
 
-Array = NDArray[np.float64]
 Look = Callable[[float, float], None]
 
 SMALLEST = 1e-4         # increment of growth at which to give up

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy import sparse
 from skfem import ElementHex1
 
+from morphofold.arrays import Array, Ints
 from morphofold.sim.body import Body
 from morphofold.sim.elements.blocks import from_lanes
 from morphofold.sim.elements.brick_kernels import J_MIN, POINT
@@ -34,9 +34,6 @@ from morphofold.sim.elements.bricks import BINARY_CORNERS, GAUSS, Bricks
 from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED, NODES, TETS
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.material import cofactor
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CHUNK = 2048            # elements at once: their matrices stay in the cache
 FILTER_STEPS = 4.0      # through the mesh, from a node of the surface to the farthest that the filter couples it to

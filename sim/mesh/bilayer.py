@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 from skfem import MeshHex, MeshTet
 
+from morphofold.arrays import Array, Ints
 from morphofold.sim.elements.bricks import BINARY_CORNERS
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: coordinates that each portion keeps at or above zero
 PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}

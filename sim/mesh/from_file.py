@@ -5,20 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 from skfem import MeshTet
 
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.intersections.boxes import _morton
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
 from morphofold.sim.scene import MeshFile
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 STRIDE = 0.25           # step towards the white surface, in mean edges of the pial surface
 

@@ -9,18 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.io import sample_path
 from morphofold.io.files import decoding, existing_file, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")   # cells that may stand beside the tetrahedra
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))            # opposite to each corner; seen from outside

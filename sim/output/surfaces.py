@@ -6,10 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.surface import Surface
-
-Array = NDArray[np.float64]
 
 SWEEPS = 8
 

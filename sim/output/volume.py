@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.io import atomic_file
 from morphofold.sim.output.folder_check import stage_folder
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.scene import Scene
-
-Array = NDArray[np.float64]
 
 VOLUME, SERIES = "volume.vtu", "stages.pvd"
 

@@ -33,9 +33,9 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import brentq
 from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
+from morphofold.arrays import Array
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, Sphere
 
-Array = NDArray[np.float64]
 Growth = tuple[float, float]
 LAYERS = ("core", "cortex")
 

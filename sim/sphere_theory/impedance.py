@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.linalg import schur
 
+from morphofold.arrays import Array
 from morphofold.sim.sphere_theory.smooth_sphere import (
     COMPLIANCE,
     LAMBDA_R,
@@ -26,8 +26,6 @@ from morphofold.sim.sphere_theory.smooth_sphere import (
     Sphere,
     smooth_state,
 )
-
-Array = NDArray[np.float64]
 
 _R15 = math.sqrt(15)
 #: Gauss collocation of three stages (Butcher 1964): order 6, A-stable, and keeps Z symmetric

@@ -12,12 +12,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 
+from morphofold.arrays import Array
 from morphofold.sim.growth import check_law, volume
-
-Array = NDArray[np.float64]
 
 #: Chebyshev points per layer
 POINTS = 24

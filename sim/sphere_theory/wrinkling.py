@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from morphofold.arrays import Array
 from morphofold.sim.sphere_theory.impedance import impedances, short_wave_impedances
 from morphofold.sim.sphere_theory.smooth_sphere import (
     LAMBDA_R,
@@ -28,8 +29,6 @@ from morphofold.sim.sphere_theory.smooth_sphere import (
     Sphere,
     smooth_state,
 )
-
-Array = NDArray[np.float64]
 
 #: lambda_r/lambda_theta at which a smooth neo-Hookean surface can crease (Razavi et al. 2015, Eq. 7)
 CREASE = 2.4

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem import Basis, ElementHex1, ElementVector, LinearForm
 
+from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
 from morphofold.sim.material import brick_energy, brick_stress
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
 from morphofold.studies.speed.solver import SHAKE, speed_body
-
-Array = NDArray[np.float64]
 
 SIZES = (12, 24, 40)    # surface cells along a quarter circle of an octant
 GROWTH = 1.2

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import analysis
+from morphofold.arrays import Array
 from morphofold.comparison.distance import distance
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
@@ -19,8 +19,6 @@ from morphofold.studies.accuracy.bodies import FINEST, SUBJECT, Setting
 from morphofold.studies.accuracy.points import ANEW, Point
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
-
-Array = NDArray[np.float64]
 
 STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
 MESH = "finest mesh"

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from morphofold.arrays import Array
 from morphofold.studies.accuracy.points import Point
 
-Array = NDArray[np.float64]
 LIKELY = 0.95           # of intervals
 ENDLESS = 1000.0        # powers of two of the time beyond which it doesn't matter how many
 FASTER, TRUER = 0.75, 0.95      # shares of time and error below which a setting is the better one for sure

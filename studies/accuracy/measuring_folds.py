@@ -7,13 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import gyral_thickness, local_gyrification_index
 from morphofold.analysis.gyrification.local import CLOSING
 from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
+from morphofold.arrays import Array
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.shapes.folded_ball import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
@@ -21,7 +21,6 @@ from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
 from morphofold.surface import Cortex, PerVertex, Surface
 
-Array = NDArray[np.float64]
 SHORTEST = 0.07             # [rad] of the arcs of the net: shorter ones are one hinge by definition
 SIZES = (2_500, 10_000, 40_000, 160_000)
 SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)                 # [mm], of gyral thickness

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.tangent import cauchy_stress, points
@@ -18,8 +18,6 @@ from morphofold.studies.accuracy.points import Point, timed
 from morphofold.studies.folds.tables import sphere
 from morphofold.studies.onset import onset
 from morphofold.timing import working_seconds
-
-Array = NDArray[np.float64]
 
 SMOOTH = 1.15           # growth at which the smooth body is held against theory: it wrinkles from 1.24 on
 START = 1.1             # growth at which the onset begins to be looked for

@@ -10,14 +10,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits
 from morphofold.studies.folds.tables import Row
 from morphofold.surface import Surface
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = 4_000
 HITS = 64               # room for the hits of a ray; one with more is cast again with as much as it needs

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
 from morphofold.quantities import CATEGORICAL, round_out
 from morphofold.report import colours
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from morphofold.cohort.grid import Axis
 
 Place = tuple[int, ...]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,6 @@ class Shown:
     @property
     def title(self) -> str:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
-
 
 WAVELENGTH = "wavelength_mm"
 ROUND_OFF = 1e-3        # of the measures that are shown, in their units
@@ -124,7 +123,6 @@ def slices(phases: Phases) -> list[Place]:
 def beyond(phases: Phases, at: Place) -> float:
     """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
     return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
-
 
 # diagrams ----------------------------------------------------------------------------------------------------
 
@@ -217,7 +215,6 @@ def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, flo
     bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), ax=ax, pad=0.02)
     bar.set_label(shown.title)
     bar.outline.set_visible(False)  # type: ignore[operator]
-
 
 # curves ------------------------------------------------------------------------------------------------------
 
