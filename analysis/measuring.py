@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.analysis.measures import LINE, SCALARS, Measures
+from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def measure(
     thickness_cap: float | None = None,
     accuracy: str = "standard",
     repair: bool = True,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress = silent,
 ) -> Measures:
     """Everything the measuring room says of one cortex, by the same code whatever its origin.
 
@@ -62,7 +63,7 @@ def measure(
         Whether to mend flipped triangles, pinched edges, torn seams and the like before measuring, as note ``repair``
         and numbers ``repaired_...`` among the parameters then say; else they are refused.
     progress : callable, optional
-        Called as ``progress(what, share)`` before each step, with the share of steps done, 0 to 1.
+        Told the share of steps done, 0 to 1, and the step that begins.
 
     Returns
     -------
@@ -107,8 +108,7 @@ def measure(
 
     check_kind(cortex, Cortex, "measure: cortex")
     chosen = resampling.accuracy_of(accuracy)
-    tell = progress or (lambda what, share: None)
-    tell("areas", 0.0)
+    progress(0.0, "areas")
     mend = mending.measurable(cortex, repair=repair)
     cortex = mend.cortex
     white, pial, faces = cortex.white, cortex.pial, cortex.faces
@@ -138,7 +138,7 @@ def measure(
         scalars["gyrification_index"] = hull.gyrification_index(pial.verts, faces)
     said |= notes.of_gyrification(closed, pieces)
 
-    tell("cortical thickness", 0.05)
+    progress(0.05, "cortical thickness")
     copy = resampling.copied(cortex, chosen)
     maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=thickness_cap))
     scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
@@ -150,7 +150,7 @@ def measure(
         said |= gaps | plausibility.against_file(maps["thickness_file"], maps["cortical_thickness"])
     said |= notes.of_thickness(thickness_cap, "thickness" in cortex.maps)
 
-    tell("curvature", 0.3)
+    progress(0.3, "curvature")
     scale, remark = scale_of_curvature(cortex, curvature_scale)
     bent = curvature(pial.verts, faces, scale)
     maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
@@ -163,18 +163,18 @@ def measure(
     if remark:
         said["curvature_scale"] = remark
 
-    tell("gyral thickness", 0.5)
+    progress(0.5, "gyral thickness")
     across = copy.gyral_thickness(**(gyral or {}))
     maps["gyral_thickness"] = on_cortex(across.per_vertex)
     scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
     said |= notes.of_gyral_thickness(across)
 
-    tell("gyral graph", 0.7)
+    progress(0.7, "gyral graph")
     graph = copy.gyral_graph(gyral_width, midway=crossed > CROSSED)
     scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
     said |= notes.of_gyral_graph(graph, across)
 
-    tell("local gyrification", 0.9)
+    progress(0.9, "local gyrification")
     local, unfit = _local_gyrification(cortex, closed, pieces, chosen.voxels)
     if local is not None:
         maps["local_gyrification_index"] = on_cortex(local)
@@ -182,13 +182,13 @@ def measure(
     said |= notes.of_local_gyrification(unfit)
     said |= notes.of_accuracy(accuracy, cortex.n_vertices, copy.cortex.n_vertices)
 
-    tell("regions", 0.95)
+    progress(0.95, "regions")
     rows = regions.region_table(cortex, maps, across, graph)
     tables = gyral_tables(cortex, graph, maps)
     fitted, why = through_regions(rows)
     scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
     said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
-    tell("done", 1.0)
+    progress(1.0, "done")
     scales = (scale, smooth)
     parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | resampling.parameters(accuracy, copy)
     return mend.back(Measures(

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
     from morphofold.sim.effects import Effect
-    from morphofold.sim.run import Look, Progress, Simulation
+    from morphofold.sim.run import Look, Simulation
     from morphofold.sim.scene import Scene
 
 
@@ -62,5 +63,5 @@ def simulate(
 
     return run.simulate(
         source, out, settings=settings, resume=resume, threads=threads, describe=freesurfer_maps,
-        progress=progress or (lambda share, text: None), effects=effects, after=after, restart_from=restart_from,
+        progress=progress or silent, effects=effects, after=after, restart_from=restart_from,
     )  # fmt: skip

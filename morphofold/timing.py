@@ -72,7 +72,7 @@ class Stages:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + working_seconds() - self._since
         self._name = ""
 
-    def at(self, what: str, share: float) -> None:
+    def at(self, share: float, what: str) -> None:
         """As progress of ``measure`` is told: begin ``what``, or with a share of 1 only end what was done before."""
         self.end()
         if share < 1:

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from morphofold.progress import Progress
 from morphofold.shapes import icosphere
 from morphofold.sim.effects import build_effects
 from morphofold.sim.growth import volume as det_G
@@ -30,7 +31,7 @@ class RadialRun:
     """One run of a scene whose shape is radial."""
 
     def __init__(
-        self, scene: Scene, writer: FolderWriter, progress: Callable[[float, str], None],
+        self, scene: Scene, writer: FolderWriter, progress: Progress,
         interrupted: Callable[[], bool],
     ):  # fmt: skip
         self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from morphofold import __version__
 from morphofold.io.files import decoding
 from morphofold.io.locks import alone
+from morphofold.progress import Progress, silent
 from morphofold.sim.effects import own_effects
 from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Progress", "Simulation", "simulate"]
 
-Progress = Callable[[float, str], None]
 Look = Callable[["Dynamics"], None]
 
 RESTING = 0.75          # of its patience that a body rests at a stage, or so, and
@@ -60,7 +60,7 @@ def simulate(
     settings: Iterable[str] = (),
     resume: bool = False,
     threads: int | None = None,
-    progress: Progress = lambda share, text: None,
+    progress: Progress = silent,
     describe: Describe = lambda cortex: {},
     effects: Iterable[Effect] = (),
     after: Look | None = None,

@@ -25,7 +25,9 @@ ORDER = (
     "ground", "io", "intersections", "shapes", "sim", "analysis", "simulation", "comparison", "forecasts", "results",
     "cohort", "report", "studies", "cli",
 )  # fmt: skip
-GROUND = ("arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "words")
+GROUND = (
+    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words",
+)  # fmt: skip
 APART = {"sim", "analysis"}                     # they meet in a Cortex
 #: the one arrow that runs back up: Comparison.report() calls the page
 EXCEPTION = ("morphofold.comparison.side_by_side", "morphofold.report.pages.page")

@@ -31,7 +31,7 @@ def shell(level=4, inner=47.0, outer=50.0, **more):
 @pytest.fixture(scope="module")
 def average():
     steps = []
-    measures = measure(read_cortex(sample_path("fsaverage5")), progress=lambda what, share: steps.append((what, share)))
+    measures = measure(read_cortex(sample_path("fsaverage5")), progress=lambda share, what: steps.append((what, share)))
     return measures, steps
 
 

@@ -59,7 +59,7 @@ def test_every_stage_of_measure_is_timed_and_they_add_up():
     rows = measuring_speed([1500, 1000], progress=lambda share, text: told.append((share, text)))
     assert told == [(0.0, "1,000 vertices"), (0.5, "1,500 vertices")]
     asked = []
-    measure(folded_ball(1000), progress=lambda stage, share: asked.append(stage))
+    measure(folded_ball(1000), progress=lambda share, stage: asked.append(stage))
     for n in (1000, 1500):
         mine = {row["stage"]: row["seconds"] for row in rows if row["vertices"] == n}
         assert list(mine) == [*asked[:-1], "all"]

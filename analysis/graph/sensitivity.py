@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.graph.crest_net import Ground, GyralScales
 from morphofold.analysis.graph.net import Net
+from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, Surface
 
 #: the lengths that are varied: those of the net, and those of the altitude it is found on, which take longer
@@ -25,7 +26,7 @@ def hinge_sensitivity(
     width: float | None = None,
     lengths: Sequence[str] = OF_THE_NET + OF_THE_ALTITUDE,
     factors: Sequence[float] = FACTORS,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = silent,
 ) -> list[dict[str, Any]]:
     """Hinges found as one length at a time is changed.
 

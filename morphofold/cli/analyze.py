@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line
+from morphofold.progress import Progress, part_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     with progress(cortices[0].name, args.quiet) as tell:
         works = {}
         for i, cortex in enumerate(cortices):
-            share = lambda what, part, i=i: tell(0.8 * (i + part) / len(cortices), f"{cortices[i].hemi} {what}")
+            share = part_of(tell, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
             works[cortex.hemi] = partial(_measure, cortex, args, share, clock)
         measures = _of_each(works, failed)
         tell(0.8, "writing")
@@ -269,7 +270,7 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
             clock = Stages()
             clock.begin(READING)
             cortex = read_cortex(place, hemi="lh", name=args.name)
-            share = lambda what, part, i=i, place=place: tell((i + part) / len(places), f"{place.name} {what}")
+            share = part_of(tell, i / len(places), 1 / len(places), f"{place.name} ")
             asked = {"hemi": None, "name": args.name, **options}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
@@ -282,13 +283,13 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
 
 
 def _measure(
-    cortex: Cortex, args: argparse.Namespace, progress: Callable[[str, float], None], clock: Stages
+    cortex: Cortex, args: argparse.Namespace, progress: Progress, clock: Stages
 ) -> Measures:
     from morphofold.analysis.measuring import measure
 
-    def tell(what: str, share: float) -> None:
-        clock.at(what, share)
-        progress(what, share)
+    def tell(share: float, what: str) -> None:
+        clock.at(share, what)
+        progress(share, what)
 
     return measure(
         cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width,

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from morphofold.progress import part_of
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -58,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         stages = {name: read_stages(folder) for name, folder in grown.items()}
         tell(0.15, "comparing")
         comparison = compare(measures, groups=groups, growth=stages, colours=colours)
-        page = comparison.report(args.out, progress=lambda what, share: tell(0.25 + 0.75 * share, what))
+        page = comparison.report(args.out, progress=part_of(tell, 0.25, 0.75))
         tell(1.0, "done")
     if args.json:
         print(page.with_name("comparison.json").read_text(encoding="utf-8"), end="")

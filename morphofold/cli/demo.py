@@ -6,6 +6,8 @@ import argparse
 import time
 from pathlib import Path
 
+from morphofold.progress import part_of
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")
@@ -35,11 +37,8 @@ def run(args: argparse.Namespace) -> int:
     measures = {}
     with progress("measure", args.quiet) as tell:
         for i, (name, cortex) in enumerate(cortices.items()):
-
-            def part_done(what: str, part: float, i: int = i, name: str = name) -> None:
-                tell((i + part) / len(cortices), f"{name}: {what}")
-
-            measures[name] = measure(cortex, progress=part_done)
+            part = part_of(tell, i / len(cortices), 1 / len(cortices), f"{name}: ")
+            measures[name] = measure(cortex, progress=part)
         tell(1.0, "done")
     with progress("write  ", args.quiet) as tell:
         for i, (name, m) in enumerate(measures.items()):

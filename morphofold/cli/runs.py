@@ -56,7 +56,7 @@ class Runs:
 
         if name not in self._measured:
             with self.telling(f"measure {name}") as tell:
-                self._measured[name] = measure(cortex, progress=lambda what, share: tell(share, what))
+                self._measured[name] = measure(cortex, progress=tell)
         return self._measured[name]
 
     def telling(self, words: str) -> AbstractContextManager[Tell]:

@@ -9,14 +9,15 @@ from typing import Literal
 from morphofold.cohort.tables import Group, write_tables
 from morphofold.cohort.tasks import Outcome
 from morphofold.io import atomic_folder
+from morphofold.progress import Progress, part_of, silent
 
 GROUP = "group"
-Draw = Callable[[Group, Path, Callable[[float, str], None]], object]
+Draw = Callable[[Group, Path, Progress], object]
 
 
 def write_group(
     out: Path, results: Mapping[str, Path], outcomes: Sequence[Outcome] = (), *, report: Draw | Literal[False] = False,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = silent,
 ) -> Group:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv; and
     report.html if it is drawn.
@@ -38,6 +39,6 @@ def write_group(
     with atomic_folder(out / GROUP) as folder:
         group = write_tables(folder, out, results, told, lambda share: progress(0.7 * share, "tables"))
         if report:
-            report(group, folder, lambda share, text: progress(0.7 + 0.3 * share, text))
+            report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")
     return group

@@ -20,8 +20,8 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
     if common is not None:
         scale = curvature_scale(cortex, common)
 
-    def tell(what: str, share: float) -> None:
-        clock.at(what, share)
+    def tell(share: float, what: str) -> None:
+        clock.at(share, what)
         if share < 1:
             say(what)
 

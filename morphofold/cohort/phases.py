@@ -18,6 +18,7 @@ from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import read_results, refuse_changed, what_became
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
+from morphofold.progress import Progress, silent
 from morphofold.sim.output.folder_check import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.tables import write_table
@@ -90,7 +91,7 @@ class Phases:
         return found
 
 
-Draw = Callable[[Phases, Path, Callable[[float, str], None]], object]
+Draw = Callable[[Phases, Path, Progress], object]
 
 
 # theory ------------------------------------------------------------------------------------------------------
@@ -120,7 +121,7 @@ def theory_of(scene: Scene) -> Theory:
 
 
 def theory_by_place(
-    fleet: Fleet, grid: Grid, tell: Callable[[float, str], None] = lambda share, text: None
+    fleet: Fleet, grid: Grid, tell: Progress = silent
 ) -> dict[tuple[int, ...], Theory]:
     """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
     spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
@@ -188,7 +189,7 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 def write_sweep(
     out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], outcomes: Sequence[Outcome] = (), *,
-    report: Draw | Literal[False] = False, progress: Callable[[float, str], None] = lambda share, text: None,
+    report: Draw | Literal[False] = False, progress: Progress = silent,
 ) -> Phases:  # fmt: skip
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv;
     and report.html if it is drawn.

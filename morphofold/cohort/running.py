@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from morphofold.cohort.fleet import Fleet, Job, Lost
 from morphofold.cohort.tasks import Outcome, Place, write_record
+from morphofold.progress import Progress, silent
 
 
 class Task(Protocol):
@@ -28,7 +29,7 @@ def run_tasks(
     fleet: Fleet,
     work: Callable[[Any], Outcome],
     tasks: Sequence[Task],
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = silent,
     notice: Callable[[str], None] = lambda text: None,
 ) -> list[Outcome]:
     """Do every task on the workers of a fleet; what became of each, in the order of ``tasks``.

@@ -13,6 +13,7 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
+from morphofold.progress import Progress, silent
 from morphofold.provenance import strict_json
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ class _Kept(Record):
 
 def scales_of(
     out: Path, fleet: Fleet, subjects: Sequence[Participant],
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = silent,
 ) -> Scales | None:  # fmt: skip
     """The scales of a cohort: those that its first run has chosen, or now chosen and kept.
 

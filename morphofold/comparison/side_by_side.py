@@ -20,6 +20,7 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL, CREST_RATIO, RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
@@ -76,10 +77,10 @@ class Comparison:
             "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
         }
 
-    def report(self, out: str | Path, *, progress: Callable[[str, float], None] = lambda what, share: None) -> Path:
+    def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
         """Write ``out/`` whole or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
-        Returns the path of the page. ``progress`` is told what is being drawn and the share done, 0 to 1.
+        Returns the path of the page. ``progress`` is told the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
         from morphofold.io import atomic_folder

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.forecasts.memory import memory_GiB
 from morphofold.forecasts.sizes import Sizes
 from morphofold.forecasts.table import costs
+from morphofold.progress import silent
 
 if TYPE_CHECKING:
     from morphofold.forecasts.expected import Forecast
@@ -25,7 +26,7 @@ def radial_forecast(scene: Scene, threads: int | None) -> Forecast:
 
     check_threads(threads)
     nowhere: Any = None
-    run = RadialRun(scene, nowhere, lambda share, text: None, lambda: False)
+    run = RadialRun(scene, nowhere, silent, lambda: False)
     run.equilibrium(scene.growth.final)
     started = working_seconds()
     run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)

@@ -3,7 +3,7 @@ that twin against one that grows at half the pace."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,6 +12,7 @@ from morphofold.forecasts.table import not_studied, table
 from morphofold.forecasts.text import unstudied
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
+from morphofold.progress import Progress, part_of, silent
 from morphofold.provenance import input_records, strict_json
 from morphofold.surface import Surface, check_kind
 from morphofold.words import percent
@@ -168,7 +169,7 @@ def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Foreca
 
 
 def estimate_error(
-    run: Simulation, *, threads: int | None = None, progress: Callable[[float, str], None] = lambda share, text: None
+    run: Simulation, *, threads: int | None = None, progress: Progress = silent
 ) -> Estimate:
     """Estimate the error of a finished run's last stage, and write it as ``error.json`` into its folder.
 
@@ -216,7 +217,7 @@ def estimate_error(
     others = twins(run.scene)
     grown = [_grown(run)]
     for done, (folder, twin) in enumerate(others.items()):
-        tell = lambda share, text, done=done: progress((done + share) / len(others), text)
+        tell = part_of(progress, done / len(others), 1 / len(others))
         try:
             grown.append(_grown(simulate(twin, run.path / folder, resume=True, threads=threads, progress=tell)))
         except UnstableError as error:

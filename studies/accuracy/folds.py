@@ -13,8 +13,8 @@ from morphofold.arrays import Array
 from morphofold.comparison.distance import distance
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
+from morphofold.progress import Progress, silent
 from morphofold.sim.output.surfaces import whole_surfaces
-from morphofold.sim.run import Progress
 from morphofold.studies.accuracy.bodies import FINEST, SUBJECT, Setting
 from morphofold.studies.accuracy.points import ANEW, Point
 from morphofold.surface import Surface
@@ -49,7 +49,7 @@ class Folds(NamedTuple):
     seconds: float
 
 
-def grown(setting: Setting, kept: Path, tell: Progress = lambda share, text: None) -> dict[float, Folds]:
+def grown(setting: Setting, kept: Path, tell: Progress = silent) -> dict[float, Folds]:
     """Folds at each of ``STAGES``, grown now or read from the file ``kept`` (.npz), where they are then."""
     if not kept.exists():
         arrays = _grow(setting, tell)

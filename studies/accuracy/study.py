@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -15,6 +15,7 @@ from typing import Any
 from morphofold import __version__
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Number, Record, read_json
+from morphofold.progress import Progress, part_of
 from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
 from morphofold.studies.accuracy.points import ANEW, Case, Point
@@ -24,7 +25,6 @@ SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole s
 PEERS = ("libigl", "pyvista", "trimesh", "lapy")    # packages, if they are installed
 READERS = ("study.py", "tables.py", "fronts.py")    # of this package: no case runs them
 COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
-Progress = Callable[[float, str], None]
 
 
 def circumstances() -> dict[str, Any]:
@@ -107,14 +107,9 @@ def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]
     done, whole = 0.0, sum(SHARES[half] for half in halves)
     for half in HALVES:
         if half in halves:
-            points += work[half](kept, _part_of(tell, done / whole, SHARES[half] / whole))
+            points += work[half](kept, part_of(tell, done / whole, SHARES[half] / whole))
             done += SHARES[half]
     return points
-
-
-def _part_of(tell: Progress, begun: float, part: float) -> Progress:
-    """Progress of a part of the whole that begins at a share of it."""
-    return lambda share, words: tell(begun + part * share, words)
 
 
 def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from morphofold import analysis
 from morphofold.io.files import decoding, existing_file
+from morphofold.progress import Progress, silent
 from morphofold.sim.output.folder_check import ANEW
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
@@ -50,7 +50,7 @@ COLUMNS = {
 }
 
 
-def fold_rows(simulation: Simulation, progress: Callable[[float, str], None] = lambda share, text: None) -> list[Row]:
+def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
     """Numbers of every stage beyond g = 1, which must be one of the stages: the reference of the height.
 
     Keys are those of :data:`COLUMNS` and what they belong to. What a surface that isn't folded doesn't have is None,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from morphofold.analysis import Measures
+from morphofold.progress import Progress
 from morphofold.sim.run import Simulation
 from morphofold.surface import Cortex
-
-Tell = Callable[[float, str], None]
 
 
 class Runs(Protocol):
@@ -22,7 +21,7 @@ class Runs(Protocol):
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under a name of its own; those of a name that was measured before are kept."""
 
-    def telling(self, words: str) -> AbstractContextManager[Tell]:
+    def telling(self, words: str) -> AbstractContextManager[Progress]:
         """Someone who is told the share done, 0 to 1, and a few words, of the work that ``words`` name."""
 
 

@@ -17,6 +17,7 @@ from morphofold.cohort.participant import Participant, measure_participant, resu
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.tasks import Outcome, Place
 from morphofold.io import write_annotation, write_surface
+from morphofold.progress import Progress, part_of, silent
 from morphofold.report.pages.group_page import group_report
 from morphofold.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
@@ -96,7 +97,7 @@ def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lam
 
 
 def measure_load(
-    out: Path, count: int, workers: int, progress: Callable[[float, str], None] = lambda share, text: None
+    out: Path, count: int, workers: int, progress: Progress = silent
 ) -> Load:
     """Measure ``count`` made-up subjects with so many workers of one thread, then find them done, then group them.
 
@@ -127,7 +128,7 @@ def measure_load(
             raise RuntimeError(f"{other.name}: was {other.state} again, though nothing had changed.")
     results = {f.name: results_of(place, f.name, bids=False) for f in folders}
     began = time.perf_counter()
-    write_group(place, results, report=group_report, progress=lambda share, text: progress(0.9 + 0.1 * share, text))
+    write_group(place, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group = time.perf_counter() - began
     text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with text.open("rb") as file:

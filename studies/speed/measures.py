@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numba
 import numpy as np
 
 from morphofold.analysis.measuring import measure
+from morphofold.progress import Progress, silent
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 
 
 def measuring_speed(
-    sizes: Sequence[int], progress: Callable[[float, str], None] = lambda share, text: None
+    sizes: Sequence[int], progress: Progress = silent
 ) -> list[dict[str, Any]]:
     """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after once for the compiler.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -37,6 +37,7 @@ from morphofold.cohort.statistics import (
     subject_cloud,
     write_statistics,
 )
+from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL, RATIO, scalar_words
 from morphofold.report.pages.contents import versions
 from morphofold.report.pages.methods import REFERENCES, measured
@@ -89,7 +90,7 @@ BOTH = (Side("lh", CATEGORICAL[0], "circle", ""), Side("rh", CATEGORICAL[1], "sq
 
 
 def group_report(
-    group: Group, folder: Path, progress: Callable[[float, str], None] = lambda share, text: None
+    group: Group, folder: Path, progress: Progress = silent
 ) -> Path:
     """Write ``folder/report.html``, ``folder/figures/`` with outliers, and the tables of its statistics.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib import resources
@@ -23,6 +23,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS
 from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.geometry import vertex_areas
+from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
 from morphofold.quantities import MAIN, Quantity, common_limits, find, quantity
 from morphofold.report import colours
@@ -84,9 +85,9 @@ def analysis_report(
 
 def comparison_report(
     comparison: Comparison, folder: str | Path, *, inputs: Inputs = (),
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Progress = silent,
 ) -> Path:  # fmt: skip
-    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told what and the share."""
+    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told the share and what."""
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured by the same code. Colours, bins and axes are shared by all surfaces."
@@ -95,20 +96,20 @@ def comparison_report(
 
 def _write(
     comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, missing: Sequence[str] = (),
-    progress: Callable[[str, float], None] = lambda what, share: None, clock: Stages | None = None,
+    progress: Progress = silent, clock: Stages | None = None,
 ) -> Path:  # fmt: skip
     entries = _entries(comparison)
     shown = _shown(entries)
-    progress("thinning surfaces", 0.0)
+    progress(0.0, "thinning surfaces")
     thinned = [
         thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
         for e in entries
     ]
-    progress("drawing pictures", 0.15)
+    progress(0.15, "drawing pictures")
     pictures = _pictures(path.parent / "figures", entries, thinned, shown)
-    progress("packing surfaces", 0.65)
+    progress(0.65, "packing surfaces")
     viewer, blocks = _viewer(entries, thinned, shown)
-    progress("drawing charts and hinges", 0.75)
+    progress(0.75, "drawing charts and hinges")
     paragraph, references = methods(comparison, contents.versions()[0][1])
     templates = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import itertools
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from morphofold.cohort.phases import Found, Phases
 from morphofold.io import read_surface
+from morphofold.progress import Progress, silent
 from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.pages import contents
@@ -44,7 +44,7 @@ SURFACES, SECTIONS = "Pial surfaces", "Sections"
 
 
 def phase_report(
-    phases: Phases, folder: Path, progress: Callable[[float, str], None] = lambda share, text: None
+    phases: Phases, folder: Path, progress: Progress = silent
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; the path of the page."""
     (folder / "figures").mkdir(parents=True, exist_ok=True)
