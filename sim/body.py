@@ -13,6 +13,8 @@ from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
+from morphofold.sim.materials import Material
+from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.bilayer import Bilayer
 
 FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
@@ -26,6 +28,7 @@ class Elements(Protocol):
     LARGEST_J: float                # beyond it the kernels' cube root no longer holds, and no sound element gets there
     n: int
     n_cortex: int
+    material: Material
     volume: Array                   # (n,) of the reference body [mm^3]
     modulus: Array                  # (block, rows * WIDTH) mu, kappa, 1/V
     blocks: Blocks
@@ -51,6 +54,8 @@ class Body:
         Growth law of the cortex.
     X : (N, 3) float64, optional
         Reference positions when they are not the mesh's own (a perturbed body) [mm].
+    material : Material
+        Of both layers, with moduli of their own; neo-Hookean by default.
     single : bool
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra have 64 only.
 
@@ -76,7 +81,7 @@ class Body:
 
     def __init__(
         self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa_ratio: float, law: str,
-        X: Array | None = None, single: bool = False,
+        X: Array | None = None, single: bool = False, material: Material = NEO_HOOKEAN,
     ):  # fmt: skip
         check_law(law)
         if not kappa_ratio > 2:
@@ -94,7 +99,7 @@ class Body:
         else:
             from morphofold.sim.elements.tets import Tets as kind
         self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
-        elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law)
+        elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
         if self.single:
             elements.make_single()
         self.elements: Elements = elements

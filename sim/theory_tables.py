@@ -257,10 +257,8 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
 def _theory_of(scene: Scene) -> tuple[float, float, str]:
     """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has harmonics of even degree alone."""
     geometry, material = scene.geometry, scene.material
-    if geometry.shape != "sphere":
-        return np.nan, np.nan, f"the theory is that of a sphere, not of a body with shape = {geometry.shape!r}"
-    if geometry.thickness_spots:
-        return np.nan, np.nan, "the theory is that of a sphere of even thickness (no thickness_spots)"
+    if reason := scene.without(*scene.effects).beyond_theory:
+        return np.nan, np.nan, reason
     sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
         found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)

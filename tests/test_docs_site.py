@@ -167,12 +167,15 @@ from morphofold.analysis.surface_ratio import surface_ratio
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.files import load_scene
 effects = build_effects(load_scene("fig5", ["effects.pressure={pressure=0.5}"]))
+made = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"])
+print(made.material.build(), made.beyond_theory)
 print(analysis.__file__, [effect.name for effect in effects])
 """
     done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert str(tmp_path) in done.stdout
     assert "'pressure'" in done.stdout
+    assert "Demiray(a=2.0)" in done.stdout
 
 
 # --- pages of commands

@@ -8,7 +8,7 @@ import pytest
 import morphofold as mf
 from morphofold.cli import main
 from morphofold.sim import theory
-from morphofold.sim.material import energy
+from morphofold.sim.materials.elastic import energy
 from morphofold.sim.run import simulate
 
 COLUMNS = ["layer", "R_mm", "r_mm", "sigma_r", "sigma_theta", "J"]

@@ -10,7 +10,7 @@ import pytest
 from numpy.polynomial import Legendre, Polynomial
 
 from morphofold.sim.growth import LAWS
-from morphofold.sim.material import energy
+from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import finite_elements
 from morphofold.sim.sphere_theory.finite_elements import (
     ConvergenceError,

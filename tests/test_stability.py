@@ -8,7 +8,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 from morphofold.sim import theory
-from morphofold.sim.material import energy
+from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import finite_elements, impedance, smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import Sphere, smooth_state
 

@@ -103,13 +103,10 @@ def theory_of(scene: Scene) -> Theory:
     from morphofold.sim import theory
     from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
+    if scene.beyond_theory:
+        return Theory(reason=scene.beyond_theory)
     geometry = scene.geometry
-    if not isinstance(geometry, Sphere | Radial):
-        return Theory(reason=f"theory is of spheres, this is of shape {geometry.shape}")
-    if getattr(geometry, "thickness_spots", ()):
-        return Theory(reason="theory is of a cortex of one thickness, this has spots of another")
-    if unlike := [name for name, options in scene.effects.items() if not options.theory]:
-        return Theory(reason=f"theory knows no {unlike[0]}")
+    assert isinstance(geometry, Sphere | Radial)
     try:
         found = theory.bifurcation(
             geometry.cortex_thickness / geometry.radius, scene.material.mu_ratio, scene.growth.law,

@@ -71,13 +71,14 @@ def studied() -> tuple[float, float]:
 def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     """What of a scene lies outside of ``STUDIED``, so that no errors are told of it; empty if the table holds for it.
 
-    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"effects"`` (one that no study of
-    errors had), ``"edge"``, and the names of ``STUDIED``.
+    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"material"``, ``"effects"`` (one that
+    no study of errors had), ``"edge"``, and the names of ``STUDIED``.
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
     found = {
         "shape": geometry.shape != "sphere" or bool(getattr(geometry, "thickness_spots", ())),
         "law": scene.growth.law != "isotropic",
+        "material": not scene.material.errors_known,
         "effects": not all(options.errors_known for options in scene.effects.values()),
         "edge": not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest,
     }

@@ -3,12 +3,15 @@
 The element is the eight-node brick with 2x2x2 Gauss points, the pressure taken from the mean volume ratio of
 the element, and a weak local volumetric term: with A = F G^-1, J = det A, and w the grown volume of a point,
 
-    W = sum_q w_q [ mu/2 (J^-2/3 tr(A^T A) - 3) + mu (J - 1)^2 ] + kappa/2 V (v/V - 1)^2,   V = sum w, v = sum w J.
+    W = sum_q w_q [ mu u(i1, i2) + mu (J - 1)^2 ] + kappa/2 V (v/V - 1)^2,   V = sum w, v = sum w J,
+
+where i1 = J^-2/3 I1 and i2 = J^-4/3 I2, with the invariants I1 = tr(A^T A), I2 = (I1^2 - tr((A^T A)^2)) / 2, and u is
+the material's (:mod:`morphofold.sim.materials`); neo-Hookean, (i1 - 3) / 2.
 
 Everything is written in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and
 C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers
-of C and 1/w, and growth of any kind is a change of these seven. The derivative with respect to D is
-mu J^-2/3 D C + s cof D.
+of C and 1/w, and growth of any kind is a change of these seven. The derivative with respect to D is f D C + s cof D,
+and less h b D C where the material sees i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
 
 Elements lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane running fastest, so that
 each loop over lanes becomes vector instructions (unsigned indices and constant row offsets: otherwise LLVM can't
@@ -23,10 +26,12 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
+
 WIDTH = 32              # lanes per block
 POINT = 7               # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
 MODULI = 3              # rows per element: mu, kappa, 1/V
-J_MIN = 0.1             # below this volume ratio the isochoric factor J^-2/3 is frozen, so that it stays finite
+J_MIN = 0.1             # below this volume ratio the factors J^-2/3, J^-4/3 are frozen, so that they stay finite
 
 _FAST = {"contract", "nsz", "arcp", "nnan", "ninf"}
 _U = np.uint64
@@ -88,7 +93,32 @@ def _times(d, c):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _point(d, c, mu, p):
+def _left(d, u, v, z, per_w):
+    """b = A A^T = D C D^T / w, six numbers, from the columns u, v, z of D C."""
+    return (
+        per_w * (u[0] * d[0] + v[0] * d[3] + z[0] * d[6]), per_w * (u[0] * d[1] + v[0] * d[4] + z[0] * d[7]),
+        per_w * (u[0] * d[2] + v[0] * d[5] + z[0] * d[8]), per_w * (u[1] * d[1] + v[1] * d[4] + z[1] * d[7]),
+        per_w * (u[1] * d[2] + v[1] * d[5] + z[1] * d[8]), per_w * (u[2] * d[2] + v[2] * d[5] + z[2] * d[8]),
+    )  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def second_invariant(I1, b):
+    """(I1^2 - tr(b b)) / 2 of symmetric b, six numbers."""
+    two = _as(I1, 2.0)
+    bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
+    return _as(I1, 0.5) * (I1 * I1 - bb)
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def turned(b, h, u):
+    """h b u for symmetric b, six numbers, and a vector u."""
+    return (h * (b[0] * u[0] + b[1] * u[1] + b[2] * u[2]), h * (b[1] * u[0] + b[3] * u[1] + b[4] * u[2]),
+            h * (b[2] * u[0] + b[4] * u[1] + b[5] * u[2]))  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _point(d, c, mu, p, material):
     """dW/dD of one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
@@ -97,9 +127,22 @@ def _point(d, c, mu, p):
     u, v, z = _times(d, c)
     I1 = (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
           + d[6] * z[0] + d[7] * z[1] + d[8] * z[2]) * c[6]  # fmt: skip
-    f = mu * y * y
-    third = _as(J, 1.0 / 3.0)
-    s = p + _as(J, 2.0) * mu * (J - _as(J, 1.0)) - (f * I1 * y * y * y * third if J > least else _as(J, 0.0))
+    two, third = _as(J, 2.0), _as(J, 1.0 / 3.0)
+    if sees_second(material):
+        b = _left(d, u, v, z, c[6])
+        I2 = second_invariant(I1, b)
+        u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
+        f1, h = two * _as(J, u1) * mu * y * y, two * _as(J, u2) * mu * y * y * y * y
+        s = p + two * mu * (J - _as(J, 1.0))
+        s -= (f1 * I1 + two * h * I2) * y * y * y * third if J > least else _as(J, 0.0)
+        f = f1 + h * I1
+        e, g, i = turned(b, h, u), turned(b, h, v), turned(b, h, z)
+        return (f * u[0] + s * k[0] - e[0], f * u[1] + s * k[1] - e[1], f * u[2] + s * k[2] - e[2],
+                f * v[0] + s * k[3] - g[0], f * v[1] + s * k[4] - g[1], f * v[2] + s * k[5] - g[2],
+                f * z[0] + s * k[6] - i[0], f * z[1] + s * k[7] - i[1], f * z[2] + s * k[8] - i[2])  # fmt: skip
+    u1, _ = slopes_of(material, y * y * I1, _as(J, 3.0))
+    f = two * _as(J, u1) * mu * y * y
+    s = p + two * mu * (J - _as(J, 1.0)) - (f * I1 * y * y * y * third if J > least else _as(J, 0.0))
     return (f * u[0] + s * k[0], f * u[1] + s * k[1], f * u[2] + s * k[2],
             f * v[0] + s * k[3], f * v[1] + s * k[4], f * v[2] + s * k[5],
             f * z[0] + s * k[6], f * z[1] + s * k[7], f * z[2] + s * k[8])  # fmt: skip
@@ -249,10 +292,11 @@ def deliver_scalar(values, local, corners, rows):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def element_forces(x, nodes, start, local, point, modulus, force):
+def element_forces(x, nodes, start, local, point, modulus, force, material):
     """Forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V.
+    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V;
+    material: see ``sim.materials``.
     What is between positions and sums is computed in the precision of ``point`` and ``modulus``, 64 or 32 bits.
     """
     for b in prange(len(local)):
@@ -262,9 +306,10 @@ def element_forces(x, nodes, start, local, point, modulus, force):
         for l in range(_W):
             d, c, mu = _gauss(xs, l), _points(g, l), m[l]
             p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - _as(mu, 1.0))
-            q = (_point(d[0], c[0], mu, p), _point(d[1], c[1], mu, p), _point(d[2], c[2], mu, p),
-                 _point(d[3], c[3], mu, p), _point(d[4], c[4], mu, p), _point(d[5], c[5], mu, p),
-                 _point(d[6], c[6], mu, p), _point(d[7], c[7], mu, p))  # fmt: skip
+            q = (_point(d[0], c[0], mu, p, material), _point(d[1], c[1], mu, p, material),
+                 _point(d[2], c[2], mu, p, material), _point(d[3], c[3], mu, p, material),
+                 _point(d[4], c[4], mu, p, material), _point(d[5], c[5], mu, p, material),
+                 _point(d[6], c[6], mu, p, material), _point(d[7], c[7], mu, p, material))
             _store(xs, l, _corners(q, 0))
             _store(xs, l + _W, _corners(q, 1))
             _store(xs, l + _U(2) * _W, _corners(q, 2))
@@ -274,19 +319,22 @@ def element_forces(x, nodes, start, local, point, modulus, force):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _point_state(d, c, mu):
+def _point_state(d, c, mu, material):
     """Energy, J, and a bound on the largest stiffness of one Gauss point (without the element's pressure)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
     y = _inverse_cube_root(max(J, J_MIN))
     u, v, z = _times(d, c)
-    I1 = c[6] * y * y * (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
+    i1 = c[6] * y * y * (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
                   + d[6] * z[0] + d[7] * z[1] + d[8] * z[2])  # fmt: skip
-    energy = mu * (0.5 * (I1 - 3.0) + (J - 1.0) * (J - 1.0)) / c[6]
+    i2 = 3.0
+    if sees_second(material):
+        i2 = y * y * y * y * second_invariant(i1 / (y * y), _left(d, u, v, z, c[6]))
+    energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
     cc = (k[0] * k[0] + k[1] * k[1] + k[2] * k[2] + k[3] * k[3] + k[4] * k[4] + k[5] * k[5]
           + k[6] * k[6] + k[7] * k[7] + k[8] * k[8])  # fmt: skip
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
-    return energy, J, mu * (4.0 + I1) * (1.0 / 9.0) * cc * c[6]
+    return energy, J, stiffness_of(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -296,7 +344,7 @@ def _square(n):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def element_state(x, nodes, start, local, point, modulus, state, stiffness):
+def element_state(x, nodes, start, local, point, modulus, state, stiffness, material):
     """Per element into ``state`` (block, 4 WIDTH): energy, smallest J, largest J, v/V; per row into ``stiffness`` (R,)
     the sum of its elements' stiffness bounds.
 
@@ -313,9 +361,10 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness):
             d, c, mu, kappa = _gauss(xs, l), _points(g, l), m[l], m[l + _W]
             per_volume = m[l + _U(2) * _W]
             ratio = _volume(xs, l) * per_volume
-            s = (_point_state(d[0], c[0], mu), _point_state(d[1], c[1], mu), _point_state(d[2], c[2], mu),
-                 _point_state(d[3], c[3], mu), _point_state(d[4], c[4], mu), _point_state(d[5], c[5], mu),
-                 _point_state(d[6], c[6], mu), _point_state(d[7], c[7], mu))  # fmt: skip
+            s = (_point_state(d[0], c[0], mu, material), _point_state(d[1], c[1], mu, material),
+                 _point_state(d[2], c[2], mu, material), _point_state(d[3], c[3], mu, material),
+                 _point_state(d[4], c[4], mu, material), _point_state(d[5], c[5], mu, material),
+                 _point_state(d[6], c[6], mu, material), _point_state(d[7], c[7], mu, material))
             q = (_cofactor(*d[0]), _cofactor(*d[1]), _cofactor(*d[2]), _cofactor(*d[3]),
                  _cofactor(*d[4]), _cofactor(*d[5]), _cofactor(*d[6]), _cofactor(*d[7]))  # fmt: skip
             dv = _square(_corners(q, 0)) + _square(_corners(q, 1)) + _square(_corners(q, 2))

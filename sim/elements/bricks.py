@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
 from morphofold.sim.elements.brick_kernels import POINT, WIDTH
+from morphofold.sim.materials import Material
+from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
 #: skfem's corner numbers in the order 4 i + 2 j + k of the kernels
 BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
@@ -37,6 +39,7 @@ class Bricks:
     mu, kappa : (E,) float64
         Shear modulus, and modulus of the pressure: a brick resists uniform compression with kappa + 2 mu.
     law : {"isotropic", "tangential"}
+    material : Material
 
     Raises
     ------
@@ -48,9 +51,10 @@ class Bricks:
     LARGEST_J = 8.0
 
     def __init__(
-        self, mesh: MeshHex, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str
-    ):
-        self.n, self.n_cortex, self.law = mesh.nelements, int(cortex.sum()), law
+        self, mesh: MeshHex, X: Array, radial: Array, cortex: Bools, mu: Array, kappa: Array, law: str,
+        material: Material = NEO_HOOKEAN,
+    ):  # fmt: skip
+        self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         corners = mesh.t[BINARY_CORNERS].T
         self.blocks = Blocks(corners, len(X))
         n_blocks = self.blocks.count
@@ -123,13 +127,15 @@ class Bricks:
     def compute_forces(self, x: Array) -> None:
         """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        brick_kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force)
+        brick_kernels.element_forces(
+            x, b.nodes, b.start, b.local, self.point, self.modulus, b.force, self.material
+        )
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         brick_kernels.element_state(
-            x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness
+            x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness, self.material
         )
         return b.nodal_sums(self._stiffness)
 

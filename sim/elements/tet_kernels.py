@@ -4,12 +4,14 @@ The element is a patch of up to six tetrahedra of one material that share faces.
 stiff: nearly incompressible they lock, and they follow a shear that no single one of them can follow. A patch has one
 pressure, from its mean volume ratio, and takes a share 1 - BLEND of its volume-preserving energy from its mean
 gradient. With F the deformation gradient of a tetrahedron, A = F G^-1, J = det A, w its grown volume, V = sum w,
-Am = sum w A / V, and U(A) = mu/2 (phi(J) tr(A^T A) - 3), phi = J^-2/3,
+Am = sum w A / V, and U(A) = mu u(phi(J) I1, psi(J) I2), phi = J^-2/3, psi = J^-4/3, I1 and I2 the invariants of A^T A
+and u the material's (:mod:`morphofold.sim.materials`),
 
     W = BLEND sum w U(A) + (1 - BLEND) V U(Am) + kappa/2 V (sum w J / V - 1)^2.
 
 Nothing but U keeps a single tetrahedron from collapsing while its patch keeps its volume, so U must not give way:
-where J < CRUSHED, phi goes on as its tangent. Frozen there, as in bricks, it lets tetrahedra snap through to J = 0.
+where J < CRUSHED, phi and psi go on as their tangents. Frozen there, as in bricks, it lets tetrahedra snap through to
+J = 0.
 
 A tetrahedron enters with its edge vectors: ``d`` as it is, ``e`` as growth would leave it, both as matrices whose
 columns are three edges from its first corner. So A = d e^-1 and w = det e / 6, and with k the cofactors of e the
@@ -26,7 +28,18 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from morphofold.sim.elements.brick_kernels import _FAST, _U, _W, WIDTH, _cofactor, deliver, fetch
+from morphofold.sim.elements.brick_kernels import (
+    _FAST,
+    _U,
+    _W,
+    WIDTH,
+    _cofactor,
+    deliver,
+    fetch,
+    second_invariant,
+    turned,
+)
+from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
 
 TETS = 6                # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
 NODES = 8               # nodes of a patch at most
@@ -121,8 +134,16 @@ def _elastic(d, e):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _isochoric(a):
-    """Cofactors c of A, J, phi, tr(A^T A), and s: dU/dA = mu (phi A + s c)."""
+def _left(a):
+    """b = A A^T, six numbers."""
+    return (a[0] * a[0] + a[3] * a[3] + a[6] * a[6], a[0] * a[1] + a[3] * a[4] + a[6] * a[7],
+            a[0] * a[2] + a[3] * a[5] + a[6] * a[8], a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
+            a[1] * a[2] + a[4] * a[5] + a[7] * a[8], a[2] * a[2] + a[5] * a[5] + a[8] * a[8])  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _isochoric(a, material):
+    """Cofactors c of A, J, f, h and s: dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
     c = _cofactor(*a)
     J = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
     held = max(J, CRUSHED)
@@ -130,7 +151,30 @@ def _isochoric(a):
     y *= y
     I1 = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
           + a[6] * a[6] + a[7] * a[7] + a[8] * a[8])  # fmt: skip
-    return c, J, y + (2.0 / 3.0) * y * (held - J) * per, I1, -(1.0 / 3.0) * y * per * I1
+    phi = y + (2.0 / 3.0) * y * (held - J) * per
+    i1 = phi * I1
+    if sees_second(material):
+        z, I2 = y * y, second_invariant(I1, _left(a))
+        psi = z + (4.0 / 3.0) * z * (held - J) * per
+        i2 = psi * I2
+        u1, u2 = slopes_of(material, i1, i2)
+        f, h = 2.0 * (u1 * phi + u2 * psi * I1), 2.0 * u2 * psi
+        s = -(2.0 / 3.0) * per * (u1 * y * I1 + 2.0 * u2 * z * I2)
+        return c, J, f, h, s, energy_of(material, i1, i2), stiffness_of(material, i1, i2) * i1
+    u1, _ = slopes_of(material, i1, 3.0)
+    return (c, J, 2.0 * u1 * phi, 0.0, 2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1, energy_of(material, i1, 3.0),
+            stiffness_of(material, i1, 3.0) * i1)  # fmt: skip
+
+
+@njit(forceinline=True, fastmath=_FAST)
+def _less_turned(P, h, a, material):
+    """P - h b A; P itself where the material does not see the second invariant."""
+    if sees_second(material):
+        b = _left(a)
+        e, g, i = turned(b, h, a[0:3]), turned(b, h, a[3:6]), turned(b, h, a[6:9])
+        return (P[0] - e[0], P[1] - e[1], P[2] - e[2], P[3] - g[0], P[4] - g[1], P[5] - g[2],
+                P[6] - i[0], P[7] - i[1], P[8] - i[2])  # fmt: skip
+    return P
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -159,15 +203,15 @@ def _sum(a, w, i):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _tet_gradient(q, l, a, k, mean, p, mu, weight):
+def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
     """Gradient with respect to the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
-    c, _, phi, _, s = _isochoric(a)
-    P = _combine(weight * mu * phi, a, weight * (mu * s + p), c)
+    c, _, f, h, s, _, _ = _isochoric(a, material)
+    P = _less_turned(_combine(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material)
     _put(q, l, _push(_combine(1.0, P, weight, mean), k))
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _patch_gradient(d, e, m, q, l):
+def _patch_gradient(d, e, m, q, l, material):
     """Gradient of a patch's energy with respect to all edges of its tetrahedra into ``q`` (54 rows)."""
     mu, kappa, count = m[l], m[l + _W], m[l + _U(2) * _W]
     b, c, g, h, i = l + _U(9) * _W, l + _U(18) * _W, l + _U(27) * _W, l + _U(36) * _W, l + _U(45) * _W
@@ -186,24 +230,25 @@ def _patch_gradient(d, e, m, q, l):
     p = kappa * (v * s - 1.0)
     am = (s * _sum(a, w, 0), s * _sum(a, w, 1), s * _sum(a, w, 2), s * _sum(a, w, 3), s * _sum(a, w, 4),
           s * _sum(a, w, 5), s * _sum(a, w, 6), s * _sum(a, w, 7), s * _sum(a, w, 8))  # fmt: skip
-    cm, _, phi, _, sm = _isochoric(am)
-    mean = _combine((1.0 - BLEND) * mu * phi, am, (1.0 - BLEND) * mu * sm, cm)
+    cm, _, f, h, sm, _, _ = _isochoric(am, material)
+    rest = (1.0 - BLEND) * mu
+    mean = _less_turned(_combine(rest * f, am, rest * sm, cm), rest * h, am, material)
     sixth = 1.0 / 6.0
-    _tet_gradient(q, l, a0, k0, mean, p, BLEND * mu, sixth)
-    _tet_gradient(q, b, a1, k1, mean, p, BLEND * mu, r1 * sixth)
-    _tet_gradient(q, c, a2, k2, mean, p, BLEND * mu, r2 * sixth)
-    _tet_gradient(q, g, a3, k3, mean, p, BLEND * mu, r3 * sixth)
-    _tet_gradient(q, h, a4, k4, mean, p, BLEND * mu, r4 * sixth)
-    _tet_gradient(q, i, a5, k5, mean, p, BLEND * mu, r5 * sixth)
+    _tet_gradient(q, l, a0, k0, mean, p, BLEND * mu, sixth, material)
+    _tet_gradient(q, b, a1, k1, mean, p, BLEND * mu, r1 * sixth, material)
+    _tet_gradient(q, c, a2, k2, mean, p, BLEND * mu, r2 * sixth, material)
+    _tet_gradient(q, g, a3, k3, mean, p, BLEND * mu, r3 * sixth, material)
+    _tet_gradient(q, h, a4, k4, mean, p, BLEND * mu, r4 * sixth, material)
+    _tet_gradient(q, i, a5, k5, mean, p, BLEND * mu, r5 * sixth, material)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def patch_forces(x, nodes, start, local, corner, edges, modulus, force):
+def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
     """Forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
     x (N, 3); nodes, start, local: see ``Blocks``, for the eight nodes of each patch; corner (block, 24 WIDTH) uint8,
     row 4 t + i: which of them is corner i of tetrahedron t; edges (block, 54 WIDTH), row 9 t + 3 i + r, as growth would
-    leave them; modulus (block, 3 WIDTH): mu, kappa, number of tetrahedra.
+    leave them; modulus (block, 3 WIDTH): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
     """
     for b in prange(len(local)):
         at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
@@ -212,7 +257,7 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force):
         fetch(x, nodes[start[b] : start[b + 1]], local[b], NODES, 1.0, ahead, at, near)
         _to_edges(near, corner[b], d)
         for l in range(_W):
-            _patch_gradient(d, e, m, q, l)  # into an array of its own: over d, LLVM would not vectorise
+            _patch_gradient(d, e, m, q, l, material)  # into an array of its own: over d, LLVM would not vectorise
         _to_nodes(q, corner[b], near)
         rows = force[start[b] : start[b + 1]]
         rows[:] = 0.0
@@ -284,24 +329,23 @@ def _corner_stiffness(q):
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _measure_tet(d, e, mu, real):
+def _measure_tet(d, e, mu, real, material):
     """J, grown volume w, energy, w A, volume gradient for the edges, and a stiffness of one tetrahedron.
 
     All but J and the last are without weight if ``real`` is 0. The stiffness is that of the volume-preserving
-    energy per square of the volume gradient, 2/3 mu phi tr(A^T A) / (w J^2).
+    energy per square of the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean one.
     """
     a, k, w = _elastic(d, e)
-    c, J, phi, I1, _ = _isochoric(a)
-    I1 *= phi
+    c, J, _, _, _, energy, stiff = _isochoric(a, material)
     held = max(J, CRUSHED)
-    stiffness = (2.0 / 3.0) * mu * I1 / (w * held * held)
+    stiffness = (2.0 / 3.0) * mu * stiff / (w * held * held)
     w *= real
     dv = _combine(real * (1.0 / 6.0), _push(c, k), 0.0, k)
-    return J, w, 0.5 * BLEND * mu * w * (I1 - 3.0), _combine(w, a, 0.0, c), dv, stiffness
+    return J, w, BLEND * mu * w * energy, _combine(w, a, 0.0, c), dv, stiffness
 
 
 @njit(forceinline=True, fastmath=_FAST)
-def _measure_patch(sums, near, m, l, state, bound):
+def _measure_patch(sums, near, m, l, state, bound, material):
     """Volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
 
     ``sums`` are those of its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
@@ -310,10 +354,9 @@ def _measure_patch(sums, near, m, l, state, bound):
     mu, kappa, V = m[l], m[l + _W], sums[l]
     p = kappa * (sums[l + _W] / V - 1.0)
     am = _nine(sums, l + _U(3) * _W)
-    _, _, phi, I1, _ = _isochoric(_combine(1.0 / V, am, 0.0, am))
+    energy = _isochoric(_combine(1.0 / V, am, 0.0, am), material)[5]
     state[l] = sums[l + _W] / V
-    state[l + _W] = (sums[l + _U(2) * _W] + 0.5 * (1.0 - BLEND) * mu * V * (phi * I1 - 3.0)
-                     + 0.5 * p * (sums[l + _W] - V))  # fmt: skip
+    state[l + _W] = sums[l + _U(2) * _W] + (1.0 - BLEND) * mu * V * energy + 0.5 * p * (sums[l + _W] - V)
     n0, n1, n2, n3 = _at(near, l, 0), _at(near, l, 1), _at(near, l, 2), _at(near, l, 3)
     n4, n5, n6, n7 = _at(near, l, 4), _at(near, l, 5), _at(near, l, 6), _at(near, l, 7)
     s = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
@@ -323,7 +366,7 @@ def _measure_patch(sums, near, m, l, state, bound):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
-def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness):
+def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
     """J of each tetrahedron (block, 6 WIDTH); per patch into ``state`` (block, 2 WIDTH) its volume ratio and energy;
     per row into ``stiffness`` (R,) the sum of a bound on the stiffness of its patches.
 
@@ -341,7 +384,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
             row = _U(9) * t * _W
             for l in range(_W):
                 r, w, energy, wa, dv, stiff = _measure_tet(
-                    _nine(d, row + l), _nine(e, row + l), m[l], 1.0 if m[l + _U(2) * _W] > t else 0.0
+                    _nine(d, row + l), _nine(e, row + l), m[l], 1.0 if m[l + _U(2) * _W] > t else 0.0, material
                 )
                 ratio[t * _W + l], own[t * _W + l] = r, stiff
                 _put(q, row + l, dv)
@@ -351,7 +394,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
                 _put(sums, l + _U(3) * _W, _combine(1.0, _nine(sums, l + _U(3) * _W), 1.0, wa))
         _to_nodes(q, corner[b], near)
         for l in range(_W):
-            _measure_patch(sums, near, m, l, state[b], bound)
+            _measure_patch(sums, near, m, l, state[b], bound, material)
         for t in range(_U(TETS)):
             for l in range(_W):
                 o, s = _U(9) * t * _W + l, own[t * _W + l]

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTet
 
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import Blocks, to_lanes
 from morphofold.sim.elements.brick_kernels import WIDTH
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tet_kernels import NODES, TETS
 from morphofold.sim.growth import check_law
+from morphofold.sim.materials import Material
+from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
 FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
 
@@ -34,6 +36,7 @@ class Tets:
         Shear modulus, and modulus of the pressure. A patch holds tetrahedra of one mu, one kappa and one side of
         ``cortex``; where moduli change from each to the next, patches are single tetrahedra, and too stiff.
     law : {"isotropic", "tangential"}
+    material : Material
 
     Attributes
     ----------
@@ -56,15 +59,16 @@ class Tets:
     LARGEST_J = 50.0
 
     def __init__(
-        self, mesh: MeshTet, X: Array, radial: Array, cortex: NDArray[np.bool_], mu: Array, kappa: Array, law: str
-    ):
+        self, mesh: MeshTet, X: Array, radial: Array, cortex: Bools, mu: Array, kappa: Array, law: str,
+        material: Material = NEO_HOOKEAN,
+    ):  # fmt: skip
         check_law(law)
-        self.n, self.n_cortex, self.law = mesh.nelements, int(cortex.sum()), law
+        self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         tets, self.volume = _oriented(mesh, X)
         if law == "tangential":
             _check_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
-        material = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
-        patches = cluster(mesh, X, material)
+        alike = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
+        patches = cluster(mesh, X, alike)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
         nodes, corner = _nodes_of(self.patches, tets)
         self.blocks = Blocks(nodes, len(X))
@@ -105,14 +109,17 @@ class Tets:
     def compute_forces(self, x: Array) -> None:
         """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        tet_kernels.patch_forces(x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, b.force)
+        tet_kernels.patch_forces(
+            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, b.force, self.material
+        )
 
     def measure(self, x: Array) -> Array:
         """Measure the patches at ``x``; nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         tet_kernels.patch_state(
-            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, self._J, self._state, self._stiffness
-        )
+            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, self._J, self._state, self._stiffness,
+            self.material,
+        )  # fmt: skip
         return b.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:

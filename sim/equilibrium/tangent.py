@@ -4,16 +4,19 @@ Both elements have the energy of :mod:`morphofold.sim.elements.brick_kernels` an
 point D = sum_a x_a g_a^T, with g_a the gradient of node a's shape function in coordinates in which the grown
 material has the metric C, w tr(A^T A) = D : D C, and the volume w, J = det D / w. Per point and per element,
 
-    w mu/2 (phi(J) I1 - 3) + w local/2 (J - 1)^2,    I1 = tr(A^T A),    and    kappa/2 V (v/V - 1)^2,    v = sum w J,
+    w mu u(i1, i2) + w local/2 (J - 1)^2    and    kappa/2 V (v/V - 1)^2,    v = sum w J,
 
-with phi = J^-2/3, or what stands for it where an element is crushed. With k_a = cof(D) g_a, P_a = D C g_a and
-s = local (J - 1) + mu/2 phi' I1 + kappa (v/V - 1) the gradient is sum mu phi P_a + s k_a, and
+with i1 = phi(J) I1, I1 = tr(A^T A), phi = J^-2/3, or what stands for it where an element is crushed, and u the
+material's. With k_a = cof(D) g_a and P_a = D C g_a the gradient is sum f P_a + s k_a, f = 2 mu u1 phi and
+s = local (J - 1) + mu u1 phi' I1 + kappa (v/V - 1), and
 
-    d2W/dx_a dx_b = mu phi (g_a . C g_b) I + s [D (g_a x g_b)]_x
-                    + (local + mu/2 phi'' I1) / w k_a k_b^T + mu phi' / w (P_a k_b^T + k_a P_b^T)
+    d2W/dx_a dx_b = f (g_a . C g_b) I + s [D (g_a x g_b)]_x
+                    + (local + mu u1 phi'' I1) / w k_a k_b^T + 2 mu u1 phi' / w (P_a k_b^T + k_a P_b^T)
+                    + mu u11 w di1_a di1_b^T,        w di1_a = 2 phi P_a + phi' I1 k_a,
 
 summed over the points, where [v]_x t = v x t, and kappa/V (sum k_a) (sum k_b)^T. All is a handful of products of small
-matrices per element, and never a sum over pairs of shape functions.
+matrices per element, and never a sum over pairs of shape functions. What a material adds that sees the second
+invariant, i2 = psi(J) I2, is in :func:`_second`.
 """
 
 from __future__ import annotations
@@ -29,11 +32,12 @@ from skfem import ElementHex1
 from morphofold.arrays import Array, Ints
 from morphofold.sim.body import Body
 from morphofold.sim.elements.blocks import from_lanes
-from morphofold.sim.elements.brick_kernels import J_MIN, POINT
+from morphofold.sim.elements.brick_kernels import POINT
 from morphofold.sim.elements.bricks import BINARY_CORNERS, GAUSS, Bricks
-from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED, NODES, TETS
+from morphofold.sim.elements.tet_kernels import BLEND, NODES, TETS
 from morphofold.sim.elements.tets import Tets
-from morphofold.sim.material import cofactor
+from morphofold.sim.materials import Material
+from morphofold.sim.materials.elastic import Factor, cofactor, continued, frozen
 
 CHUNK = 2048            # elements at once: their matrices stay in the cache
 FILTER_STEPS = 4.0      # through the mesh, from a node of the surface to the farthest that the filter couples it to
@@ -42,8 +46,8 @@ SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])     # where the six numb
 #: gradients of the brick's shape functions in [-1, 1]^3: (8 Gauss points, 8 corners, 3), both in the kernels' order
 BRICK_GRADIENTS: Array = np.stack([ElementHex1().lbasis(GAUSS, int(i))[1].T / 2 for i in BINARY_CORNERS], axis=1)
 
-#: phi of J, and its first and second derivative
-Phi = Callable[[Array], tuple[Array, Array, Array]]
+#: J to minus a power, or what stands for it: ``elastic.frozen`` or ``elastic.continued``
+Power = Callable[[Array, float], Factor]
 
 
 class Points(NamedTuple):
@@ -62,7 +66,8 @@ class Points(NamedTuple):
         1 for the points whose volume v counts, 0 for others.
     kappa, V : (E,) float64
         Modulus of the mean pressure [Pa], grown volume [mm^3].
-    phi : callable
+    power : callable
+    material : Material
     """
 
     nodes: Ints
@@ -74,7 +79,8 @@ class Points(NamedTuple):
     bears: Array
     kappa: Array
     V: Array
-    phi: Phi
+    power: Power
+    material: Material
 
 
 def points(body: Body) -> Iterator[Points]:
@@ -95,19 +101,12 @@ def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Po
         shear = np.repeat(mu[part, None], 8, axis=1)
         yield Points(
             nodes[part], BRICK_GRADIENTS, data[part, :, SYMMETRIC], 1 / data[part, :, 6], shear, bricks.LOCAL * shear,
-            np.ones(8), kappa[part], V[part], _frozen,
+            np.ones(8), kappa[part], V[part], frozen, bricks.material,
         )  # fmt: skip
 
 
 def _parts(n: int) -> Iterator[slice]:
     return (slice(start, start + CHUNK) for start in range(0, n, CHUNK))
-
-
-def _frozen(J: Array) -> tuple[Array, Array, Array]:
-    """J^-2/3 of bricks, constant below ``J_MIN``."""
-    held = np.maximum(J, J_MIN)
-    phi, falls = held ** (-2 / 3), J > J_MIN
-    return phi, np.where(falls, -2 / 3 * phi / held, 0.0), np.where(falls, 10 / 9 * phi / held**2, 0.0)
 
 
 def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Points]:
@@ -129,16 +128,8 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
         share = np.column_stack([BLEND * real, np.full(len(real), 1 - BLEND)])
         yield Points(
             nodes[part], g * scale, scale * np.eye(3), w, share * mu[first[part], None], np.zeros(w.shape),
-            np.repeat([1.0, 0.0], [TETS, 1]), kappa[first[part]], V, _continued,
+            np.repeat([1.0, 0.0], [TETS, 1]), kappa[first[part]], V, continued, tets.material,
         )  # fmt: skip
-
-
-def _continued(J: Array) -> tuple[Array, Array, Array]:
-    """J^-2/3 of tetrahedra, with a tangent below ``CRUSHED``."""
-    held = np.maximum(J, CRUSHED)
-    phi = held ** (-2 / 3)
-    falls = -2 / 3 * phi / held
-    return phi + falls * (J - held), falls, np.where(J > CRUSHED, 10 / 9 * phi / held**2, 0.0)
 
 
 class Tangent:
@@ -188,28 +179,59 @@ class Tangent:
 
 
 class _Stress(NamedTuple):
-    """At the points: D, its cofactors, D C (E, Q, 3, 3); mu phi, s, and the factors of k k^T, P k^T + k P^T (E, Q)."""
+    """At the points, (E, Q) and with trailing axes.
+
+    D, its cofactors k, P = D C (3, 3), and the second one's ``R``, w/2 dI2/dD (3, 3), None where the material does not
+    see it; the gradient f P + s k less h b P; and ``pairs``, the factors of the products of two of P, k and R.
+    """
 
     D: Array
-    cof: Array
-    DC: Array
-    m: Array
+    k: Array
+    P: Array
+    R: Array | None
+    b: Array | None
+    f: Array
     s: Array
-    kk: Array
-    Pk: Array
+    h: Array | None
+    pairs: dict[str, Array]
 
 
 def _stress(x: Array, at: Points) -> _Stress:
     D = x[at.nodes].swapaxes(-1, -2)[:, None] @ at.g
-    cof = cofactor(D)
-    volume = np.einsum("eqi,eqi->eq", D[..., 0], cof[..., 0])
+    k = cofactor(D)
+    volume = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
     J = volume / at.w
-    phi, d_phi, d2_phi = at.phi(J)
-    DC = D @ at.C
-    half_I1 = 0.5 * at.mu * np.einsum("eqri,eqri->eq", D, DC) / at.w
+    P = D @ at.C
+    I1 = np.einsum("eqri,eqri->eq", D, P) / at.w
     pressure = at.kappa * (volume @ at.bears / at.V - 1)
-    s = at.local * (J - 1) + d_phi * half_I1 + pressure[:, None] * at.bears
-    return _Stress(D, cof, DC, at.mu * phi, s, (at.local + d2_phi * half_I1) / at.w, at.mu * d_phi / at.w)
+    one = at.power(J, 2 / 3)
+    second = at.material.second
+    b = P @ D.swapaxes(-1, -2) / at.w[..., None, None] if second else None
+    I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
+    two = at.power(J, 4 / 3) if second else Factor(np.float64(1), np.float64(0), np.float64(0))
+    i1, i2 = one.value * I1, two.value * I2
+    (u1, u2), (u11, u12, u22) = at.material.slopes(i1, i2), at.material.curvatures(i1, i2)
+    s = at.local * (J - 1) + at.mu * (u1 * one.slope * I1 + u2 * two.slope * I2) + pressure[:, None] * at.bears
+    # w di1 = p1 P + k1 k, w di2 = r2 R + k2 k
+    p1, k1, r2, k2 = 2 * one.value, one.slope * I1, 2 * two.value, two.slope * I2
+    m = at.mu / at.w
+    pairs = {
+        "kk": at.local / at.w + m * (u1 * one.curvature * I1 + u2 * two.curvature * I2)
+        + m * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
+        "Pk": m * (2 * u1 * one.slope + u11 * p1 * k1 + u12 * p1 * k2),
+    }
+    if second or np.any(u11):
+        pairs["PP"] = m * (4 * u2 * two.value + u11 * p1 * p1)
+    if b is None:
+        return _Stress(D, k, P, None, None, 2 * at.mu * u1 * one.value, s, None, pairs)
+    wide = lambda values: values[..., None, None]
+    pairs |= {
+        "Rk": m * (2 * u2 * two.slope + u12 * r2 * k1 + u22 * r2 * k2),
+        "PR": m * u12 * p1 * r2, "RR": m * u22 * r2 * r2,
+    }
+    h = 2 * at.mu * u2 * two.value
+    f = 2 * at.mu * u1 * one.value + h * I1
+    return _Stress(D, k, P, wide(I1) * P - b @ P, b, f, s, h, pairs)
 
 
 def stiffness(x: Array, at: Points) -> Array:
@@ -217,7 +239,7 @@ def stiffness(x: Array, at: Points) -> Array:
 
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
-    D, cof, DC, m, s, kk, Pk = _stress(x, at)
+    found = _stress(x, at)
     n, corners = at.nodes.shape
     g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)       # (..., K, 3 Q)
     g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))                         # (..., Q, 3, K)
@@ -227,18 +249,44 @@ def stiffness(x: Array, at: Points) -> Array:
         return g_rows @ (M @ g_columns).reshape(n, -1, corners)
 
     out = np.empty((n, corners, 3, corners, 3))
-    same = between(m[..., None, None] * at.C)
+    same = between(found.f[..., None, None] * at.C)
     for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        turn = between(_cross(s[..., None] * D[:, :, r]))
+        turn = between(_cross(found.s[..., None] * found.D[:, :, r]))
         out[:, :, r, :, r], out[:, :, t, :, u], out[:, :, u, :, t] = same, turn, -turn
+    if found.h is not None:
+        _second(found, at, between, out)
 
-    k, P = ((M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners) for M in (cof, DC))        # (E, Q, 3 K)
-    mean = np.einsum("eqk,q->ek", k, at.bears)[:, None]
-    left = np.concatenate([k, P, mean], axis=1)
-    right = np.concatenate(
-        [kk[..., None] * k + Pk[..., None] * P, Pk[..., None] * k, (at.kappa / at.V)[:, None, None] * mean], axis=1
-    )
+    nodal = {
+        name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)          # (E, Q, 3 K)
+        for name, M in (("k", found.k), ("P", found.P), ("R", found.R)) if M is not None
+    }  # fmt: skip
+    mean = np.einsum("eqk,q->ek", nodal["k"], at.bears)[:, None]
+    weighed = {name: np.zeros(rows.shape) for name, rows in nodal.items()}
+    for (one, other), factor in ((tuple(pair), factor[..., None]) for pair, factor in found.pairs.items()):
+        weighed[one] += factor * nodal[other]
+        if one != other:
+            weighed[other] += factor * nodal[one]
+    left = np.concatenate([*nodal.values(), mean], axis=1)
+    right = np.concatenate([*weighed.values(), (at.kappa / at.V)[:, None, None] * mean], axis=1)
     return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
+
+
+def _second(found: _Stress, at: Points, between: Callable[[Array], Array], out: Array) -> None:
+    """Add what the second invariant's own second derivative has beside products of P with itself.
+
+    With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
+    - (g_a . C g_b) b]; the first is in f, the second among the pairs.
+    """
+    assert found.h is not None
+    assert found.b is not None
+    h, P = found.h[..., None, None], found.P
+    per_w = h / at.w[..., None, None]
+    lengths = between(per_w * (P.swapaxes(-1, -2) @ P))
+    for r in range(3):
+        for t in range(3):
+            crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]             # g_a . M g_b = (P_a)_t (P_b)_r
+            out[:, :, r, :, t] -= between(crossed + h * found.b[:, :, r, t, None, None] * at.C)
+        out[:, :, r, :, r] -= lengths
 
 
 def cauchy_stress(body: Body, x: Array) -> Array:
@@ -248,10 +296,12 @@ def cauchy_stress(body: Body, x: Array) -> Array:
     """
     out = []
     for part in points(body):
-        D, cof, DC, m, s, _, _ = _stress(x, part)
-        virial = m[..., None, None] * DC + s[..., None, None] * cof
-        volume = np.einsum("eqi,eqi,q->e", D[..., 0], cof[..., 0], part.bears)
-        out.append((virial @ D.swapaxes(-1, -2)).sum(axis=1) / volume[:, None, None])
+        at = _stress(x, part)
+        virial = at.f[..., None, None] * at.P + at.s[..., None, None] * at.k
+        if at.h is not None and at.b is not None:
+            virial -= at.h[..., None, None] * (at.b @ at.P)
+        volume = np.einsum("eqi,eqi,q->e", at.D[..., 0], at.k[..., 0], part.bears)
+        out.append((virial @ at.D.swapaxes(-1, -2)).sum(axis=1) / volume[:, None, None])
     return np.concatenate(out)
 
 

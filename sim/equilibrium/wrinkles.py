@@ -45,6 +45,8 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     axes = getattr(geometry, "semi_axes", None)
     thickness = geometry.cortex_thickness
     T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else FLAT
+    if not scene.material.theory:
+        return Wrinkles(math.nan, math.nan)
     found = _of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
     growth = found.growth
     for options in scene.effects.values():

@@ -18,10 +18,11 @@ from morphofold.sim.scene.geometries import (
     Sphere,
     Strip,
 )
+from morphofold.sim.scene.materials import read_material
 from morphofold.sim.scene.tables import Positive, Spot, Table, key
 
 __all__ = [
-    "LEVELS", "MOST_BRICKS", "SHAPES", "SLOWEST_RATE", "Accuracy", "Ellipsoid", "Growth", "Material", "MeshFile",
+    "LEVELS", "MOST_BRICKS", "SHAPES", "SLOWEST_RATE", "Accuracy", "Ellipsoid", "Growth", "MeshFile",
     "Output", "Patch", "Radial", "Scene", "Sphere", "Spot", "Strip", "elements_through", "in_double",
 ]  # fmt: skip
 
@@ -31,14 +32,6 @@ COARSE = 0.5            # edge over thickness beyond which the time of a third e
 CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
 SLOWEST_RATE = 1e-3     # of growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
-
-
-class Material(Table):
-    """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: bulk over shear modulus, in
-    both layers."""
-
-    mu_ratio: Annotated[float, key("shear modulus of the cortex over that of the core", ge=1e-4, le=1e4)] = 1.0
-    kappa_ratio: Annotated[float, key("bulk over shear modulus, in both layers", ge=5, le=2000)] = 50.0
 
 
 class Growth(Table):
@@ -104,7 +97,7 @@ class Scene(Table):
     ]
     title: Annotated[str, key("one line for people", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
     geometry: Geometry = Sphere()
-    material: Material = Material()
+    material: Annotated[Any, BeforeValidator(read_material), Field(validate_default=True)] = {}     # MaterialOptions
     growth: Growth = Growth()
     effects: Annotated[dict[str, Any], BeforeValidator(read_effects)] = {}     # of EffectOptions
     accuracy: Accuracy = Accuracy()
@@ -125,6 +118,8 @@ class Scene(Table):
     @model_validator(mode="after")
     def _effects_fit_the_rest(self) -> Scene:
         shape = self.geometry.shape
+        if shape == "radial" and not self.material.theory:
+            raise ValueError("material.model makes no sense with geometry.shape = 'radial': it is neo-Hookean; drop it")
         if shape == "mesh" and self.accuracy != Accuracy():
             raise ValueError("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
         for name, options in self.effects.items():
@@ -198,6 +193,18 @@ class Scene(Table):
         """The same scene without some of its effects."""
         left = {name: options for name, options in self.effects.items() if name not in effects}
         return self.model_copy(update={"effects": left})
+
+    @property
+    def beyond_theory(self) -> str:
+        """Why the theory of the growing sphere is not of this scene; empty if it is."""
+        if not isinstance(self.geometry, Sphere | Radial):
+            return f"theory is of spheres, this is of shape {self.geometry.shape}"
+        if getattr(self.geometry, "thickness_spots", ()):
+            return "theory is of a cortex of one thickness, this has spots of another"
+        if not self.material.theory:
+            return "theory is of a neo-Hookean material"
+        unknown = [name for name, options in self.effects.items() if not options.theory]
+        return f"theory knows no {unknown[0]}" if unknown else ""
 
     @property
     def real_time(self) -> bool:

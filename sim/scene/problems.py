@@ -9,11 +9,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, options_of
 
 Problem = Mapping[str, Any]
 Loc = tuple[str | int, ...]
 
+TAGGED = ("geometry", "material")
 LONGEST = 60            # characters of a wrong value that are shown
 
 
@@ -90,7 +92,7 @@ def explain(
         The scene, and its geometries by shape.
     """
     loc, shape = _plain(problem["loc"]), None
-    if len(problem["loc"]) > 1 and problem["loc"][0] == "geometry":
+    if len(problem["loc"]) > 1 and problem["loc"][0] in TAGGED:
         shape = str(problem["loc"][1])
     if problem["type"] == "shape":
         loc = (*loc, "shape")
@@ -180,6 +182,8 @@ def _known(loc: Loc, shape: str | None, model: Any, shapes: Mapping[str, type[Ba
     names: Sequence[str] = effect_names()
     if loc[0] == "effects" and len(loc) > 2:
         model, loc = options_of(str(loc[1])), loc[2:]
+    elif loc[0] == "material":
+        model, loc = materials.options_of(shape or materials.USUAL), loc[1:]
     for part in (part for part in loc[:-1] if isinstance(part, str)):
         inner = _inner(model.model_fields[part].annotation, model)
         model = shapes[shape] if part == "geometry" and shape else inner
@@ -200,8 +204,8 @@ def _inner(annotation: Any, otherwise: Any) -> Any:
 
 
 def _plain(loc: Loc) -> Loc:
-    """The place without pydantic's tag of the union of geometries."""
-    return (loc[0], *loc[2:]) if loc[:1] == ("geometry",) else tuple(loc)
+    """The place without the tag that says which geometry or material it is."""
+    return (loc[0], *loc[2:]) if loc and loc[0] in TAGGED else tuple(loc)
 
 
 def _parts(key: str) -> Loc:

@@ -44,6 +44,28 @@ class Spot(Table):
     factor: Annotated[float, key("at the centre", gt=0, le=4)]
 
 
+class MaterialOptions(Table):
+    """The table ``[material]`` of a scene, and what the rest of the house has to know of the material.
+
+    Attributes
+    ----------
+    theory : bool
+        Whether theory, the radial equilibria and what is taken from them are of this material.
+    errors_known : bool
+        Whether the stored table of errors is of scenes with it.
+    """
+
+    theory: ClassVar[bool] = False
+    errors_known: ClassVar[bool] = False
+
+    mu_ratio: Annotated[float, key("shear modulus of the cortex over that of the core", ge=1e-4, le=1e4)] = 1.0
+    kappa_ratio: Annotated[float, key("bulk over shear modulus, in both layers", ge=5, le=2000)] = 50.0
+
+    def build(self) -> Any:
+        """The ``Material`` that kernels and tangent take."""
+        raise NotImplementedError
+
+
 class EffectOptions(Table):
     """The table ``[effects.NAME]`` of a scene, and what the rest of the house has to know of the effect.
 

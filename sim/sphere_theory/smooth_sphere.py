@@ -2,7 +2,7 @@
 
 Lengths are in units of the outer reference radius C, moduli in units of the core's shear modulus. The incompressible
 state is in closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of Eq. 6); the nearly incompressible one is
-solved by Chebyshev collocation, with the energy of :func:`morphofold.sim.material.energy`.
+solved by Chebyshev collocation, with the energy of :func:`morphofold.sim.materials.elastic.energy`.
 """
 
 from __future__ import annotations

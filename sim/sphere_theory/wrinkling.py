@@ -109,7 +109,7 @@ def bifurcation(
     law : {"isotropic", "tangential"}
         Growth of the cortex; the core doesn't grow.
     kappa_ratio : float
-        Bulk over shear modulus, the same in both layers, in :func:`morphofold.sim.material.energy`; inf is
+        Bulk over shear modulus, the same in both layers, in :func:`morphofold.sim.materials.elastic.energy`; inf is
         incompressible.
     A_over_C : float
         Radius of the fixed hole over the outer radius; 0.5 in the paper.

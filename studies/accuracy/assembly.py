@@ -9,7 +9,7 @@ from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
-from morphofold.sim.material import brick_energy, brick_stress
+from morphofold.sim.materials.elastic import brick_energy, brick_stress
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
 from morphofold.studies.speed.solver import SHAKE, speed_body
 
@@ -20,7 +20,7 @@ SKFEM = "scikit-fem assembly"
 
 class Twin:
     """Forces and energies of a ``Body`` of bricks at its present growth, from scikit-fem's basis on its reference
-    positions and :mod:`morphofold.sim.material`."""
+    positions and :mod:`morphofold.sim.materials.elastic`."""
 
     def __init__(self, body: Body):
         self.body = body
@@ -44,11 +44,14 @@ class Twin:
 
     def energy(self, x: Array) -> Array:
         """Energy of each brick (E,), for positions x (N, 3)."""
-        return brick_energy(self.elastic(x), self.basis.dx * self.det_G, self.body.mu, self.body.kappa)
+        body = self.body
+        w = self.basis.dx * self.det_G
+        return brick_energy(self.elastic(x), w, body.mu, body.kappa, body.elements.material)
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3), minus the gradient of the energy, for positions x (N, 3)."""
-        S = brick_stress(self.elastic(x), self.basis.dx * self.det_G, self.body.mu, self.body.kappa)
+        body, w = self.body, self.basis.dx * self.det_G
+        S = brick_stress(self.elastic(x), w, body.mu, body.kappa, body.elements.material)
         P = self.det_G[..., None, None] * S @ np.swapaxes(self.G_inverse, -1, -2)    # per reference volume
         P = np.moveaxis(P, (-2, -1), (0, 1))
         form = LinearForm(lambda v, w: np.einsum("ij...,ij...", w["P"], v.grad))

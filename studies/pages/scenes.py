@@ -14,17 +14,23 @@ from pydantic import BaseModel
 
 from morphofold.io import atomic_file
 from morphofold.sim import scene
+from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, effects_of, options_of
 from morphofold.sim.scene.tables import Spot, unit_of
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
+
+
+def _heading(material: str) -> str:
+    return "[material]" if material == materials.USUAL else f'[material] with model = "{material}"'
+
 
 #: heading -> the table, in the order of the page
 TABLES: dict[str, type[BaseModel]] = {
     "At the top": scene.Scene,
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
     "An item of thickness_spots or spots": Spot,
-    "[material]": scene.Material,
+    **{_heading(name): materials.options_of(name) for name in materials.material_names()},
     "[growth]": scene.Growth,
     **{f"[effects.{name}]": options_of(name) for name in effect_names()},
     "[accuracy]": scene.Accuracy,
@@ -72,7 +78,7 @@ def _rows(model: type[BaseModel]) -> list[str]:
     rows = []
     keys = model.model_json_schema()["properties"]
     for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):       # else as in the model
-        if "$ref" in schema or "oneOf" in schema or (key, model) == ("effects", scene.Scene):
+        if "$ref" in schema or "oneOf" in schema or (model is scene.Scene and key in ("material", "effects")):
             continue                                                    # a table of its own
         plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
         field = model.model_fields[key]

@@ -1,0 +1,99 @@
+"""Materials, one file each: what their volume-preserving energy is, and all else follows from that.
+
+An element's energy per grown volume is ``mu u(i1, i2)`` and what resists a change of volume, where ``i1`` and ``i2``
+are the first two invariants of A A^T, those of the volume-preserving part of A: ``J^-2/3 tr(A^T A)`` and ``J^-4/3``
+times the second. A file has a ``Material``, which says u and its derivatives once, in arithmetic that NumPy and numba
+both read, and ``Options``, its keys in the table ``[material]`` of a scene. The kernels compile for the material that
+they are given: one that does not see ``i2`` takes no time for it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from numba import njit, types
+from numba.extending import overload
+
+
+class Material(Protocol):
+    """What a material says of itself. It is a ``NamedTuple`` whose fields are its parameters, numbers.
+
+    The three functions take and give arrays of one shape, or numbers; constants they give may be plain numbers.
+    ``u`` is 0 and 2 (u1 + u2) is 1 at rest, i1 = i2 = 3: then mu is the shear modulus.
+    """
+
+    #: whether u depends on i2
+    second: bool
+
+    def energy(self, i1: Any, i2: Any) -> Any:
+        """u, over mu."""
+
+    def slopes(self, i1: Any, i2: Any) -> tuple[Any, Any]:
+        """Derivatives of u by i1 and i2."""
+
+    def curvatures(self, i1: Any, i2: Any) -> tuple[Any, Any, Any]:
+        """Second derivatives of u: by i1 twice, by both, by i2 twice."""
+
+
+# for numba: the functions of a material by its type, and whether it sees i2 -----------------------------------------
+
+
+def energy_of(material, i1, i2):
+    """``material.energy(i1, i2)``, for kernels."""
+    return material.energy(i1, i2)
+
+
+def slopes_of(material, i1, i2):
+    """``material.slopes(i1, i2)``, for kernels."""
+    return material.slopes(i1, i2)
+
+
+def curvatures_of(material, i1, i2):
+    """``material.curvatures(i1, i2)``, for kernels."""
+    return material.curvatures(i1, i2)
+
+
+def sees_second(material):
+    """``material.second``, for kernels."""
+    return material.second
+
+
+def _class_of(material: types.Type) -> Any:
+    return material.instance_class if isinstance(material, types.BaseNamedTuple) else None  # type: ignore[attr-defined]
+
+
+_INLINE: dict[str, Any] = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
+
+
+@overload(energy_of, jit_options=_INLINE, strict=False)
+def _energy_of(material, i1, i2):
+    kind = _class_of(material)
+    return None if kind is None else kind.energy
+
+
+@overload(slopes_of, jit_options=_INLINE, strict=False)
+def _slopes_of(material, i1, i2):
+    kind = _class_of(material)
+    return None if kind is None else kind.slopes
+
+
+@overload(curvatures_of, jit_options=_INLINE, strict=False)
+def _curvatures_of(material, i1, i2):
+    kind = _class_of(material)
+    return None if kind is None else kind.curvatures
+
+
+@overload(sees_second, jit_options=_INLINE, strict=False)
+def _sees_second(material):
+    kind = _class_of(material)
+    if kind is None:
+        return None
+    return (lambda material: True) if kind.second else (lambda material: False)
+
+
+@njit(**_INLINE)
+def stiffness_of(material, i1, i2):
+    """A bound on the second derivative of u by the volume-preserving part of A, 1 for a neo-Hookean material."""
+    u1, u2 = slopes_of(material, i1, i2)
+    u11, u12, u22 = curvatures_of(material, i1, i2)
+    return 2.0 * (u1 + u2 * i1) + 4.0 * i1 * (u11 + 2.0 * u12 * i1 + u22 * i1 * i1)

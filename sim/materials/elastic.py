@@ -1,0 +1,183 @@
+"""Energy and stress of a material in the elastic tensor A, and its form on a brick and on a patch of tetrahedra.
+
+Readable twins: the kernels of the explicit solver evaluate ``brick_energy``, ``patch_energy`` and their gradients in
+another arrangement; tests hold them together. Everything here is plain NumPy with trailing 3x3 axes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from morphofold.arrays import Array
+from morphofold.sim.elements.brick_kernels import J_MIN
+from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED
+from morphofold.sim.materials import Material
+from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
+
+
+def cofactor(A: Array) -> Array:
+    """Cofactor matrix det(A) A^-T of (..., 3, 3), defined for singular A too."""
+    a, b, c = A[..., 0], A[..., 1], A[..., 2]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+
+
+class Factor(NamedTuple):
+    """What turns an invariant into its volume-preserving part, a function of J, and its two derivatives."""
+
+    value: Array
+    slope: Array
+    curvature: Array
+
+
+def frozen(J: Array, power: float) -> Factor:
+    """J^-power of bricks, constant below ``J_MIN``, so that a crushed element gives a finite force."""
+    held = np.maximum(J, J_MIN)
+    value, falls = held**-power, J > J_MIN
+    return Factor(
+        value, np.where(falls, -power * value / held, 0.0), np.where(falls, power * (power + 1) * value / held**2, 0.0)
+    )
+
+
+def continued(J: Array, power: float) -> Factor:
+    """J^-power of tetrahedra, goes on as its tangent below ``CRUSHED``: nothing else keeps one from collapsing."""
+    held = np.maximum(J, CRUSHED)
+    value = held**-power
+    slope = -power * value / held
+    falls = J > CRUSHED
+    return Factor(value + slope * (J - held), slope, np.where(falls, power * (power + 1) * value / held**2, 0.0))
+
+
+def invariants(A: Array) -> tuple[Array, Array, Array]:
+    """I1 = tr(A^T A), I2 = (I1^2 - tr((A^T A)^2)) / 2, (...), and b = A A^T, (..., 3, 3)."""
+    b = A @ A.swapaxes(-1, -2)
+    I1 = np.trace(b, axis1=-2, axis2=-1)
+    return I1, 0.5 * (I1**2 - np.einsum("...ij,...ij->...", b, b)), b
+
+
+def isochoric_energy(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor=continued) -> Array:
+    """Volume-preserving energy per grown volume [Pa], ``mu u(i1, i2)``, with ``i1 = f(J, 2/3) I1`` and
+    ``i2 = f(J, 4/3) I2``; f is ``frozen`` or ``continued``."""
+    J = np.linalg.det(A)
+    I1, I2, _ = invariants(A)
+    return mu * material.energy(factor(J, 2 / 3).value * I1, factor(J, 4 / 3).value * I2)
+
+
+def isochoric_stress(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor=continued) -> Array:
+    """First Piola-Kirchhoff stress dU/dA [Pa] of :func:`isochoric_energy`, (..., 3, 3)."""
+    J = np.linalg.det(A)
+    I1, I2, b = invariants(A)
+    one, two = factor(J, 2 / 3), factor(J, 4 / 3)
+    u1, u2 = material.slopes(one.value * I1, two.value * I2)
+    of_A = 2 * mu * (u1 * one.value + u2 * two.value * I1)
+    of_bA = 2 * mu * u2 * two.value
+    of_J = mu * (u1 * one.slope * I1 + u2 * two.slope * I2)
+    wide = lambda value: np.asarray(value)[..., None, None]
+    return wide(of_A) * A - wide(of_bA) * (b @ A) + wide(of_J) * cofactor(A)
+
+
+def energy(A: Array, mu: Array | float, kappa: Array | float, material: Material = NEO_HOOKEAN) -> Array:
+    """Energy per grown volume [Pa], ``mu u(i1, i2) + kappa/2 (J - 1)^2``.
+
+    Parameters
+    ----------
+    A : (..., 3, 3) float64
+        Elastic part of the deformation gradient, F = A G (Razavi et al. 2015, Eq. 1).
+    mu, kappa : float or (...) float64
+        Shear and bulk modulus [Pa].
+    material : Material
+        Neo-Hookean by default, u = (i1 - 3) / 2.
+
+    Returns
+    -------
+    W : (...) float64
+
+    Notes
+    -----
+    Eq. (4) of the paper, ``mu/2 (tr(A^T A) - 3)`` with det A = 1, is the limit kappa/mu -> infinity of the neo-Hookean
+    one. The split into a volume-preserving factor and a volumetric term is the one of the finite-element program that
+    the paper used. Where J < 0.1 the factors J^-2/3 and J^-4/3 are frozen at their values there.
+    """
+    return isochoric_energy(A, mu, material, frozen) + 0.5 * kappa * (np.linalg.det(A) - 1) ** 2
+
+
+def stress(A: Array, mu: Array | float, kappa: Array | float, material: Material = NEO_HOOKEAN) -> Array:
+    """First Piola-Kirchhoff stress dW/dA [Pa] of :func:`energy`, (..., 3, 3)."""
+    volumetric = np.asarray(kappa * (np.linalg.det(A) - 1))[..., None, None]
+    return isochoric_stress(A, mu, material, frozen) + volumetric * cofactor(A)
+
+
+def brick_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
+    """Energy of Q1P0 bricks from their Gauss points.
+
+    Parameters
+    ----------
+    A : (E, 8, 3, 3) float64
+        Elastic tensor at the Gauss points.
+    w : (E, 8) float64
+        Grown volume of each Gauss point [mm^3].
+    mu, kappa : (E,) float64
+        Moduli of each element.
+    material : Material
+
+    Returns
+    -------
+    (E,) float64
+        ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J: the pressure of
+        modulus kappa sees only the mean volume ratio, which keeps the brick from locking; the weak local
+        term, modulus 2 mu, keeps single points from collapsing. Uniform compression meets both: the bulk modulus
+        of a body is kappa + 2 mu.
+    """
+    V = w.sum(axis=1)
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
+    local = energy(A, mu[:, None], 2 * mu[:, None], material)
+    return (w * local).sum(axis=1) + 0.5 * kappa * V * (ratio - 1) ** 2
+
+
+def brick_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
+    """dE/dA / w of :func:`brick_energy` at each Gauss point, (E, 8, 3, 3) [Pa]."""
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (ratio - 1))[:, None, None, None]
+    return stress(A, mu[:, None], 2 * mu[:, None], material) + pressure * cofactor(A)
+
+
+def patch_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
+    """Energy of patches of tetrahedra.
+
+    Parameters
+    ----------
+    A : (P, T, 3, 3) float64
+        Elastic tensor of each tetrahedron.
+    w : (P, T) float64
+        Its grown volume [mm^3]; 0 where a patch has fewer than T.
+    mu, kappa : (P,) float64
+        Moduli of each patch.
+    material : Material
+
+    Returns
+    -------
+    (P,) float64
+        ``BLEND sum_t w_t U(A_t) + (1 - BLEND) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the :func:`isochoric_energy`,
+        V = sum w, v = sum w J, Am = sum w A / V. One pressure for a patch keeps it from locking (de Souza Neto et al.
+        2005, F-bar patch); the share of the mean gradient takes away most of what else makes linear tetrahedra
+        stiff, and the share of each tetrahedron's own keeps it from collapsing.
+    """
+    V = w.sum(axis=1)
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
+    own = (w * isochoric_energy(A, mu[:, None], material)).sum(axis=1)
+    common = V * isochoric_energy(_mean(A, w), mu, material)
+    return BLEND * own + (1 - BLEND) * common + 0.5 * kappa * V * (ratio - 1) ** 2
+
+
+def patch_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
+    """dE/dA / w of :func:`patch_energy` for each tetrahedron, (P, T, 3, 3) [Pa]."""
+    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (ratio - 1))[:, None, None, None]
+    common = isochoric_stress(_mean(A, w), mu, material)[:, None]
+    own = isochoric_stress(A, mu[:, None], material)
+    return BLEND * own + (1 - BLEND) * common + pressure * cofactor(A)
+
+
+def _mean(A: Array, w: Array) -> Array:
+    return np.einsum("pt,ptij->pij", w, A) / w.sum(axis=1)[:, None, None]

@@ -1,0 +1,36 @@
+"""Neo-Hookean: the material of the paper, Eq. (4) of Razavi et al. (2015)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from morphofold.sim.scene.tables import MaterialOptions
+
+
+class Options(MaterialOptions):
+    """``mu_ratio``: shear modulus of the cortex over that of the core. ``kappa_ratio``: bulk over shear modulus, in
+    both layers."""
+
+    theory = True
+    errors_known = True
+
+    def build(self) -> NeoHookean:
+        return NeoHookean()
+
+
+class NeoHookean(NamedTuple):
+    """u = (i1 - 3) / 2."""
+
+    second = False
+
+    def energy(self, i1: Any, i2: Any) -> Any:
+        return 0.5 * (i1 - 3.0)
+
+    def slopes(self, i1: Any, i2: Any) -> tuple[Any, Any]:
+        return 0.5, 0.0
+
+    def curvatures(self, i1: Any, i2: Any) -> tuple[Any, Any, Any]:
+        return 0.0, 0.0, 0.0
+
+
+NEO_HOOKEAN = NeoHookean()

@@ -1,0 +1,54 @@
+"""The materials that a scene may name, one file of ``morphofold.sim.materials`` each, and their tables."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from morphofold.sim.scene.tables import MaterialOptions
+
+PACKAGE = "morphofold.sim.materials"
+USUAL = "neo-hookean"
+TWINS = ("elastic",)            # files of the package that are no material
+
+
+@cache
+def material_names() -> tuple[str, ...]:
+    """Names of all materials, the usual one first."""
+    there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
+    names = (name.replace("_", "-") for name in there if name not in TWINS)
+    return tuple(sorted(names, key=lambda name: (name != USUAL, name)))
+
+
+def options_of(name: str) -> type[MaterialOptions]:
+    """The table of a material, from its file."""
+    return import_module(f"{PACKAGE}.{name.replace('-', '_')}").Options
+
+
+def read_material(table: Any) -> Any:
+    """A table as options, read by the file of the material that it names; ``model`` is left out of the usual one's."""
+    if isinstance(table, MaterialOptions):
+        return table
+    if not isinstance(table, Mapping):
+        return options_of(USUAL).model_validate(table)                  # which refuses it
+    name = table.get("model", USUAL)
+    if name not in material_names():
+        known = " or ".join(repr(one) for one in material_names())
+        problem = InitErrorDetails(
+            type=PydanticCustomError("material", "must be {known}", {"known": known}), loc=(USUAL, "model"), input=name
+        )
+        raise ValidationError.from_exception_data("material", [problem])
+    keys = {key: value for key, value in table.items() if not (key == "model" and name == USUAL)}
+    try:
+        return options_of(name).model_validate(keys)
+    except ValidationError as error:
+        raise ValidationError.from_exception_data("material", [
+            InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))
+            for e in error.errors()
+        ]) from None
