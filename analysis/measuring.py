@@ -96,104 +96,167 @@ def measure(
     indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
     or of several pieces, has no gyrification index.
     """
-    from morphofold import geometry
-    from morphofold.analysis import notes, regions, resampling
-    from morphofold.analysis.curvatures import curvature
-    from morphofold.analysis.graph.tables import gyral_tables
-    from morphofold.analysis.gyrification import depth, hull
-    from morphofold.analysis.gyrification.folding import folding_indices
-    from morphofold.analysis.mesh_quality import checks, defects, plausibility
-    from morphofold.analysis.mesh_quality import repair as mending
-    from morphofold.analysis.thickness.robust_slope import through_regions
-
     check_kind(cortex, Cortex, "measure: cortex")
-    chosen = resampling.accuracy_of(accuracy)
+    work = _Measuring(accuracy)
     progress(0.0, "areas")
-    mend = mending.measurable(cortex, repair=repair)
-    cortex = mend.cortex
-    white, pial, faces = cortex.white, cortex.pial, cortex.faces
-    mask = checks.cortex_mask(cortex)
-    on_cortex = lambda values: np.where(mask, values, np.nan)
-    maps: dict[str, PerVertex] = {}
-    scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-    said = notes.of_input(cortex) | mend.notes | defects.remarks(cortex, mask, mend.of) | plausibility.remarks(cortex)
-
-    closed, pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
-    crossing, crossed = defects.self_crossings(cortex, mask)
-    said |= crossing
-    euler = geometry.euler_characteristic(faces)
-    area_white, area_pial = (geometry.vertex_areas(s.verts, faces) for s in (white, pial))
-    maps["area"] = area_white
-    scalars.update(
-        n_vertices=cortex.n_vertices, euler_characteristic=euler, area_pial_mm2=float(area_pial.sum()),
-        area_white_mm2=float(area_white.sum()), gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
-    )  # fmt: skip
-    if closed:
-        scalars.update({f"volume_{n}_mm3": checks.volume(s) for n, s in (("white", white), ("pial", pial))})
-    said |= notes.of_volumes(closed)
-
-    maps["sulcal_depth"] = on_cortex(depth.sulcal_depth(pial.verts, faces))
-    scalars["mean_sulcal_depth_mm"] = _mean(maps["sulcal_depth"], area_pial)
-    if closed and pieces == 1:
-        scalars["gyrification_index"] = hull.gyrification_index(pial.verts, faces)
-    said |= notes.of_gyrification(closed, pieces)
-
+    work.begin(cortex, repair)
     progress(0.05, "cortical thickness")
-    copy = resampling.copied(cortex, chosen)
-    maps["cortical_thickness"] = on_cortex(copy.cortical_thickness(mode="surface", cap=thickness_cap))
-    scalars["mean_cortical_thickness_mm"] = _mean(maps["cortical_thickness"])
-    both = area_white + area_pial
-    scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(maps["cortical_thickness"], both)
-    said |= plausibility.at_cap(maps["cortical_thickness"], thickness_cap)
-    if "thickness" in cortex.maps:
-        maps["thickness_file"], gaps = defects.given_thickness(cortex, mask)
-        said |= gaps | plausibility.against_file(maps["thickness_file"], maps["cortical_thickness"])
-    said |= notes.of_thickness(thickness_cap, "thickness" in cortex.maps)
-
+    work.cortical_thickness(thickness_cap)
     progress(0.3, "curvature")
-    scale, remark = scale_of_curvature(cortex, curvature_scale)
-    bent = curvature(pial.verts, faces, scale)
-    maps |= {n: on_cortex(getattr(bent, n)) for n in ("H", "K", "k1", "k2", "shape_index", "curvedness")}
-    smooth = scale if curvature_scale is not None else scale_of_folding(cortex, scale)
-    folding = folding_indices(white.verts, faces, smooth)
-    scalars.update(
-        folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
-    )
-    said |= notes.of_folding(smooth, folding, closed, euler)
-    if remark:
-        said["curvature_scale"] = remark
-
+    work.curvature(curvature_scale)
     progress(0.5, "gyral thickness")
-    across = copy.gyral_thickness(**(gyral or {}))
-    maps["gyral_thickness"] = on_cortex(across.per_vertex)
-    scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
-    said |= notes.of_gyral_thickness(across)
-
+    work.gyral_thickness(gyral or {})
     progress(0.7, "gyral graph")
-    graph = copy.gyral_graph(gyral_width, midway=crossed > CROSSED)
-    scalars["spectral_wavelength_mm"] = _number(graph.graph["wavelength"])
-    said |= notes.of_gyral_graph(graph, across)
-
+    work.gyral_graph(gyral_width)
     progress(0.9, "local gyrification")
-    local, unfit = _local_gyrification(cortex, closed, pieces, chosen.voxels)
-    if local is not None:
-        maps["local_gyrification_index"] = on_cortex(local)
-        scalars["mean_local_gyrification_index"] = _mean(maps["local_gyrification_index"], area_pial)
-    said |= notes.of_local_gyrification(unfit)
-    said |= notes.of_accuracy(accuracy, cortex.n_vertices, copy.cortex.n_vertices)
-
+    work.local_gyrification()
     progress(0.95, "regions")
-    rows = regions.region_table(cortex, maps, across, graph)
-    tables = gyral_tables(cortex, graph, maps)
-    fitted, why = through_regions(rows)
-    scalars |= {**tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
-    said |= {**(notes.of_regions() if rows else {}), **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS)}
+    found = work.measures(thickness_cap)
     progress(1.0, "done")
-    scales = (scale, smooth)
-    parameters = _parameters(cortex, mask, scales, thickness_cap, across, graph) | resampling.parameters(accuracy, copy)
-    return mend.back(Measures(
-        cortex, scalars, maps, rows, tables.crests, tables.hinges, tables.arms, parameters | mend.numbers, said, graph,
-    ))  # fmt: skip
+    return found
+
+
+class _Measuring:
+    """One cortex on its way through the measures: its maps, numbers and notes so far, a method for each step."""
+
+    def __init__(self, accuracy: str):
+        from morphofold.analysis import resampling
+
+        self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
+        self.maps: dict[str, PerVertex] = {}
+        self.scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
+        self.notes: dict[str, str] = {}
+
+    def _put(self, name: str, values: PerVertex) -> PerVertex:
+        """Keep a map, NaN off the cortex."""
+        self.maps[name] = np.where(self.mask, values, np.nan)
+        return self.maps[name]
+
+    def begin(self, given: Cortex, repair: bool) -> None:
+        """Mend the surfaces and look at them as they are: mask, areas, volumes, and the maps of surfaces alone."""
+        from morphofold import geometry
+        from morphofold.analysis import notes, regions
+        from morphofold.analysis.maps import each_map
+        from morphofold.analysis.mesh_quality import checks, defects, plausibility
+        from morphofold.analysis.mesh_quality import repair as mending
+
+        self.mended = mending.measurable(given, repair=repair)
+        self.cortex = cortex = self.mended.cortex
+        self.mask = mask = checks.cortex_mask(cortex)
+        self.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
+        self.notes |= plausibility.remarks(cortex)
+        crossing, self.crossed = defects.self_crossings(cortex, mask)
+        self.notes |= crossing
+        faces = cortex.faces
+        self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
+        self.euler = geometry.euler_characteristic(faces)
+        self.area_white, self.area_pial = (geometry.vertex_areas(s.verts, faces) for s in (cortex.white, cortex.pial))
+        self.maps["area"] = self.area_white
+        self.scalars.update(
+            n_vertices=cortex.n_vertices, euler_characteristic=self.euler, area_pial_mm2=float(self.area_pial.sum()),
+            area_white_mm2=float(self.area_white.sum()),
+            gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
+        )  # fmt: skip
+        if self.closed:
+            for surface, name in ((cortex.white, "white"), (cortex.pial, "pial")):
+                self.scalars[f"volume_{name}_mm3"] = checks.volume(surface)
+        self.notes |= notes.of_volumes(self.closed)
+        for name, values in each_map().items():
+            self._put(name, values(cortex))
+        self.scalars["mean_sulcal_depth_mm"] = _mean(self.maps["sulcal_depth"], self.area_pial)
+        self._gyrification()
+
+    def _gyrification(self) -> None:
+        from morphofold.analysis import notes
+        from morphofold.analysis.gyrification import hull
+
+        if self.closed and self.pieces == 1:
+            pial = self.cortex.pial
+            self.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
+        self.notes |= notes.of_gyrification(self.closed, self.pieces)
+
+    def cortical_thickness(self, cap: float | None) -> None:
+        from morphofold.analysis import notes, resampling
+        from morphofold.analysis.mesh_quality import defects, plausibility
+
+        cortex = self.cortex
+        self.copy = resampling.copied(cortex, self._chosen)
+        thickness = self._put("cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
+        self.scalars["mean_cortical_thickness_mm"] = _mean(thickness)
+        weights = self.area_white + self.area_pial
+        self.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(thickness, weights)
+        self.notes |= plausibility.at_cap(thickness, cap)
+        if "thickness" in cortex.maps:
+            self.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
+            self.notes |= gaps | plausibility.against_file(self.maps["thickness_file"], thickness)
+        self.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
+
+    def curvature(self, wanted: float | None) -> None:
+        """Of pial, and the folding indices of white."""
+        from morphofold.analysis import notes
+        from morphofold.analysis.curvatures import curvature
+        from morphofold.analysis.gyrification.folding import folding_indices
+
+        cortex = self.cortex
+        scale, remark = scale_of_curvature(cortex, wanted)
+        bent = curvature(cortex.pial.verts, cortex.faces, scale)
+        for name in ("H", "K", "k1", "k2", "shape_index", "curvedness"):
+            self._put(name, getattr(bent, name))
+        smooth = scale if wanted is not None else scale_of_folding(cortex, scale)
+        folding = folding_indices(cortex.white.verts, cortex.faces, smooth)
+        self.scalars.update(
+            folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
+        )
+        self.notes |= notes.of_folding(smooth, folding, self.closed, self.euler)
+        if remark:
+            self.notes["curvature_scale"] = remark
+        self.scales = scale, smooth
+
+    def gyral_thickness(self, options: Mapping[str, Any]) -> None:
+        from morphofold.analysis import notes
+
+        self.across = across = self.copy.gyral_thickness(**options)
+        self._put("gyral_thickness", across.per_vertex)
+        self.scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
+        self.notes |= notes.of_gyral_thickness(across)
+
+    def gyral_graph(self, width: float | None) -> None:
+        from morphofold.analysis import notes
+
+        self.graph = self.copy.gyral_graph(width, midway=self.crossed > CROSSED)
+        self.scalars["spectral_wavelength_mm"] = _number(self.graph.graph["wavelength"])
+        self.notes |= notes.of_gyral_graph(self.graph, self.across)
+
+    def local_gyrification(self) -> None:
+        from morphofold.analysis import notes
+
+        local, unfit = _local_gyrification(self.cortex, self.closed, self.pieces, self._chosen.voxels)
+        if local is not None:
+            local = self._put("local_gyrification_index", local)
+            self.scalars["mean_local_gyrification_index"] = _mean(local, self.area_pial)
+        self.notes |= notes.of_local_gyrification(unfit)
+        self.notes |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
+
+    def measures(self, cap: float | None) -> Measures:
+        """All of it, with the tables of regions, crests and hinges, for the vertices that were given."""
+        from morphofold.analysis import notes, regions, resampling
+        from morphofold.analysis.graph.tables import gyral_tables
+        from morphofold.analysis.thickness.robust_slope import through_regions
+
+        rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
+        tables = gyral_tables(self.cortex, self.graph, self.maps)
+        fitted, why = through_regions(rows)
+        scalars = {**self.scalars, **tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
+        said = {
+            **self.notes, **(notes.of_regions() if rows else {}),
+            **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS),
+        }  # fmt: skip
+        parameters = _parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
+        parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
+        return self.mended.back(Measures(
+            self.cortex, scalars, self.maps, rows, tables.crests, tables.hinges, tables.arms, parameters, said,
+            self.graph,
+        ))  # fmt: skip
 
 
 def _parameters(

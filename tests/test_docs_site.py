@@ -163,12 +163,15 @@ def test_the_effect_and_the_measure_of_a_page_can_be_added_as_it_says(tmp_path):
         file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
     use = """
 from morphofold import analysis
-from morphofold.analysis.surface_ratio import surface_ratio
+from morphofold.shapes.folded_ball import folded_ball
+from morphofold.quantities import quantity
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.files import load_scene
 effects = build_effects(load_scene("fig5", ["effects.pressure={pressure=0.5}"]))
 made = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"])
 print(made.material.build(), made.beyond_theory)
+found = analysis.measure(folded_ball(1000)).maps["surface_ratio"]
+print(quantity("surface_ratio").label, found.min() > 0.5)
 print(analysis.__file__, [effect.name for effect in effects])
 """
     done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -176,6 +179,7 @@ print(analysis.__file__, [effect.name for effect in effects])
     assert str(tmp_path) in done.stdout
     assert "'pressure'" in done.stdout
     assert "Demiray(a=2.0)" in done.stdout
+    assert "Surface ratio True" in done.stdout
 
 
 # --- pages of commands

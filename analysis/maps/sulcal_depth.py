@@ -1,0 +1,11 @@
+"""Sulcal depth of the pial surface."""
+
+from __future__ import annotations
+
+from morphofold.analysis.gyrification import depth
+from morphofold.surface import Cortex, PerVertex
+
+
+def values(cortex: Cortex) -> PerVertex:
+    """:func:`morphofold.analysis.sulcal_depth` of the pial surface, (N,) [mm]."""
+    return depth.sulcal_depth(cortex.pial.verts, cortex.faces)
