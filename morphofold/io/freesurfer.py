@@ -26,10 +26,12 @@ from morphofold.io.files import (
     read_back,
     write_by_library,
 )
+from morphofold.io.formats import Format
 from morphofold.io.json_files import LARGEST
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+_SURFACES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
 _STAMP = "created by morphofold"  # nibabel's default writes the user's name and the date
 _AGAIN = "Copy it again from its source."
 
@@ -341,3 +343,16 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         if 0 <= value <= LARGEST:
             found[key] = round(value) if key == "surface_holes" else value
     return found
+
+
+class _FreeSurfer(Format):
+    """Named by hemisphere and surface, or by nothing that another format is named by."""
+
+    def starts(self, head: bytes) -> bool:
+        return is_geometry(head)
+
+    def named(self, name: str) -> bool:
+        return name.startswith(("lh.", "rh.")) or Path(name).suffix.lower() in _SURFACES
+
+
+FORMATS = (_FreeSurfer("FreeSurfer", (), read_geometry, write_geometry),)

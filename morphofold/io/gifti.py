@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
+from morphofold.io.formats import Format
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
@@ -228,3 +229,11 @@ def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = 
     raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)
+
+
+FORMATS = (
+    Format(
+        "GIFTI (.gii)", (".gii", ".gii.gz"), read_gifti_surface, write_gifti_surface,
+        re.compile(rb".*?<GIFTI", re.DOTALL),
+    ),
+)  # fmt: skip

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.io import freesurfer, gifti, polygons
+from morphofold.io import freesurfer, gifti, trimesh_files, vtk_files
 from morphofold.io.files import StrPath, beginning, existing_file
-from morphofold.surface import Faces, PerVertex, Surface, Verts, check_mesh
+from morphofold.io.formats import Format, Read
+from morphofold.surface import PerVertex, Surface, check_mesh
+from morphofold.words import listed
 
-_KNOWN = "FreeSurfer, GIFTI (.gii), PLY, STL, OBJ, OFF, GLB, VTK, VTP and VTU"
+#: in the order in which they are asked; FreeSurfer's names say least
+FORMATS: tuple[Format, ...] = (
+    *trimesh_files.FORMATS,
+    *vtk_files.FORMATS,
+    *gifti.FORMATS,
+    *freesurfer.FORMATS,
+)
 _GZIP = b"\x1f\x8b"
-_BEGINNINGS = {
-    "ply": re.compile(rb"ply\r?\n"),
-    "glb": re.compile(rb"glTF"),
-    "off": re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s"),
-    "vtp": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA""", re.DOTALL),
-    "vtu": re.compile(rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid""", re.DOTALL),
-    "vtk": re.compile(rb"# vtk"),
-    "stl": re.compile(rb"\s*solid\b"),
-}
-_FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
 
 
 def read_surface(path: StrPath) -> Surface:
@@ -60,39 +55,31 @@ def read_surface(path: StrPath) -> Surface:
         raise
 
 
-def _read(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def _read(path: Path) -> Read:
     with path.open("rb") as file:
         head = file.read(1024)
-    if freesurfer.is_geometry(head):
-        return freesurfer.read_geometry(path)
-    kind = _kind(path, head)
-    if kind == "gii":
-        return gifti.read_gifti_surface(path)
-    if kind in ("ply", "glb", "off", "stl", "obj"):
-        return *polygons.read_trimesh(path, kind), None
-    if kind == "vtp":
-        return *polygons.read_pyvista(path), None
-    if kind in ("vtk", "vtu"):
-        return *polygons.read_meshio(path, kind), None
+    found = _format(path, head)
+    if found is not None:
+        return found.read(path)
     if head.startswith(_GZIP):
         raise ValueError(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
-    raise ValueError(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_KNOWN}.")
+    raise ValueError(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_known()}.")
 
 
-def _kind(path: Path, head: bytes) -> str:
-    """Format by the first bytes; by the ending only where they are silent."""
-    for kind, pattern in _BEGINNINGS.items():
-        if pattern.match(head):
-            return kind
-    if is_gifti(path, head):
-        return "gii"
-    ending = path.suffix.lower()
-    return ending[1:] if ending in polygons.ENDINGS else ""
+def _format(path: Path, head: bytes) -> Format | None:
+    """By the first bytes; by the ending only where they are silent."""
+    by_head = (one for one in FORMATS if one.starts(head))
+    by_name = (one for one in FORMATS if one.endings and one.named(path.name))
+    return next(by_head, None) or next(by_name, None)
+
+
+def _known() -> str:
+    return listed([one.name for one in FORMATS])
 
 
 def is_gifti(path: Path, head: bytes) -> bool:
     """Whether a file is GIFTI, by its first bytes or its name."""
-    return b"<GIFTI" in head or path.name.lower().endswith((".gii", ".gii.gz"))
+    return any(one.starts(head) or one.named(path.name) for one in gifti.FORMATS)
 
 
 def write_surface(path: StrPath, surface: Surface) -> None:
@@ -115,15 +102,11 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     -----
     FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
     """
-    name, ending = Path(path).name, Path(path).suffix.lower()
-    if name.lower().endswith((".gii", ".gii.gz")):
-        gifti.write_gifti_surface(path, surface)
-    elif ending in polygons.ENDINGS:
-        polygons.write_polygons(path, surface)
-    elif name.startswith(("lh.", "rh.")) or ending in _FREESURFER:
-        freesurfer.write_geometry(path, surface)
-    else:
-        raise ValueError(f"{path}: no format goes with the ending {ending!r}. Known are {_KNOWN}.")
+    path = Path(path)
+    found = next((one for one in FORMATS if one.named(path.name)), None)
+    if found is None:
+        raise ValueError(f"{path}: no format goes with the ending {path.suffix.lower()!r}. Known are {_known()}.")
+    found.write(path, surface)
 
 
 def read_morph(path: StrPath) -> PerVertex:

@@ -13,7 +13,8 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import freesurfer, gifti, polygons, read_surface
+from morphofold.io import freesurfer, gifti, read_surface, trimesh_files, vtk_files
+from morphofold.io.surfaces import FORMATS
 from morphofold.results import summary
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.output import folder_check
@@ -69,7 +70,7 @@ def nothing(*args, **options):
 @hard_case(
     "files", "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
     peers="trimesh: takes as many faces of a PLY text as are left (measured)",
-    guard="the counts in the header", without=lambda patch: patch.setattr(polygons, "_check_ply", nothing),
+    guard="the counts in the header", without=lambda patch: patch.setattr(trimesh_files, "_check_ply", nothing),
 )  # fmt: skip
 def test_cut_surfaces(known, holds):
     assert_sound(holds, every_tenth(known, SURFACES), 1000)
@@ -119,7 +120,7 @@ def test_cut_analyses(known, holds):
 
 @hard_case(
     "files", "an OBJ or OFF text cut before every byte", peers="trimesh: reads what is left of a number (measured)",
-    guard="a warning", without=lambda patch: patch.setattr(polygons, "_warn_of_no_end", nothing),
+    guard="a warning", without=lambda patch: patch.setattr(trimesh_files, "warn_of_no_end", nothing),
 )  # fmt: skip
 def test_texts_cut_within_a_line(known, holds):
     silent = warned = 0
@@ -182,7 +183,7 @@ def unguarded_libraries(patch):
     def as_it_comes(*args):
         yield
 
-    for module in (freesurfer, gifti, polygons, tetmesh, folder_check):
+    for module in (freesurfer, gifti, trimesh_files, vtk_files, tetmesh, folder_check):
         patch.setattr(module, "decoding", as_it_comes)
 
 
@@ -223,9 +224,13 @@ def test_flipped_checkpoint(known, holds):
     assert_sound(holds, found, 600)
 
 
+def by_name(path, head):
+    return next(one for one in FORMATS if one.named(path.name))
+
+
 @hard_case(
     "files", "every format under every other's name", guard="the first bytes decide, not the name",
-    without=lambda patch: patch.setattr("morphofold.io.surfaces._kind", lambda path, head: path.suffix[1:]),
+    without=lambda patch: patch.setattr("morphofold.io.surfaces._format", by_name),
 )  # fmt: skip
 def test_wrong_names(known, holds):
     wrong = {}
@@ -259,7 +264,7 @@ def _with(sample, raw):
 @hard_case(
     "files", "an STL text whose normals are no numbers (found by fuzzing)", peers="trimesh: logs a traceback (seen)",
     guard="packages log nothing while they read",
-    without=lambda patch: patch.setattr(polygons, "_silent_log", contextlib.nullcontext),
+    without=lambda patch: patch.setattr(trimesh_files, "silent_log", contextlib.nullcontext),
 )  # fmt: skip
 def test_normals(holds, tmp_path, caplog):
     import trimesh

@@ -45,7 +45,7 @@ def folder_in_place(path):
 
 
 def writers_in_place(patch):
-    for module in ("io.freesurfer", "io.gifti", "io.polygons", "sim.folder"):
+    for module in ("io.freesurfer", "io.gifti", "io.trimesh_files", "io.vtk_files", "sim.output.folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
 
 
@@ -236,7 +236,7 @@ def test_killed_run(holds, tmp_path):
 
 
 def unread(patch):
-    for module in ("freesurfer", "polygons"):
+    for module in ("freesurfer", "vtk_files"):
         patch.setattr(f"morphofold.io.{module}.read_back", lambda path, temporary: suppress(ValueError))
 
 

@@ -1,0 +1,114 @@
+"""PLY, STL, OBJ, OFF and GLB, through trimesh."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.io.files import atomic_file, decoding
+from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
+from morphofold.surface import Faces, Surface, Verts
+
+_PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
+_OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
+
+
+def read(kind: str, path: Path) -> Read:
+    """Vertices and faces of a file; ``kind`` is the ending without its dot.
+
+    trimesh cuts polygons with more corners into triangles. Vertices keep the file's order.
+
+    STL names no vertices, so corners at exactly the same place become one (in order of first appearance), and
+    a warning says how many. OBJ does not say how long it is, so a missing end goes unseen. Materials,
+    textures and files named inside are not read.
+    """
+    import trimesh
+
+    with decoding(path, f"a surface in {kind.upper()} format"):
+        raw = path.read_bytes()
+        check_counts(raw)
+        if kind in _CHECK:
+            _CHECK[kind](raw)
+        # from memory and without a resolver: no other file that this one may name is opened
+        options = {"process": False, "maintain_order": True, "skip_materials": True}
+        with silent_log():                                             # of normals, which are not taken
+            mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
+        verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+        if len(faces) == 0:
+            raise ValueError("it holds no triangles")
+        if kind == "ply":
+            _check_ply(raw, len(verts), len(faces))
+    warn_of_no_end(path, raw)
+    if kind == "stl":
+        corners = len(verts)
+        verts, faces = merge_equal(verts, faces)
+        warnings.warn(
+            f"{path}: STL has no shared vertices; {corners} corners at exactly equal places were merged to "
+            f"{len(verts)} vertices.", stacklevel=4,
+        )  # fmt: skip
+    return verts, faces, None
+
+
+def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
+    """Make one vertex of those at exactly the same place, in order of first appearance."""
+    _, first, inverse = np.unique(verts, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return verts[first[order]], rank[inverse.reshape(-1)][faces]
+
+
+def _check_stl(raw: bytes) -> None:
+    """Binary by its size, or text with an end; trimesh takes half a binary file for an empty text."""
+    promised = 84 + 50 * int.from_bytes(raw[80:84], "little")
+    if len(raw) == promised or (raw.lstrip().startswith(b"solid") and b"endsolid" in raw[-1024:]):
+        return
+    if raw.lstrip().startswith(b"solid") and b"facet" in raw[:1024]:
+        raise ValueError("it has no endsolid, so its end is missing")
+    raise ValueError(f"its header promises {promised} bytes, it has {len(raw)}")
+
+
+def _check_off(raw: bytes) -> None:
+    """trimesh takes as many faces as there are; a triangle needs four numbers."""
+    match = _OFF_COUNTS.search(raw[:4096])
+    n, m = (int(match[1]), int(match[2])) if match else (0, 0)
+    numbers = len(raw[match.end() :].split()) if match else 0
+    if numbers < 3 * n + 4 * m:
+        raise ValueError(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
+
+
+def _check_ply(raw: bytes, n: int, m: int) -> None:
+    """trimesh takes as many faces of a text as there are; a polygon makes one triangle at least."""
+    promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
+    if n < promised.get("vertex", 0) or m < promised.get("face", 0):
+        raise ValueError(f"its header promises {promised}, it has {n} vertices and {m} triangles")
+
+
+_CHECK = {"stl": _check_stl, "off": _check_off}
+
+
+def write(kind: str, path: Path, surface: Surface) -> None:
+    """PLY, STL and GLB hold float32; OBJ and OFF get 22 decimals."""
+    import trimesh
+
+    with atomic_file(path) as temporary:
+        mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
+        mesh.export(temporary, file_type=kind, **({"digits": 22} if kind in ("obj", "off") else {}))
+
+
+def _format(kind: str, begins: re.Pattern[bytes] | None) -> Format:
+    return Format(kind.upper(), (f".{kind}",), partial(read, kind), partial(write, kind), begins)
+
+
+FORMATS = (
+    _format("ply", re.compile(rb"ply\r?\n")),
+    _format("glb", re.compile(rb"glTF")),
+    _format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
+    _format("stl", re.compile(rb"\s*solid\b")),                         # of text; a binary one says nothing
+    _format("obj", None),
+)

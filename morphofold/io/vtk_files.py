@@ -1,0 +1,99 @@
+"""VTK's files: VTK and VTU through meshio, VTP and polygon data through pyvista."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.io.files import atomic_file, decoding, read_back, write_by_library
+from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
+from morphofold.io.vtk_blocks import check_blocks
+from morphofold.surface import Surface
+
+
+def read_unstructured(kind: str, path: Path) -> Read:
+    """Vertices and triangles of an unstructured ``vtk`` or ``vtu`` file; lines and points are left out.
+
+    Refused if the file has other faces than triangles, or volume cells and no triangles.
+    """
+    with decoding(path, f"a surface in {kind.upper()} format"):
+        raw = path.read_bytes()
+        _check(raw)
+        mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
+        cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
+        if not cells.get("triangle"):
+            raise ValueError(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
+        flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
+        if flat:
+            raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
+        verts, faces = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
+    warn_of_no_end(path, raw)
+    return verts, faces, None
+
+
+def read_polygons(path: Path) -> Read:
+    """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` that says ``DATASET POLYDATA``)."""
+    import pyvista
+
+    errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
+    with decoding(path, "a surface in VTK format"), silent_log(), pyvista.vtk_verbosity("off"), errors:
+        raw = path.read_bytes()
+        _check(raw)
+        mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
+        if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
+            raise ValueError("it holds no triangles, or is truncated")
+        if not mesh.is_all_triangles:
+            raise ValueError("it holds faces that are no triangles; triangulate it first")
+        verts, faces = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+    warn_of_no_end(path, raw)
+    return verts, faces, None
+
+
+def _check(raw: bytes) -> None:
+    check_counts(raw)
+    if raw.startswith(b"# vtk"):
+        return
+    if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
+        raise ValueError("it does not go from <VTKFile> to </VTKFile>")
+    check_blocks(raw)
+
+
+def write_unstructured(kind: str, path: Path, surface: Surface) -> None:
+    import meshio
+
+    mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
+    with atomic_file(path) as temporary:
+        with write_by_library(path, temporary):
+            importlib.import_module(f"meshio.{kind}").write(os.fspath(temporary), mesh)
+        with read_back(path, temporary):
+            read_unstructured(kind, temporary)
+
+
+def write_polygons(path: Path, surface: Surface) -> None:
+    """In float32."""
+    import pyvista
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    with atomic_file(path) as temporary:
+        writer = vtkXMLPolyDataWriter()
+        writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
+        writer.SetDataModeToBinary()
+        writer.WriteToOutputStringOn()                                  # into memory: at a full disk VTK ends the process
+        writer.Write()
+        temporary.write_text(writer.GetOutputString(), encoding="ascii")
+
+
+_POLYGONS = rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA"""
+_UNSTRUCTURED = rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid"""
+FORMATS = (
+    Format("VTP", (".vtp",), read_polygons, write_polygons, re.compile(_POLYGONS, re.DOTALL)),
+    *(
+        Format(kind.upper(), (f".{kind}",), partial(read_unstructured, kind), partial(write_unstructured, kind), begins)
+        for kind, begins in (("vtu", re.compile(_UNSTRUCTURED, re.DOTALL)), ("vtk", re.compile(rb"# vtk")))
+    ),
+)
