@@ -150,8 +150,8 @@ def changed(text, change):
     return text
 
 
-def test_the_effect_and_the_measure_of_a_page_can_be_added_as_it_says(tmp_path):
-    for room in ("morphofold", "sim", "analysis", "data_samples"):
+def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_path):
+    for room in ("morphofold", "sim", "analysis", "studies", "data_samples"):
         shutil.copytree(ROOT / room, tmp_path / room, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "pyproject.toml").touch()                               # what a checkout is known by
     page = (DOCS / "extending.md").read_text(encoding="utf-8")
@@ -162,7 +162,9 @@ def test_the_effect_and_the_measure_of_a_page_can_be_added_as_it_says(tmp_path):
         file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]
         file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
     use = """
+import numpy as np
 from morphofold import analysis
+from morphofold.io import read_surface, write_surface
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.quantities import quantity
 from morphofold.sim.effects import build_effects
@@ -172,6 +174,9 @@ made = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"])
 print(made.material.build(), made.beyond_theory)
 found = analysis.measure(folded_ball(1000)).maps["surface_ratio"]
 print(quantity("surface_ratio").label, found.min() > 0.5)
+ball = folded_ball(1000).pial
+write_surface("ball.asc", ball)
+print(np.array_equal(read_surface("ball.asc").verts, ball.verts), read_surface("ball.asc").faces.tolist() == ball.faces.tolist())
 print(analysis.__file__, [effect.name for effect in effects])
 """
     done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -180,6 +185,7 @@ print(analysis.__file__, [effect.name for effect in effects])
     assert "'pressure'" in done.stdout
     assert "Demiray(a=2.0)" in done.stdout
     assert "Surface ratio True" in done.stdout
+    assert "True True" in done.stdout
 
 
 # --- pages of commands

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.io import freesurfer, gifti, trimesh_files, vtk_files
+from morphofold.io import freesurfer, gifti
 from morphofold.io.files import StrPath, beginning, existing_file
 from morphofold.io.formats import Format, Read
 from morphofold.surface import PerVertex, Surface, check_mesh
 from morphofold.words import listed
 
-#: in the order in which they are asked; FreeSurfer's names say least
-FORMATS: tuple[Format, ...] = (
-    *trimesh_files.FORMATS,
-    *vtk_files.FORMATS,
-    *gifti.FORMATS,
-    *freesurfer.FORMATS,
+#: modules with ``FORMATS``, in the order in which these are asked; FreeSurfer's names say least
+MODULES = (
+    "trimesh_files",
+    "vtk_files",
+    "gifti",
+    "freesurfer",
+)
+FORMATS: tuple[Format, ...] = tuple(
+    one for name in MODULES for one in import_module(f"morphofold.io.{name}").FORMATS
 )
 _GZIP = b"\x1f\x8b"
 

@@ -13,8 +13,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import freesurfer, gifti, read_surface, trimesh_files, vtk_files
-from morphofold.io.surfaces import FORMATS
+from morphofold.io import freesurfer, gifti, read_surface, surfaces, trimesh_files, vtk_files
 from morphofold.results import summary
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.output import folder_check
@@ -225,7 +224,7 @@ def test_flipped_checkpoint(known, holds):
 
 
 def by_name(path, head):
-    return next(one for one in FORMATS if one.named(path.name))
+    return next(one for one in surfaces.FORMATS if one.named(path.name))
 
 
 @hard_case(

@@ -20,12 +20,13 @@ from morphofold.io import (
     files,
     freesurfer,
     gifti,
-    polygons,
     read_annotation,
     read_cortex,
     read_label,
     read_morph,
     read_surface,
+    trimesh_files,
+    vtk_files,
 )
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -82,8 +83,8 @@ PLY = "ply\nformat {} 1.0\nelement\tvertex {}\nproperty float x\nproperty float 
 polygons_promise = hard_case(
     "files", "a VTP, VTK or PLY that promises 2³¹ points or faces",
     peers="VTK: ends the process (measured)", guard="counts held against the size",
-    without=lambda patch: [patch.setattr(polygons, f"_check_{name}", lambda raw, *counts: None)
-                           for name in ("counts", "vtk", "ply")],
+    without=lambda patch: [patch.setattr(module, name, lambda raw, *counts: None) for module, name in
+                           ((trimesh_files, "check_counts"), (trimesh_files, "_check_ply"), (vtk_files, "_check"))],
 )  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def test_ply(form, holds, tmp_path):
 @hard_case(
     "files", "a VTP whose array has a block of 2 GiB, packed or not (found by fuzzing)",
     peers="VTK: ends the process (measured)", guard="sizes of blocks held against the file",
-    without=lambda patch: patch.setattr(polygons, "check_blocks", lambda raw: None),
+    without=lambda patch: patch.setattr(vtk_files, "check_blocks", lambda raw: None),
 )  # fmt: skip
 def test_vtk_blocks(word, what, known, holds, tmp_path):
     """The third word of an array is the size of its last block, the fourth that of its first one packed."""
@@ -141,7 +142,7 @@ HIDDEN = {
 @hard_case(
     "files", "a VTP whose block of 2 GiB is behind another format, name or bracket than it says",
     peers="VTK: ends the process (measured)", guard="sizes of blocks read where VTK reads them",
-    without=lambda patch: patch.setattr(polygons, "check_blocks", lambda raw: None),
+    without=lambda patch: patch.setattr(vtk_files, "check_blocks", lambda raw: None),
 )  # fmt: skip
 def test_hidden_blocks(how, holds, tmp_path):
     array, what = HIDDEN[how]
@@ -173,7 +174,7 @@ def tetrahedra(path):
 
 def unbounded(patch):
     patch.setattr(gifti, "MAX_UNPACKED", 2**40)
-    for module in (polygons, tetmesh):
+    for module in (vtk_files, tetmesh):
         patch.setattr(module, "check_blocks", lambda raw: None)
 
 
@@ -310,7 +311,7 @@ def test_deep_keys(holds):
     "files", "numbers beyond all floats, and 100,000 brackets, in our own JSON (found by fuzzing)",
     guard="errors of numbers and nests beyond bounds", without=lambda patch: list(
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
-        for reader in ("io.cortices", "results.plain", "graph_file")),
+        for reader in ("io.cortices", "results.plain", "results.graph_file")),
     fails=(AssertionError, OverflowError, RecursionError),
 )  # fmt: skip
 def test_json(known, holds):
