@@ -51,7 +51,7 @@ def rough(rng):
 #: tests that compile most kernels, of the solver and of the measuring room: two processes shall not compile the same
 SOLVER = ("test_kernels", "test_effects", "test_contact", "test_run", "test_solver_faults", "test_solver_moduli",
           "test_solver_shapes", "test_laws")  # fmt: skip
-MEASURING = ("test_measures", "test_curvature", "test_crest", "test_gyral_thickness", "test_surfaces_laws",
+MEASURING = ("test_measures", "test_curvatures", "test_crests", "test_gyral_thickness", "test_surfaces_laws",
              "test_surfaces_walls", "test_surfaces_triangles", "test_accuracy_measuring")  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_patterns import made, mirrored, turned
+from test_hinge_shapes import made, mirrored, turned
 
 from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison.hinges import compare_hinges, examples, median_difference

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from test_hinge_table import WIDTH, star
+from test_hinges import WIDTH, star
 
 from morphofold.analysis.graph.confidence import label_hinges
 from morphofold.analysis.graph.crest_net import Ground

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from commands import refused_run
 from made_simulations import Stop
-from test_meshfile import ball, write
+from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
 from morphofold.io.locks import LOCK, alone

@@ -174,7 +174,7 @@ def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkey
 
 
 def test_what_the_docs_say_of_trust_is_in_their_table():
-    text = " ".join((Path(__file__).parent.parent / "docs" / "measures" / "gyral-net.md").read_text("utf-8").split())
+    text = " ".join((Path(__file__).parents[2] / "docs" / "measures" / "gyral-net.md").read_text("utf-8").split())
     rows = [[float(n) for n in row] for row in re.findall(r"\| S1 \| \w[\w ]* \| ([\d.]+) \| \S+ \| (\d+) \|", text)]
     (own,) = [n for times, n in rows if times == 1]
     least, most = (f([n for times, n in rows if times in (0.5, 2)]) for f in (min, max))

@@ -15,7 +15,7 @@ from morphofold.studies.paper import parts
 from morphofold.studies.paper.folds import FIG5, FIG6, FIG7
 from morphofold.tables import write_table
 
-PAGE = Path(__file__).parent.parent / "docs" / "figures.md"
+PAGE = Path(__file__).parents[2] / "docs" / "figures.md"
 TOLD = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, "steps": 600, "seconds": 20.4}
 
 
