@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 
 def key(meaning: str, unit: str = "", **limits: Any) -> Any:
@@ -95,9 +92,9 @@ class EffectOptions(Table):
     counted: ClassVar[str] = ""
     example: ClassVar[str] = "{}"
 
-    def check(self, scene: Scene) -> None:
-        """Raise ``ValueError`` if it does not go with the rest of the scene."""
+    def check(self, scene: Any) -> None:
+        """Raise ``ValueError`` if it does not go with the rest of the ``Scene``."""
 
-    def first_wrinkles(self, growth: float, scene: Scene) -> float:
+    def first_wrinkles(self, growth: float, scene: Any) -> float:
         """The cortex's growth stretch at which it wrinkles first, from that by theory without this effect."""
         return growth
