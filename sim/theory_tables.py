@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.sim import theory
+from morphofold.sim.scene.geometries import Sphere
 
 if TYPE_CHECKING:
     from morphofold.sim.equilibrium.statics import Look
@@ -259,6 +260,7 @@ def _theory_of(scene: Scene) -> tuple[float, float, str]:
     geometry, material = scene.geometry, scene.material
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
+    assert isinstance(geometry, Sphere)                                 # a radial scene has no body
     sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
         found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)

@@ -154,7 +154,7 @@ def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_pa
     (tmp_path / "pyproject.toml").touch()                               # what a checkout is known by
     page = (DOCS / "extending.md").read_text(encoding="utf-8")
     whole = [code for _, code in fences("docs/extending.md", "python") if code.startswith('"""')]
-    for code, name in zip(whole, re.findall(r"The whole file, `(.*)`", page), strict=True):
+    for code, name in zip(whole, re.findall(r"The whole file,\s`([^`]*)`", page), strict=True):
         (tmp_path / name).write_text(code, encoding="utf-8")
     for _, change in fences("docs/extending.md", "diff"):
         file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]

@@ -19,6 +19,7 @@ from morphofold.sim.health import (
     cover,
     cures,
 )
+from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.surface import Surface
 
@@ -96,8 +97,9 @@ def test_every_key_that_advice_names_is_one_that_the_scene_takes(name):
         if table is not None:
             part = scene
             for word in table.split("."):
-                part = getattr(part, word)
-            assert key in type(part).model_fields or scene.geometry.shape in ("radial", "patch", "strip")
+                part = part[word] if isinstance(part, dict) else getattr(part, word)
+            keys = effect_names() if isinstance(part, dict) else type(part).model_fields
+            assert key in keys or scene.geometry.shape in ("radial", "patch", "strip")
 
 
 def test_bending_is_that_of_the_body_as_a_whole(rng):

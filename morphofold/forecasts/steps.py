@@ -86,7 +86,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     grown = [(b - a) / crossing for a, b in pairwise(ramps_to)]         # ticks up to each stage
     longest = [patience(), *map(patience, grown[1:])]
     rests = [
-        crossing * (min(max(most, resting["brief"]), resting["folded"]) if stage > wrinkled else resting["smooth"])
+        crossing * (min(max(most, resting["brief"]), resting["folded"]) if not stage <= wrinkled else resting["smooth"])
         for most, stage in zip(longest, scene.stages)
     ]
     awake += sum(rest * folding(stage) for rest, stage in zip(rests, scene.stages))

@@ -44,6 +44,7 @@ class StageRecord(Record):
     g: Annotated[float, Field(gt=0, le=1000)] = 1.0
     law: str = ""
     mu_ratio: _Size = 1.0
+    material: str = "neo-hookean"
     shape: str = ""
     reference_thickness: _Size = 1.0
     reference_radius: _Size = 1.0

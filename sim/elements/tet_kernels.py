@@ -230,9 +230,9 @@ def _patch_gradient(d, e, m, q, l, material):
     p = kappa * (v * s - 1.0)
     am = (s * _sum(a, w, 0), s * _sum(a, w, 1), s * _sum(a, w, 2), s * _sum(a, w, 3), s * _sum(a, w, 4),
           s * _sum(a, w, 5), s * _sum(a, w, 6), s * _sum(a, w, 7), s * _sum(a, w, 8))  # fmt: skip
-    cm, _, f, h, sm, _, _ = _isochoric(am, material)
+    cm, _, fm, hm, sm, _, _ = _isochoric(am, material)
     rest = (1.0 - BLEND) * mu
-    mean = _less_turned(_combine(rest * f, am, rest * sm, cm), rest * h, am, material)
+    mean = _less_turned(_combine(rest * fm, am, rest * sm, cm), rest * hm, am, material)
     sixth = 1.0 / 6.0
     _tet_gradient(q, l, a0, k0, mean, p, BLEND * mu, sixth, material)
     _tet_gradient(q, b, a1, k1, mean, p, BLEND * mu, r1 * sixth, material)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from morphofold.sim.scene.tables import MaterialOptions
+from morphofold.sim.scene.tables import MaterialOptions, key
 
 
 class Options(MaterialOptions):
@@ -13,6 +13,8 @@ class Options(MaterialOptions):
 
     theory = True
     errors_known = True
+
+    model: Annotated[Literal["neo-hookean"], key("which material", exclude=True)] = "neo-hookean"
 
     def build(self) -> NeoHookean:
         return NeoHookean()

@@ -206,6 +206,7 @@ class FolderWriter:
             "g": g,
             "law": scene.growth.law,
             "mu_ratio": scene.material.mu_ratio,
+            "material": scene.material.model,
             "shape": scene.geometry.shape,
             "reference_thickness": scene.geometry.cortex_thickness,
             "reference_radius": reference_radius,

@@ -32,7 +32,8 @@ def options_of(name: str) -> type[MaterialOptions]:
 
 
 def read_material(table: Any) -> Any:
-    """A table as options, read by the file of the material that it names; ``model`` is left out of the usual one's."""
+    """A table as options, read by the file of the material that it names. A scene spelled out leaves ``model`` out
+    where it is the usual one."""
     if isinstance(table, MaterialOptions):
         return table
     if not isinstance(table, Mapping):
@@ -44,9 +45,8 @@ def read_material(table: Any) -> Any:
             type=PydanticCustomError("material", "must be {known}", {"known": known}), loc=(USUAL, "model"), input=name
         )
         raise ValidationError.from_exception_data("material", [problem])
-    keys = {key: value for key, value in table.items() if not (key == "model" and name == USUAL)}
     try:
-        return options_of(name).model_validate(keys)
+        return options_of(name).model_validate(table)
     except ValidationError as error:
         raise ValidationError.from_exception_data("material", [
             InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))

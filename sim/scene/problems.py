@@ -154,6 +154,7 @@ _BOUNDS = {
 #: pydantic's words for what a TOML file can get wrong, in words of TOML
 _WORDS = {
     "model_type": "must be a table of keys",
+    "dict_type": "must be a table of keys",
     "tuple_type": "must be a list in [ ]",
     "float_type": "must be a number",
     "int_type": "must be a whole number",

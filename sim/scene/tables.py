@@ -55,6 +55,7 @@ class MaterialOptions(Table):
     theory: ClassVar[bool] = False
     errors_known: ClassVar[bool] = False
 
+    model: str
     mu_ratio: Annotated[float, key("shear modulus of the cortex over that of the core", ge=1e-4, le=1e4)] = 1.0
     kappa_ratio: Annotated[float, key("bulk over shear modulus, in both layers", ge=5, le=2000)] = 50.0
 

@@ -116,7 +116,7 @@ def _coefficients(M, n, mu, fields):
         L = r [al U.^2 + 2 be U. S + ga S^2 + bulk D^2 + de ((n^2 - 1) v^2 + 2 U^2 - 2 n U v)
                + b_rt v.^2 + b_tr (n U - v)^2 + 2 c v. (n U - v)]
 
-    bulk = J h''(J) enters by its inverse, 0 if incompressible; the moduli are Ogden's for the energy of material.py.
+    bulk = J h''(J) enters by its inverse, 0 if incompressible; the moduli are Ogden's for the neo-Hookean energy.
     """
     lr, lt, h1, compliance = fields[LAMBDA_R], fields[LAMBDA_T], fields[PRESSURE], fields[COMPLIANCE]
     r, rate = fields[RADIUS], fields[RATE]

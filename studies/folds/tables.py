@@ -123,6 +123,8 @@ def expected(scene: Scene) -> Row:
     """First wrinkles by linear stability of the smooth sphere, and by the formula for a stiff film."""
     geometry, material = sphere(scene), scene.material
     T, C = geometry.cortex_thickness, geometry.radius
+    if not material.theory:
+        raise ValueError(f"{scene.name}: theory is of a neo-Hookean material, not of {material.model}; leave it out.")
     found = _first_wrinkles(T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C)
     return {
         "theory_g": found.g_crit,

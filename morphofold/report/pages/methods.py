@@ -28,6 +28,8 @@ REFERENCES = {
     "IEEE Trans. Med. Imaging 27, 161.",
 }
 
+_MATERIALS = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
+
 
 def methods(comparison: Comparison, version: str) -> tuple[str, list[str]]:
     """What was done and how, in sentences, by this version of morphofold; the references that they cite."""
@@ -48,11 +50,12 @@ def _grown(comparison: Comparison) -> list[str]:
     said = []
     for name, m in zip(comparison.names, comparison.measures):
         info = m.cortex.info
+        material = str(info.get("material", "neo-hookean"))
         if m.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
             said.append(
-                f"{name} was grown by finite elements: a neo-Hookean cortex, {number(float(info['mu_ratio']))} times "
-                f"as stiff as its core, with {info['law']} growth to a stretch of {number(float(info['g']))} (after "
-                "Razavi et al. 2015)."
+                f"{name} was grown by finite elements: a {_MATERIALS.get(material, material)} cortex, "
+                f"{number(float(info['mu_ratio']))} times as stiff as its core, with {info['law']} growth to a stretch "
+                f"of {number(float(info['g']))} (after Razavi et al. 2015)."
             )
     return said
 
