@@ -35,7 +35,7 @@ def measure(
     thickness_cap: float | None = None,
     accuracy: str = "standard",
     repair: bool = True,
-    progress: Progress = silent,
+    progress: Progress | None = None,
 ) -> Measures:
     """Everything the measuring room says of one cortex, by the same code whatever its origin.
 
@@ -97,6 +97,7 @@ def measure(
     or of several pieces, has no gyrification index.
     """
     check_kind(cortex, Cortex, "measure: cortex")
+    progress = progress or silent
     work = _Measuring(accuracy)
     progress(0.0, "areas")
     work.begin(cortex, repair)

@@ -139,7 +139,7 @@ class Body:
         self.growth = g
 
     def find_rest(self) -> None:
-        """Measure ``rest``, the forces of the elements before growth: round-off only (see ``kernels.advance``)."""
+        """Measure ``rest``, the forces of the elements before growth: round-off only (see ``advance``)."""
         self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)
 

@@ -373,10 +373,10 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("strip",), "not of a body with shape = 'strip'"),
-        (("ellipsoid",), "not of a body with shape = 'ellipsoid'"),
-        (("mesh",), "not of a body with shape = 'mesh'"),
-        (("demo", "geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"), "of even thickness"),
+        (("strip",), "this is of shape strip"),
+        (("ellipsoid",), "this is of shape ellipsoid"),
+        (("mesh",), "this is of shape mesh"),
+        (("demo", "geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"), "of one thickness"),
         (("demo", "geometry.hole_radius=0.01"), "no theory: hole and cortex"),
     ],
 )
@@ -394,7 +394,7 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     cells, note = lines[start + 1].split(), lines[start + 2]
     assert 1.1 < float(cells[0]) < 1.3
     assert (cells[1], *cells[4:7], cells[-1]) == ("–", "–", "–", "–", "[1]")
-    assert note.startswith("[1] the theory is that of a sphere")
+    assert note.startswith("[1] theory is of spheres")
     assert "left out: contact, perturbation" in " ".join(lines)
     assert max(map(len, lines)) <= 120
     said = [line for line in told.err.splitlines() if COMPILING not in line]     # which it does where no other test has

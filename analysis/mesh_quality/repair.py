@@ -2,7 +2,7 @@
 
 Flipped triangles, on both surfaces or one, and pieces that are inside out, edges that more than two triangles share,
 seams that are torn, triangles that are there twice or name a vertex twice. What has no such cure stays as it is, for
-``faults`` to refuse.
+``defects`` to refuse.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One writer to a simulation folder: a lock that the system lets go of when its process ends, however it ends."""
+"""One writer to a folder: a lock that the system lets go of when its process ends, however it ends."""
 
 from __future__ import annotations
 

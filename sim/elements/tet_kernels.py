@@ -17,10 +17,10 @@ A tetrahedron enters with its edge vectors: ``d`` as it is, ``e`` as growth woul
 columns are three edges from its first corner. So A = d e^-1 and w = det e / 6, and with k the cofactors of e the
 gradient of w U with respect to the edges d is dU/dA k / 6.
 
-Patches lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH), in the manner of ``kernels``. Positions are
-fetched once per node of a patch, forces summed once per node, so that a node gathers from patches, not from
-tetrahedra; which corner of a tetrahedron is which node of its patch is read lane by lane, so a patch may have
-any shape.
+Patches lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH), in the manner of ``brick_kernels``. Positions
+are fetched once per node of a patch, forces summed once per node, so that a node gathers from patches, not from
+tetrahedra; which corner of a tetrahedron is which node of its patch is read lane by lane, so a patch may have any
+shape.
 """
 
 from __future__ import annotations

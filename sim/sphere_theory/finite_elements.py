@@ -5,10 +5,10 @@ G = g_core I in the core, g I or diag(1, g, g) in the cortex. Energy, with the p
 
     E = int det G (mu/2 (J^-2/3 tr(A_el^T A_el) - 3) + p (J - 1) - p^2 / (2 kappa)) dV,    J = det A_el,
 
-so that p = kappa (J - 1) gives ``material.energy`` back (but for its clamp below J = 0.1), and 1/kappa = 0 is the
-incompressible body. Displacements are continuous polynomials of degree ``order``, pressures discontinuous ones of
-a degree less. Lengths are in units of C, stresses in units of the core's shear modulus. Nothing here comes from
-the closed forms of ``theory``: this is the second route to the same numbers.
+so that p = kappa (J - 1) gives ``materials.elastic.energy`` back (but for its clamp below J = 0.1), and 1/kappa = 0 is
+the incompressible body. Displacements are continuous polynomials of degree ``order``, pressures discontinuous ones of a
+degree less. Lengths are in units of C, stresses in units of the core's shear modulus. Nothing here comes from the
+closed forms of ``theory``: this is the second route to the same numbers.
 
 A perturbation of degree l is u = U(R) Y N + V(R) grad Y (spheroidal) or W(R) N x grad Y (toroidal), with N the
 radial direction, Y a spherical harmonic and grad on the unit sphere. By Grad N = (I - N N)/R and Grad Y = grad Y/R,

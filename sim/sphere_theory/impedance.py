@@ -1,7 +1,7 @@
 """What a spherical harmonic meets in the smooth sphere: the impedance Z, momenta over displacements, of its layers.
 
-The smooth state (radial.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m doesn't
-matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
+The smooth state (smooth_sphere.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m
+doesn't matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
 linear ones of first order, for U, V and their momenta. Two solutions are marched through a layer at a time, outwards
 from the fixed hole and inwards from the free surface. docs/theory.md has the derivation. Lengths are over the outer
 reference radius C, moduli over the core's shear modulus.

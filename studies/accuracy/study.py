@@ -23,7 +23,8 @@ from morphofold.studies.accuracy.points import ANEW, Case, Point
 HALVES = ("measuring", "solver")
 SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
 PEERS = ("libigl", "pyvista", "trimesh", "lapy")    # packages, if they are installed
-READERS = ("study.py", "tables.py", "fronts.py")    # of this package: no case runs them
+#: of this package: no case runs them
+READERS = ("study.py", "tables.py", "fronts.py", "page.py", "plots.py", "report.py")
 COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
 
 
@@ -50,16 +51,21 @@ def _digest_of_code() -> str:
     """Of the rooms that cases are run by, and of the ground floor; modules that only read points are left out."""
     import morphofold.analysis
     import morphofold.io
+    import morphofold.shapes
     import morphofold.sim
     import morphofold.studies.accuracy
 
+    home = Path(str(morphofold.__file__)).parent
+    files = [*home.glob("*.py"), *(home / name for name in ("comparison/distance.py", "studies/onset.py",
+                                                           "studies/speed/solver.py"))]  # fmt: skip
+    for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
+        files += Path(str(package.__file__)).parent.rglob("*.py")
+    mine = Path(str(morphofold.studies.accuracy.__file__)).parent
+    files += (file for file in mine.rglob("*.py") if file.name not in READERS)
     digest = hashlib.sha256()
-    for package in (morphofold, morphofold.studies.accuracy, morphofold.analysis, morphofold.io, morphofold.sim):
-        folder = Path(str(package.__file__)).parent
-        for file in sorted(folder.glob("*.py") if package is morphofold else folder.rglob("*.py")):
-            if file.name not in READERS:
-                digest.update(f"{package.__name__}/{file.relative_to(folder).as_posix()}\n".encode())
-                digest.update(file.read_bytes())
+    for file in sorted(files, key=lambda file: file.as_posix()):
+        digest.update(f"{file.parent.name}/{file.name}\n".encode())
+        digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
 

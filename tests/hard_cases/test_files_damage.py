@@ -224,7 +224,7 @@ def test_flipped_checkpoint(known, holds):
 
 
 def by_name(path, head):
-    return next(one for one in surfaces.FORMATS if one.named(path.name))
+    return next((one for one in surfaces.FORMATS if one.named(path.name)), None)
 
 
 @hard_case(

@@ -32,7 +32,7 @@ def test_a_surface_a_kilometre_away_has_the_same_measures(holds):
 
 
 def silent(patch):
-    patch.setattr(defects, "remarks", lambda cortex, mask: {})
+    patch.setattr(defects, "remarks", lambda cortex, mask, given=None: {})
 
 
 @hard_case("surfaces", "coordinates offset by 1e6 mm and written as float32", guard="the note on rounding",

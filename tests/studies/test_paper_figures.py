@@ -285,7 +285,7 @@ def test_figures_heed_neither_nor_change_the_users_settings(tmp_path):
 
 def test_drawing_needs_no_window_and_no_global_state():
     code = (
-        "import sys; from morphofold.report import paper_theory; paper_theory.fig4(); "
+        "import sys; from morphofold.studies.paper import theory as paper_theory; paper_theory.fig4(); "
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
