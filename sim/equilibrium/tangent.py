@@ -208,7 +208,7 @@ def _stress(x: Array, at: Points) -> _Stress:
     second = at.material.second
     b = P @ D.swapaxes(-1, -2) / at.w[..., None, None] if second else None
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
-    two = at.power(J, 4 / 3) if second else Factor(np.float64(1), np.float64(0), np.float64(0))
+    two = at.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
     i1, i2 = one.value * I1, two.value * I2
     (u1, u2), (u11, u12, u22) = at.material.slopes(i1, i2), at.material.curvatures(i1, i2)
     s = at.local * (J - 1) + at.mu * (u1 * one.slope * I1 + u2 * two.slope * I2) + pressure[:, None] * at.bears

@@ -22,8 +22,9 @@ class Material(Protocol):
     ``u`` is 0 and 2 (u1 + u2) is 1 at rest, i1 = i2 = 3: then mu is the shear modulus.
     """
 
-    #: whether u depends on i2
-    second: bool
+    @property
+    def second(self) -> bool:
+        """Whether u depends on i2."""
 
     def energy(self, i1: Any, i2: Any) -> Any:
         """u, over mu."""
@@ -62,7 +63,7 @@ def _class_of(material: types.Type) -> Any:
     return material.instance_class if isinstance(material, types.BaseNamedTuple) else None  # type: ignore[attr-defined]
 
 
-_INLINE: dict[str, Any] = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
+_INLINE: Any = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
 
 
 @overload(energy_of, jit_options=_INLINE, strict=False)
@@ -88,7 +89,7 @@ def _sees_second(material):
     kind = _class_of(material)
     if kind is None:
         return None
-    return (lambda material: True) if kind.second else (lambda material: False)
+    return (lambda material: True) if kind.second.fget(None) else (lambda material: False)
 
 
 @njit(**_INLINE)

@@ -24,7 +24,9 @@ class MooneyRivlin(NamedTuple):
 
     share: float
 
-    second = True
+    @property
+    def second(self) -> bool:
+        return True
 
     def energy(self, i1: Any, i2: Any) -> Any:
         return 0.5 * (1.0 - self.share) * (i1 - 3.0) + 0.5 * self.share * (i2 - 3.0)

@@ -23,7 +23,9 @@ class Options(MaterialOptions):
 class NeoHookean(NamedTuple):
     """u = (i1 - 3) / 2."""
 
-    second = False
+    @property
+    def second(self) -> bool:
+        return False
 
     def energy(self, i1: Any, i2: Any) -> Any:
         return 0.5 * (i1 - 3.0)
