@@ -13,9 +13,9 @@ from morphofold.cli import main
 from morphofold.comparison.distance import distance
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
-from morphofold.forecasts.richardson import ALIKE, Grown, between, coarser, estimate_beside, twins
+from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, estimate_beside, twins
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import STUDIED, table
+from morphofold.forecasts.table import STUDIED
 from morphofold.forecasts.text import called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
@@ -36,7 +36,7 @@ def made(edge, degree=12, height=3.0, warnings=()):
 
 
 def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
-    power, slope = table()["errors"]["quantities"]["pial distance"]["power_of_three_elements"], 0.02
+    power, slope = POWERS["pial distance"], 0.02
     sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
     found = between(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
     assert found.ratio == 1.5
@@ -53,14 +53,6 @@ def test_each_quantity_is_extrapolated_by_its_own_power():
     assert index.error == pytest.approx((here - there) / here / (1.5**index.power - 1))
     assert apart.error == pytest.approx(distance(mine.pial, twin.pial) / 3 / (1.5**apart.power - 1))
     assert (found.doubts, found.not_studied) == ((), ())
-
-
-def test_powers_are_those_of_a_constant_number_of_elements(monkeypatch):
-    """The twin has as many elements through the cortex as the run; a law along draft and standard is another one."""
-    laws = {name: {"power": 9.0, "power_of_three_elements": 2.0} for name in ("gyrification index", "pial distance")}
-    monkeypatch.setattr(twin_module, "table", lambda: {"errors": {"subject": "made", "quantities": laws}})
-    found = between(load_scene("fig6-thick"), made(2.0), made(3.0, height=2.8))
-    assert {e.power for e in found.errors.values()} == {2.0}
 
 
 def test_another_pattern_gives_no_error_however_near_the_numbers_lie():

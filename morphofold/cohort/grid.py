@@ -155,7 +155,7 @@ def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     found = [key for key in keys if key == asked or key.endswith(f".{asked}")]
     if not found:
         names = {name: key for key in keys for name in (key, key.rpartition(".")[2])}
-        near = difflib.get_close_matches(asked, names, n=1)
+        near = [name for name in names if name.startswith(asked)] or difflib.get_close_matches(asked, names, n=1)
         hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
         raise ValueError(f"--vary {asked}: this scene has no such key. {hint}")
     if len(found) > 1 and asked not in found:

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from morphofold.arrays import Array
 from morphofold.studies.accuracy.points import Point
 
 LIKELY = 0.95           # of intervals
@@ -77,43 +75,31 @@ class Law:
         return self.coefficient * x**self.power
 
 
-def law(x: ArrayLike, y: ArrayLike, beyond: float = 0.0) -> Law:
+def law(x: ArrayLike, y: ArrayLike) -> Law:
     """The power law through points by least squares of logarithms.
 
     Parameters
     ----------
     x, y : (n,) float
         Positive; three points or more.
-    beyond : float
-        Where y was set to zero: an error against a finest mesh with ``x = beyond`` is ``c (x^p - beyond^p)``, as that
-        mesh has an error, too. The law that is returned is ``c x^p``, against no error at all. Only for p > 0.
 
     Raises
     ------
     ValueError
-        For fewer than three different x, numbers that are not positive and finite, or an x that isn't above ``beyond``.
+        For fewer than three different x, or numbers that are not positive and finite.
     """
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if len(np.unique(x)) < 3 or not (np.isfinite(x) & np.isfinite(y) & (x > beyond) & (y > 0)).all():
+    if len(np.unique(x)) < 3 or not (np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)).all():
         raise ValueError(
-            f"a power law takes three points or more, positive and beyond {beyond:g}; got x = {x.tolist()}, "
-            f"y = {y.tolist()}."
+            f"a power law takes three points or more, all positive; got x = {x.tolist()}, y = {y.tolist()}."
         )
     power, shift = np.polyfit(np.log(x), np.log(y), 1)
-
-    def residual(law: Array) -> Array:
-        p = law[1]
-        grown = p * np.log(x) + (np.log1p(-((beyond / x) ** p)) if beyond > 0 else 0.0)
-        return law[0] + grown - np.log(y)
-
-    limits = ([-np.inf, 0.05], [np.inf, 8.0]) if beyond > 0 else ([-np.inf, -np.inf], [np.inf, np.inf])
-    start = [shift, np.clip(power, 0.1, 7.0) if beyond > 0 else power]
-    fit = least_squares(residual, start, bounds=limits, x_scale=[1.0, 0.3])
+    rest, away = np.log(y) - shift - power * np.log(x), np.log(x) - np.log(x).mean()
     free = len(x) - 2
-    scatter = float(np.sqrt(np.sum(fit.fun**2) / free))
-    spread = float(np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[1, 1])) * scatter
+    scatter = float(np.sqrt(np.sum(rest**2) / free))
+    spread = scatter / float(np.sqrt(np.sum(away**2)))
     return Law(
-        float(np.exp(fit.x[0])), float(fit.x[1]), float(student.ppf(0.5 * (1 + LIKELY), free)) * spread, scatter,
+        float(np.exp(shift)), float(power), float(student.ppf(0.5 * (1 + LIKELY), free)) * spread, scatter,
         len(x), float(x.min()), float(x.max()),
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ from typing import Any
 from morphofold.analysis.resampling import ACCURACIES
 from morphofold.provenance import strict_json
 from morphofold.report.plots.line_plots import save
-from morphofold.studies.accuracy.bodies import FIXED, SUBJECT
+from morphofold.studies.accuracy.bodies import SUBJECT
 from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
 from morphofold.studies.accuracy.measuring_person import COARSE
 from morphofold.studies.accuracy.plots import HEADLINES, front_figure, overview
@@ -102,8 +102,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
     standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is
     the root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which
-    is the body's own; ``power_of_three_elements`` is the power along meshes of as many elements through the cortex.
-    ``measuring`` is of the measuring room: see :func:`measuring_errors`.
+    is the body's own. ``measuring`` is of the measuring room: see :func:`measuring_errors`.
     """
     quantities = {}
     beside: dict[str, list[float]] = {}
@@ -119,19 +118,11 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                     "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
                     "finest": error.low, "coarsest": error.high, "against": against,
                     "other": math.hypot(*beside.get(quantity, [])),
-                    "power_of_three_elements": _power_of_three(points, quantity),
                 }  # fmt: skip
     if not quantities:
         return None
     measuring = measuring_errors(points)
     return {"subject": SUBJECT, "growth": STAGES[-1], "quantities": quantities, "measuring": measuring}
-
-
-def _power_of_three(points: Sequence[Point], quantity: str) -> float | None:
-    """Power of the edge in the error of folds where three elements through the cortex are kept; None if not studied."""
-    along = [p for p in points if (p.axis, p.quantity, p.against) == (FIXED, quantity, MESH)]
-    error = laws_of(along)[1] if len({p.value for p in along}) > 2 else None
-    return error.power if error else None
 
 
 def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from morphofold.studies.accuracy.bodies import FINEST, PACED
-from morphofold.studies.accuracy.folds import MESH
+from morphofold.studies.accuracy.bodies import PACED
 from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halving, law
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
 
@@ -70,11 +69,10 @@ def edge_of(p: Point) -> float:
 def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
     """Laws of time and of error with the edge; none of the error where it is round-off."""
     x = [edge_of(p) for p in group]
-    beyond = FINEST.built if group[0].against == MESH else 0.0
     seconds = law(x, [p.seconds for p in group])
-    if any(p.error < 1e-12 for p in group) or any(at <= beyond for at in x):
+    if any(p.error < 1e-12 for p in group):
         return seconds, None
-    return seconds, law(x, [p.error for p in group], beyond)
+    return seconds, law(x, [p.error for p in group])
 
 
 def law_rows(points: Sequence[Point]) -> list[Row]:

@@ -43,7 +43,7 @@ def measuring_point(n, method=OURS, seconds=None, error=None, **others):
 @pytest.fixture
 def points():
     folded = [
-        solver_point(e, "gyrification index, g = 2", MESH, 0.05 * (e**1.5 - FINEST.built**1.5)) for e in EDGES
+        solver_point(e, "gyrification index, g = 2", MESH, 0.05 * e**1.5) for e in EDGES
     ]
     layers = [
         solver_point(0.45, f"{what}, g = 2", "6 elements through the cortex", error, axis="layers", value=3)
@@ -185,7 +185,7 @@ def test_laws_are_those_that_the_points_were_made_by(points):
     assert radius["seconds_power"] == pytest.approx(-4)
     assert radius["error_power"] == pytest.approx(2)
     assert radius["half_the_error"] == pytest.approx(4)
-    assert gi["error_power"] == pytest.approx(1.5, abs=1e-3)            # the finest mesh's own error is put back
+    assert gi["error_power"] == pytest.approx(1.5, abs=1e-3)
     assert curvature["error_power"] == pytest.approx(2)                 # of the edge, for 1/n in vertices
     assert curvature["half_the_error"] == pytest.approx(2, rel=1e-4)
 
@@ -212,7 +212,7 @@ def test_the_error_of_standard_is_told_axis_by_axis(points):
     }
 
 
-def test_a_forecast_is_given_the_laws_against_no_error_at_all(points):
+def test_a_forecast_is_given_the_laws(points):
     told = expected_errors(points)["quantities"]
     assert told["radius"]["coefficient"] == pytest.approx(0.01)
     assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
