@@ -85,7 +85,7 @@ def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
 
 
 def started(argv, here, **options):
-    """A run that goes on for minutes, once it has written its first lines."""
+    """A run that goes on for half a minute, once it has written its first lines."""
     run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=here, stderr=subprocess.DEVNULL, **options)
     until = time.monotonic() + 100
     while not any(here.glob("*/log.jsonl")) and time.monotonic() < until:
@@ -94,7 +94,7 @@ def started(argv, here, **options):
     return run
 
 
-SIMULATE = ["simulate", "fig5", "-o", "run"]
+SIMULATE = ["simulate", "fig5", "-o", "run", "--set", "geometry.portion=octant"]
 
 
 @needs_shell
