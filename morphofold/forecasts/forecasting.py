@@ -203,20 +203,15 @@ def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...
 
 
 def _setting_words(scene: Scene, edge: float) -> str:
-    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels."""
+    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels, the coarsest of them first."""
     from morphofold.sim.scene import LEVELS
 
-    if scene.geometry.shape in ("mesh", "radial"):
-        return "the mesh of the file" if scene.geometry.shape == "mesh" else "one dimension"
+    if scene.geometry.shape == "mesh":
+        return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    return _between_levels(edge / scene.thinnest, LEVELS)
-
-
-def _between_levels(edge_over_T: float, levels: Mapping[str, float]) -> str:
-    """Among ``levels``, from the coarsest to the finest, where an edge over the thickness lies."""
-    coarser = [name for name, edge in levels.items() if edge >= edge_over_T]
-    finer = [name for name, edge in levels.items() if edge <= edge_over_T]
+    coarser = [name for name, of in LEVELS.items() if of >= edge / scene.thinnest]
+    finer = [name for name, of in LEVELS.items() if of <= edge / scene.thinnest]
     if not coarser:
         return f"coarser than {finer[0]}"
     if not finer:
