@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 def set_threads(threads: int | None) -> None:
@@ -17,6 +19,19 @@ def set_threads(threads: int | None) -> None:
 
     check_threads(threads)
     numba.set_num_threads(_most() if threads is None else threads)
+
+
+@contextmanager
+def using_threads(threads: int | None) -> Iterator[int]:
+    """As :func:`set_threads`, and as many as before afterwards; yields how many there are."""
+    import numba
+
+    before = numba.get_num_threads()
+    set_threads(threads)
+    try:
+        yield numba.get_num_threads()
+    finally:
+        numba.set_num_threads(before)
 
 
 def check_threads(threads: int | None) -> None:

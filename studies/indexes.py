@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from morphofold.io.json_files import Amount, Count, Record, read_json
 from morphofold.provenance import sha256_of
+from morphofold.tables import write_table
 
 CURE = "Delete it."
 
@@ -66,6 +67,23 @@ class AccuracyIndex(Record):
     halves: list[str]
     files: list[str]
     errors: dict[str, Any] | None
+
+
+def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, Any]], str]]) -> dict[str, Any]:
+    """Write tables into ``folder`` by their names, each with the reason to leave it out if it has no rows.
+
+    Returns
+    -------
+    dict
+        What an index says of them: ``files`` that were written, and what was ``left_out`` with the reason.
+    """
+    for name, (rows, _) in tables.items():
+        if rows:
+            write_table(folder / f"{name}.tsv", (), rows)
+    return {
+        "files": [f"{name}.tsv" for name, (rows, _) in tables.items() if rows],
+        "left_out": {name: why for name, (rows, why) in tables.items() if not rows},
+    }
 
 
 def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:

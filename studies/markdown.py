@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from morphofold.io import atomic_file
 
 Row = dict[str, Any]
 #: columns of tables that stay text
@@ -29,6 +31,20 @@ def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str
     return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
 
 
+def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:
+    """The text of a page with the paragraphs of each part between its marks; raises as :func:`between_marks`."""
+    for name, paragraphs in parts.items():
+        text = between_marks(text, name, paragraphs, page)
+    return text
+
+
+def write_texts(written: Mapping[Path, str]) -> None:
+    """Write each file whole, or leave it as it is."""
+    for path, text in written.items():
+        with atomic_file(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
 def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
     """A table with numbers as floats, and None for what is missing."""
     with path.open(encoding="utf-8", newline="") as file:
@@ -45,6 +61,11 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def number(value: float | None, how: str) -> str:
     """A number in the format ``how``, a dash for a missing one."""
     return "–" if value is None else how.format(value).replace("-", "−")
+
+
+def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
+    """A line per row: its columns as :func:`number` has them in their formats, or, without one, the text they hold."""
+    return [[number(row[name], how) if how else row[name] for name, how in columns.items()] for row in rows]
 
 
 def health(simulations: Sequence[dict[str, Any]]) -> str:

@@ -11,8 +11,7 @@ import pytest
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.forecasts.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
-from morphofold.forecasts.measured import measured_errors
-from morphofold.forecasts.table import table
+from morphofold.forecasts.table import measured_errors, table
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
 from morphofold.shapes.folded_ball import folded_ball

@@ -14,11 +14,17 @@ from morphofold.forecasts import forecast
 from morphofold.forecasts import table as stored
 from morphofold.forecasts.afterwards import REST, cost_beside, cost_line, cost_of
 from morphofold.forecasts.calibration import LARGEST, calibrate, reduced
-from morphofold.forecasts.expected import SETTING_UP, STAGES
-from morphofold.forecasts.forecasting import forecast_from
-from morphofold.forecasts.memory import building_bytes, running_bytes
+from morphofold.forecasts.forecasting import SETTING_UP, STAGES, forecast_from
 from morphofold.forecasts.printed import table_of
-from morphofold.forecasts.sizes import Layers, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.forecasts.sizes import (
+    Layers,
+    building_bytes,
+    edges_between,
+    layers_of,
+    running_bytes,
+    sizes_by_rule,
+    sizes_of,
+)
 from morphofold.forecasts.steps import steps_of
 from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
 from morphofold.provenance import strict_json

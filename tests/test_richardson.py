@@ -15,8 +15,7 @@ from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
 from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, estimate_beside, twins
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import STUDIED
-from morphofold.forecasts.text import called
+from morphofold.forecasts.table import STUDIED, called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import NEAR, UnstableError

@@ -162,8 +162,7 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Most memory that growing and measuring a scene is expected to take [GiB]; 0 for a mesh from a file, not known."""
     from morphofold.forecasts.measuring import memory_of_analysis
-    from morphofold.forecasts.memory import memory_GiB
-    from morphofold.forecasts.sizes import Layers, sizes_by_rule
+    from morphofold.forecasts.sizes import Layers, memory_GiB, sizes_by_rule
 
     geometry = scene.geometry
     if isinstance(geometry, MeshFile):

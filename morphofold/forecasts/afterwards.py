@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, not_studied, table
-from morphofold.forecasts.text import unstudied
+from morphofold.forecasts.table import Expected, doubts, expected_errors, headline, not_studied, table, unstudied
 from morphofold.words import percent
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 REST = "rest"
+Shares = Mapping[str, tuple[float, float]]      # by what was done: its seconds, and its share of all
 
 #: phases of the solver's clock that are no effect's, and what they do
 PHASES = {
@@ -27,7 +27,6 @@ PHASES = {
     "radial": "equilibria in one dimension",
     REST: "building the body; checks, maps and files of the stages; log and checkpoints",
 }
-
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ class Cost:
     """
 
     seconds: float
-    phases: Mapping[str, tuple[float, float]]
-    effects: Mapping[str, tuple[float, float]]
+    phases: Shares
+    effects: Shares
     within: Mapping[str, str]
     steps: int | None
     elements: int | None
@@ -76,8 +75,7 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     seconds, by_phase = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
     if by_phase:
         by_phase[REST] = max(0.0, seconds - sum(by_phase.values()))
-    ordered = sorted(by_phase.items(), key=lambda item: -item[1])
-    shared = {name: (each, each / seconds if seconds > 0 else 0.0) for name, each in ordered}
+    shared = shares(dict(sorted(by_phase.items(), key=lambda item: -item[1])), seconds)
     called = health.get("effects", list(scene.called_effects))
     edge = health.get("surface_edge_mm")
     ratio = None if edge is None else float(edge) / scene.thinnest
@@ -92,6 +90,18 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         {} if ratio is None or outside else expected_errors(ratio), outside, unstudied(outside) if outside else how,
         () if ratio is None else tuple(doubts(scene, ratio)),
     )  # fmt: skip
+
+
+def shares(seconds: Mapping[str, float], whole: float) -> Shares:
+    """Seconds by name, each with its share of the whole."""
+    return {name: (each, each / whole if whole > 0 else 0.0) for name, each in seconds.items()}
+
+
+def largest(parts: Shares, most: int) -> str:
+    """The largest parts with their shares, in words."""
+    return ", ".join(
+        f"{name} {percent(share)}" for name, (_, share) in sorted(parts.items(), key=lambda item: -item[1][0])[:most]
+    )
 
 
 def _counted(effect: str) -> str:
@@ -115,8 +125,8 @@ def cost_beside(stage: Path) -> Cost | None:
 
 def cost_line(cost: Cost, most: int = 3) -> str:
     """A line on what took the time, and on the expected error."""
-    largest = sorted({**cost.phases, **cost.effects}.items(), key=lambda item: -item[1][0])[:most]
-    parts = ["time: " + ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)] if largest else []
+    taken = largest({**cost.phases, **cost.effects}, most)
+    parts = [f"time: {taken}"] if taken else []
     if cost.not_studied:
         parts.append(f"expected error: {cost.how}")
     elif cost.edge_over_T is not None:

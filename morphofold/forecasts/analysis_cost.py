@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.measured import Measured, measured_errors
+from morphofold.forecasts.afterwards import Shares, largest, shares
+from morphofold.forecasts.table import Measured, measured_errors
 from morphofold.words import percent, span
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class AnalysisCost:
     accuracy: str
     threads: int
     seconds: float
-    stages: Mapping[str, tuple[float, float]]
+    stages: Shares
     memory_GiB: float | None
     errors: Mapping[str, Measured]
     how: str
@@ -86,19 +87,15 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
     clock.end()
     seconds = sum(clock.seconds.values())
     accuracy = str(measures[0].parameters["accuracy"])
-    expected = measured_errors((m.cortex for m in measures), accuracy)
     return AnalysisCost(
         {m.cortex.hemi: m.cortex.n_vertices for m in measures}, accuracy, get_num_threads(), seconds,
-        {name: (each, each / seconds if seconds > 0 else 0.0) for name, each in clock.seconds.items()},
-        peak_memory(), expected.errors, expected.how, expected.doubts,
+        shares(clock.seconds, seconds), peak_memory(), *measured_errors((m.cortex for m in measures), accuracy),
     )  # fmt: skip
 
 
 def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
     """A line on what took the time, and on the worst of the expected errors: the least one may be so by chance."""
-    largest = sorted(cost.stages.items(), key=lambda item: -item[1][0])[:most]
-    taken = ", ".join(f"{name} {percent(share)}" for name, (_, share) in largest)
-    line = f"time: {span(cost.seconds)}, {taken}; "
+    line = f"time: {span(cost.seconds)}, {largest(cost.stages, most)}; "
     if not cost.errors:
         return f"{line}errors are {cost.how}"
     worst = max(cost.errors, key=lambda name: cost.errors[name].error)

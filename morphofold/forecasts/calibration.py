@@ -10,13 +10,13 @@ from morphofold.forecasts.sizes import Layers, Sizes, layers_of, sizes_of
 from morphofold.forecasts.steps import Steps, steps_of
 
 if TYPE_CHECKING:
-    from morphofold.sim.body import Body
     from morphofold.sim.scene import Scene
 
 LARGEST = 330_000       # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
 SECONDS = 0.8           # that steps are taken for
 BLOCKS = 3, 60          # of steps, at least and at most
 CREEP = 1e-6            # growth in each
+UNEVEN = 1.5            # slower over fastest block, beyond which a machine is called busy
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,6 @@ class Calibration:
     slowness: float
     threads: int
 
-    @property
-    def seconds_per_step(self) -> float:
-        """Of all phases [s]."""
-        return sum(self.phases.values())
-
 
 def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None) -> Calibration:
     """Build the scene's body, or a smaller one like it, and time a few steps and a stage.
@@ -73,34 +68,25 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
     ValueError
         If the body cannot be built, or the threads cannot be had.
     """
-    import numba
-
     from morphofold.sim.build import build_body
     from morphofold.sim.dynamics import Dynamics
     from morphofold.sim.effects import build_effects
-    from morphofold.threads import check_threads, set_threads
+    from morphofold.threads import using_threads
     from morphofold.timing import working_seconds
 
-    check_threads(threads)
-    before = numba.get_num_threads()
-    set_threads(threads)
-    try:
+    with using_threads(threads) as threads:
         small = reduced(scene)
         started = working_seconds()
         effects = build_effects(small)
         body = build_body(small, effects)
         run = Dynamics.of(small, body, effects)
         setting_up = working_seconds() - started
-        per_unit = float(1 / run.rate)
         phases, fastest, slowest = _time_steps(run)
-        threads = numba.get_num_threads()
         slowness = slowness_of_stages(costs)
-    finally:
-        numba.set_num_threads(before)
-    steps = steps_of(small, per_unit, body.crossing, costs)
+    per_unit, bilayer = float(1 / run.rate), body.bilayer
     return Calibration(
-        small, sizes_of(body.bilayer), _layers(body), body.crossing, per_unit, steps, phases, fastest, slowest,
-        setting_up, slowness, threads,
+        small, sizes_of(bilayer), layers_of(bilayer) if bilayer.faces.shape[1] == 4 else None, body.crossing, per_unit,
+        steps_of(small, per_unit, body.crossing, costs), phases, fastest, slowest, setting_up, slowness, threads,
     )  # fmt: skip
 
 
@@ -117,10 +103,6 @@ def reduced(scene: Scene) -> Scene:
             change = f"accuracy.edge={1.1 * scene.edge:.6g}"
         scene = load_scene(scene, [change])
     return scene
-
-
-def _layers(body: Body) -> Layers | None:
-    return layers_of(body.bilayer) if body.bilayer.faces.shape[1] == 4 else None
 
 
 def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:

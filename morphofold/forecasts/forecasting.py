@@ -3,24 +3,87 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.calibration import Calibration, calibrate
-from morphofold.forecasts.expected import SETTING_UP, STAGES, Forecast
-from morphofold.forecasts.memory import memory_GiB
-from morphofold.forecasts.sizes import Sizes, sizes_by_rule
+from morphofold.forecasts.calibration import UNEVEN, Calibration, calibrate, slowness_of_stages
+from morphofold.forecasts.sizes import Sizes, memory_GiB, sizes_by_rule
 from morphofold.forecasts.steps import Steps, steps_of
-from morphofold.forecasts.table import costs, doubts, expected_errors, not_studied, table
-from morphofold.forecasts.text import setting_words, unstudied
+from morphofold.forecasts.table import Expected, costs, doubts, expected_errors, larger, not_studied, table, unstudied
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from morphofold.sim.scene import Scene
 
+STAGES = "stages"       # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
+SETTING_UP = "set-up"   # and the building of its body
 LEAST = 0.1             # of its range of times, over the expected one
-UNEVEN = 1.5            # slower over fastest block of steps, beyond which a machine is called busy
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is expected of a run.
+
+    Attributes
+    ----------
+    scene, shape, setting : str
+        Its name and shape, and its accuracy in words: ``"standard"``, or between which levels its edge lies.
+    edge_mm, edge_over_T : float or None
+        Largest surface edge [mm], and in thicknesses of the (thinnest) cortex; None in one dimension, as all below.
+    elements_through_cortex : int or None
+        None for a mesh from a file, too.
+    elements, nodes, steps, stages : int
+    fewest_steps, most_steps : int
+    seconds, fastest, slowest : float
+        Wall time without compiling, and the range in which it plausibly is [s].
+    seconds_by_phase : mapping
+        As in health.json, with ``"set-up"`` and ``"stages"``.
+    memory_GiB : float
+        At most, of the whole process.
+    threads : int
+    errors : mapping
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene unlike those studied.
+    not_studied : tuple of str
+        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why it may not hold, one sentence each.
+    """
+
+    scene: str
+    shape: str
+    setting: str
+    edge_mm: float | None
+    edge_over_T: float | None
+    elements_through_cortex: int | None
+    elements: int
+    nodes: int
+    steps: int
+    fewest_steps: int
+    most_steps: int
+    stages: int
+    seconds: float
+    fastest: float
+    slowest: float
+    seconds_by_phase: Mapping[str, float]
+    memory_GiB: float
+    threads: int
+    errors: Mapping[str, Expected]
+    not_studied: tuple[str, ...]
+    how: Mapping[str, str]
+    doubts: tuple[str, ...]
+
+    @property
+    def headline(self) -> tuple[str, Expected] | None:
+        """The largest error of ``HEADLINE``, and of what it is."""
+        return larger(self.errors) if self.errors else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -48,9 +111,7 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
-        from morphofold.forecasts.radial import radial_forecast
-
-        return radial_forecast(scene, threads)
+        return _radial_forecast(scene, threads)
     return forecast_from(scene, calibrate(scene, costs(), threads))
 
 
@@ -66,13 +127,15 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     total, outside = steps.expected, not_studied(scene, sizes.edge / T)
     fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
     less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
+    single, bricks = scene.accuracy.precision == "single", found.layers is not None
+    memory = memory_GiB(sizes, bricks=bricks, single=single, volume=scene.output.volume)
     return Forecast(
-        scene.name, scene.geometry.shape, setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,
+        scene.name, scene.geometry.shape, _setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,
         None if scene.geometry.shape == "mesh" else layers, sizes.elements, sizes.nodes, total, fewest, most,
         len(scene.stages), seconds,
         seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
         seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
-        phases, _memory(scene, sizes, found), found.threads,
+        phases, memory, found.threads,
         {} if outside else expected_errors(sizes.edge / T), outside, _how(scene, found, itself, outside),
         tuple(_doubts(scene, sizes, found)),
     )  # fmt: skip
@@ -83,11 +146,6 @@ def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
     mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
     ratio = mine / timed
     return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
-
-
-def _memory(scene: Scene, sizes: Sizes, found: Calibration) -> float:
-    single = scene.accuracy.precision == "single"
-    return memory_GiB(sizes, bricks=found.layers is not None, single=single, volume=scene.output.volume)
 
 
 def _steps_across(scene: Scene, edge: float) -> float:
@@ -142,3 +200,48 @@ def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...
         "memory": "bytes per element and vertex, measured in other runs",
         "errors": unstudied(outside) if outside else errors,
     }  # fmt: skip
+
+
+def _setting_words(scene: Scene, edge: float) -> str:
+    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels, the coarsest of them first."""
+    from morphofold.sim.scene import LEVELS
+
+    if scene.geometry.shape == "mesh":
+        return "the mesh of the file"
+    if scene.accuracy.edge is None:
+        return scene.accuracy.level
+    coarser = [name for name, of in LEVELS.items() if of >= edge / scene.thinnest]
+    finer = [name for name, of in LEVELS.items() if of <= edge / scene.thinnest]
+    if not coarser:
+        return f"coarser than {finer[0]}"
+    if not finer:
+        return f"finer than {coarser[-1]}"
+    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
+
+
+def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
+    """Of a run in one dimension, which is next to nothing: its final stage is solved, in milliseconds."""
+    from morphofold.progress import silent
+    from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
+    from morphofold.threads import using_threads
+    from morphofold.timing import working_seconds
+
+    nowhere: Any = None
+    with using_threads(threads) as threads:
+        run = RadialRun(scene, nowhere, silent, lambda: False)
+        run.equilibrium(scene.growth.final)
+        started = working_seconds()
+        run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
+        solving = len(scene.stages) * (working_seconds() - started)
+        slowness = slowness_of_stages(costs())
+    vertices = 10 * 4**SPHERE_LEVEL + 2
+    stage = costs()["stage"]
+    writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
+    seconds = solving + writing
+    return Forecast(
+        scene.name, "radial", "one dimension", None, None, None, 0, 0, 0, 0, 0, len(scene.stages), seconds,
+        0.5 * seconds, 2 * seconds, {"radial": solving, STAGES: writing, SETTING_UP: 0.0},
+        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False), threads, {}, (),
+        {"time": "the final stage was solved", "memory": "measured in other runs",
+         "errors": "equilibria to a part in 1e8 or so; no mesh enters"}, (),
+    )  # fmt: skip

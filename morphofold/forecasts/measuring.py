@@ -8,19 +8,18 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from morphofold.forecasts.analysis_cost import PAGE, READING, WRITING
-from morphofold.forecasts.measured import Measured, measured_errors
-from morphofold.forecasts.table import costs
+from morphofold.forecasts.calibration import UNEVEN
+from morphofold.forecasts.sizes import GiB
+from morphofold.forecasts.table import Measured, costs, measured_errors
 
 if TYPE_CHECKING:
     from morphofold.analysis.resampling import Accuracy
     from morphofold.surface import Cortex
 
 REPEATS = 3             # of the measuring that is timed, after once for kernels to be fetched
-UNEVEN = 1.5            # slower over faster repeat, beyond which a machine is called busy
 ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
 VOXELS = "local gyrification"                                          # and the one whose voxels they change
 WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
-GiB = 2**30
 
 
 @dataclass(frozen=True)
@@ -144,25 +143,17 @@ def forecast_analysis(
 
 def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
     """Seconds by stage of measuring a small folded ball as a draft, how uneven repeats were, and the threads used."""
-    import numba
-
     from morphofold.analysis.measuring import measure
     from morphofold.shapes.folded_ball import folded_ball
-    from morphofold.threads import check_threads, set_threads
+    from morphofold.threads import using_threads
     from morphofold.timing import Stages
 
-    check_threads(threads)
-    before = numba.get_num_threads()
-    set_threads(threads)
-    try:
-        ball, taken = folded_ball(costs()["analysis"]["ball"]), []
+    ball, taken = folded_ball(costs()["analysis"]["ball"]), []
+    with using_threads(threads) as threads:
         for _ in range(1 + REPEATS):
             clock = Stages()
             measure(ball, accuracy="draft", progress=clock.at)
             taken.append(clock.seconds)
-        threads = numba.get_num_threads()
-    finally:
-        numba.set_num_threads(before)
     taken = taken[1:]
     totals = [sum(one.values()) for one in taken]
     return {name: min(one[name] for one in taken) for name in taken[0]}, max(totals) / min(totals), threads

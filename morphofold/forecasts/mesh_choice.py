@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from morphofold.forecasts.calibration import Calibration, calibrate
-from morphofold.forecasts.expected import Forecast
-from morphofold.forecasts.forecasting import forecast_from
+from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
-from morphofold.forecasts.table import ROUNDED, costs, headline, not_studied, studied
-from morphofold.forecasts.text import unstudied
+from morphofold.forecasts.table import ROUNDED, costs, headline, not_studied, studied, unstudied
 from morphofold.words import percent, percent_above, span
 
 if TYPE_CHECKING:
@@ -100,21 +98,14 @@ def pick(
         raise ValueError("pick: neither a budget nor an error is asked for; give one of them.")
     asked = "--budget" if error is None else "--error"
     edges = _edges(scene, asked)
-    T = scene.thinnest
-    if error is not None and (unlike := not_studied(scene, studied()[0])):
-        raise ValueError(
-            f"--error chooses by a table of errors, {unstudied(unlike)} ({scene.name}). Choose the mesh by --budget or "
-            "accuracy.edge, and let --estimate say how wrong the run is."
-        )
     if error is not None:
-        return _for_error(scene, [edge for edge in edges if headline(edge / T)[1].error <= error], edges, error,
-                          budget, threads)  # fmt: skip
+        return _for_error(scene, edges, error, budget, threads)
     assert budget is not None
-    found = calibrate(_with(scene, edges[0]), costs(), threads)
-    chosen = _finest(scene, edges, found, budget)
-    again = calibrate(_with(scene, chosen), costs(), threads)          # there, and once more
-    chosen = _finest(scene, edges, again, budget)
-    return Pick(_with(scene, chosen), forecast_from(_with(scene, chosen), again))
+    chosen = _with(scene, edges[0])
+    for _ in range(2):                                                  # timed there, and once more where that leads
+        found = calibrate(chosen, costs(), threads)
+        chosen = _with(scene, _finest(scene, edges, found, budget))
+    return Pick(chosen, forecast_from(chosen, found))
 
 
 def _edges(scene: Scene, asked: str) -> list[float]:
@@ -165,15 +156,20 @@ def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float)
     return min(fitting)
 
 
-def _for_error(
-    scene: Scene, good: list[float], edges: list[float], error: float, budget: float | None, threads: int | None
-) -> Pick:
-    if not good:
-        name, best = headline(edges[-1] / scene.thinnest)
+def _for_error(scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None) -> Pick:
+    """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
+    if unlike := not_studied(scene, studied()[0]):
         raise ValueError(
-            f"--error {percent(error)}: the finest edge to choose from ({edges[-1] / scene.thinnest:.2f} T) leaves "
-            f"{scene.name} an error of about {percent_above(best.error)} ({name}). Ask for no less, or set "
-            "accuracy.edge."
+            f"--error chooses by a table of errors, {unstudied(unlike)} ({scene.name}). Choose the mesh by --budget or "
+            "accuracy.edge, and let --estimate say how wrong the run is."
+        )
+    good = [edge for edge in edges if headline(edge / scene.thinnest)[1].error <= error]
+    if not good:
+        finest = edges[-1] / scene.thinnest
+        name, best = headline(finest)
+        raise ValueError(
+            f"--error {percent(error)}: the finest edge to choose from ({finest:.2f} T) leaves {scene.name} an error "
+            f"of about {percent_above(best.error)} ({name}). Ask for no less, or set accuracy.edge."
         )
     chosen = _with(scene, good[0])
     cost = forecast_from(chosen, calibrate(chosen, costs(), threads))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from morphofold.forecasts.expected import Forecast
+from morphofold.forecasts.afterwards import largest, shares
+from morphofold.forecasts.forecasting import Forecast
 from morphofold.forecasts.measuring import AnalysisForecast
-from morphofold.forecasts.table import Expected
-from morphofold.forecasts.text import called
+from morphofold.forecasts.table import Expected, called
 from morphofold.words import percent, span
 
 
@@ -41,11 +41,10 @@ def table_of_analysis(found: AnalysisForecast) -> str:
 
 def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, float]) -> list[tuple[str, str]]:
     threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
-    most = sorted(parts.items(), key=lambda item: -item[1])[:4]
     return [
         ("memory", f"{found.memory_GiB:.2g} GiB"),
         ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
-        ("", ", ".join(f"{name} {percent(seconds / found.seconds)}" for name, seconds in most)),
+        ("", largest(shares(parts, found.seconds), 4)),
     ]
 
 

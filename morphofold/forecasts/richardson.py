@@ -3,13 +3,17 @@ that twin against one that grows at half the pace."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.forecasts.table import not_studied, table
-from morphofold.forecasts.text import unstudied
+from pydantic import TypeAdapter
+
+from morphofold.forecasts.forecasting import Forecast, forecast
+from morphofold.forecasts.sizes import edge_by_rule
+from morphofold.forecasts.table import not_studied, table, unstudied
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.progress import Progress, part_of, silent
@@ -18,7 +22,6 @@ from morphofold.surface import Surface, check_kind
 from morphofold.words import percent
 
 if TYPE_CHECKING:
-    from morphofold.forecasts.expected import Forecast
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
@@ -37,9 +40,9 @@ class Estimated:
     """One quantity of the last stage: how much it differs between run and twin, the power of the edge with which its
     error goes, and the error of the run, change / (ratio^power - 1); None if the twin folded into another pattern."""
 
-    change: float
-    power: float
-    error: float | None
+    change: Amount
+    power: Number
+    error: Amount | None
 
 
 @dataclass(frozen=True)
@@ -64,14 +67,14 @@ class Estimate:
         has no slower twin (:func:`twins`), and of estimates that knew of none.
     """
 
-    growth: float
-    edge_over_T: float
-    ratio: float
+    growth: Number
+    edge_over_T: Amount
+    ratio: Amount
     errors: Mapping[str, Estimated]
     how: str
     doubts: tuple[str, ...]
     not_studied: tuple[str, ...] = ()
-    pace: Mapping[str, float] | None = None
+    pace: Mapping[str, Amount] | None = None
 
     @property
     def words(self) -> str:
@@ -87,25 +90,10 @@ class Estimate:
         return asdict(self)
 
 
-class ErrorRow(Record):
-    """An ``Estimated``."""
-
-    change: Amount
-    power: Number
-    error: Amount | None
-
-
 class ErrorFile(Record):
-    """``error.json``: an ``Estimate``, and of which ``health.json``."""
+    """``error.json``: the fields of an ``Estimate`` (an earlier version's lack the last ones), and of which
+    ``health.json``."""
 
-    growth: Number
-    edge_over_T: Amount
-    ratio: Amount
-    errors: dict[str, ErrorRow]
-    how: str
-    doubts: list[str]
-    not_studied: list[str] = []
-    pace: dict[str, Amount] | None = None
     health_sha256: str
 
 
@@ -125,7 +113,6 @@ def coarser(scene: Scene) -> Scene:
     ValueError
         If it has no edge to be made longer, doesn't grow, or is so small that the edges come out hardly longer.
     """
-    from morphofold.forecasts.sizes import edge_by_rule
     from morphofold.sim.scene.files import load_scene
 
     if scene.geometry.shape in ("mesh", "radial"):
@@ -164,8 +151,6 @@ def twins(scene: Scene) -> dict[str, Scene]:
 
 def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
     """What each twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
-    from morphofold.forecasts.forecasting import forecast
-
     found = {folder: forecast(twin, threads) for folder, twin in twins(scene).items()}
     how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
     return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
@@ -240,11 +225,7 @@ def estimate_beside(stage: Path) -> Estimate | None:
         content = read_json(folder / FILE, ErrorFile, "")
         if content["health_sha256"] != _digest(folder):
             return None
-        errors = {name: Estimated(row["change"], row["power"], row["error"]) for name, row in content["errors"].items()}
-        told = {key: content[key] for key in ("growth", "edge_over_T", "ratio", "how")}
-        unlike = tuple(content.get("not_studied", ()))                  # an earlier version's has none
-        doubts, pace = tuple(content["doubts"]), content.get("pace")
-        return Estimate(**told, errors=errors, doubts=doubts, not_studied=unlike, pace=pace)
+        return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)   # strict: JSON's lists are tuples
     except (OSError, ValueError):
         return None
 
@@ -254,10 +235,10 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
     changes = _changes(scene, mine, twin)
     apart, pace = changes["pial distance"], None if slow is None else _changes(scene, twin, slow)
     ratio = twin.edge / mine.edge
-    errors = {}
-    for name, change in changes.items():
-        power = POWERS[name]
-        errors[name] = Estimated(change, power, change / (ratio**power - 1) if apart <= ALIKE else None)
+    errors = {
+        name: Estimated(change, POWERS[name], change / (ratio ** POWERS[name] - 1) if apart <= ALIKE else None)
+        for name, change in changes.items()
+    }
     all_grown = {"run": mine, "coarser twin": twin, "slower twin": slow}
     doubts = [f"The {name} isn't healthy: {warning}" for name, grown in all_grown.items() if grown
               for warning in grown.warnings]  # fmt: skip

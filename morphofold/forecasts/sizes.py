@@ -1,13 +1,18 @@
-"""How many elements and nodes a scene's body has, counted without building it, and the edges that it can have."""
+"""How many elements and nodes a scene's body has, counted without building it, the edges that it can have, and the
+memory that its run takes."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from morphofold.forecasts.table import costs
+
 if TYPE_CHECKING:
     from morphofold.sim.mesh.bilayer import Bilayer
     from morphofold.sim.scene import Scene
+
+GiB = 2**30
 
 
 class Layers(NamedTuple):
@@ -53,18 +58,16 @@ def edge_by_rule(scene: Scene) -> float:
     ValueError
         For a shape that isn't made of bricks.
     """
-    from morphofold.sim.scene import Ellipsoid, Sphere
-
-    if isinstance(scene.geometry, Sphere | Ellipsoid):
-        return 0.5 * math.pi * max(scene.geometry.semi_axes) / scene.cells
     return max(length / cells for length, cells in _rows(scene))
 
 
 def _rows(scene: Scene) -> list[tuple[float, int]]:
-    """Lengths of a patch or strip [mm], and the cells along each."""
-    from morphofold.sim.scene import Patch, Strip
+    """Lengths of a patch or strip, or of a quarter of the longest circle [mm], and the cells along each."""
+    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
 
     geometry = scene.geometry
+    if isinstance(geometry, Sphere | Ellipsoid):
+        return [(0.5 * math.pi * max(geometry.semi_axes), scene.cells)]
     if not isinstance(geometry, Patch | Strip):
         raise ValueError(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
     lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
@@ -101,16 +104,11 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
 
     Rounded up in the fourth digit, which changes no number of cells.
     """
-    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
+    from morphofold.sim.scene import Ellipsoid, Sphere
 
-    geometry = scene.geometry
-    if isinstance(geometry, Sphere | Ellipsoid):
-        length, step = 0.5 * math.pi * max(geometry.semi_axes), 2
-    elif isinstance(geometry, Patch | Strip):
-        length, step = max(geometry.size) if isinstance(geometry, Patch) else geometry.length, 1
-    else:
-        raise ValueError(f"{scene.name}: a {geometry.shape} scene has no edge to choose.")
-    first = max(4 if step == 2 else 1, step * math.ceil(length / coarsest / step - 1e-9))
+    length = max(length for length, _ in _rows(scene))
+    step, least = (2, 4) if isinstance(scene.geometry, Sphere | Ellipsoid) else (1, 1)
+    first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
     return [_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
 
 
@@ -118,3 +116,31 @@ def _up(length: float) -> float:
     """A length with four digits, no less than it is."""
     unit = 10.0 ** (math.floor(math.log10(length)) - 3)
     return round(math.ceil(length / unit - 1e-9) * unit, 12)
+
+
+def building_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
+    """Most bytes that are held at once while a body is built."""
+    memory = costs()["memory"]
+    if not bricks:
+        return memory["building_tet"] * elements
+    passing = (memory["building_brick"] - memory["built_brick"]) * elements
+    built = memory["built_brick"] + (0 if single else memory["double"])
+    return built * elements + min(passing, memory["most_building"])
+
+
+def running_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
+    """Bytes that body and dynamics hold while steps are taken."""
+    memory = costs()["memory"]
+    if not bricks:
+        return memory["per_tet"] * elements
+    return (memory["per_brick"] + (0 if single else memory["double"])) * elements
+
+
+def memory_GiB(sizes: Sizes, *, bricks: bool, single: bool, volume: bool) -> float:
+    """Most memory of a whole process that runs a scene, started for it alone [GiB]."""
+    memory = costs()["memory"]
+    stage = memory["stage_per_vertex"] * sizes.vertices
+    stage += memory["stage_per_element"] * sizes.elements if volume else 0.0
+    building = memory["importing"] + building_bytes(sizes.elements, bricks=bricks, single=single) / GiB
+    running = memory["process"] + (running_bytes(sizes.elements, bricks=bricks, single=single) + stage) / GiB
+    return max(building, running)

@@ -1,17 +1,19 @@
-"""The stored table: what runs cost beyond their ideal, and how wrong their results were, by edge."""
+"""The stored table: what runs cost beyond their ideal, how wrong their results were, by edge, and how wrong measures of
+a surface were: of one person's hemisphere."""
 
 from __future__ import annotations
 
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
+    from morphofold.surface import Cortex
 
 #: the error of a run is the larger one of these: its numbers of folding that converge last
 HEADLINE = ("gyrification index", "wavelength")
@@ -19,6 +21,12 @@ ROUNDED = 0.05          # share of an edge within which two of them are alike: c
 #: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
+ALIKE = 1.5             # ratio of numbers of vertices beyond which a surface is not said to be like the table's
+#: what the study held a measure against, in words
+AGAINST = {
+    "split surface": "the same surface with every triangle cut in four", "whole mesh": "the mesh before it was thinned",
+    "smallest voxels": "the smallest voxels",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,11 @@ def expected_errors(edge_over_T: float) -> dict[str, Expected]:
 
 def headline(edge_over_T: float) -> tuple[str, Expected]:
     """The larger one of the errors of ``HEADLINE``, and of what it is."""
-    errors = expected_errors(edge_over_T)
+    return larger(expected_errors(edge_over_T))
+
+
+def larger(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
+    """As :func:`headline`, of errors that are known."""
     name = max(HEADLINE, key=lambda name: errors[name].error)
     return name, errors[name]
 
@@ -92,6 +104,16 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     return tuple(name for name, outside in found.items() if outside)
 
 
+def unstudied(names: Iterable[str]) -> str:
+    """Why no errors are told of a scene, from what :func:`not_studied` names."""
+    return f"not studied for this {', '.join(name.replace('_', ' ') for name in names)}"
+
+
+def called(quantity: str) -> str:
+    """A quantity as tables of errors call it: errors are relative, but for a distance, which is over the thickness."""
+    return "pial distance, over T" if quantity == "pial distance" else quantity
+
+
 def doubts(scene: Scene, edge_over_T: float) -> list[str]:
     """How a scene of which errors are told differs from the one of the table: one sentence each."""
     from morphofold.sim.scene import elements_through
@@ -105,3 +127,75 @@ def doubts(scene: Scene, edge_over_T: float) -> list[str]:
     if layers[0] != layers[1]:
         said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
     return said
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A relative error (0.01 is 1 %) of a measure, and what it was held against, in words."""
+
+    error: float
+    against: str
+
+
+class MeasuredErrors(NamedTuple):
+    """Errors of an accuracy.
+
+    Attributes
+    ----------
+    errors : mapping
+        Quantity to ``Measured``; empty where none are known.
+    how : str
+        How they were obtained.
+    doubts : tuple of str
+        Why they may not hold for the surfaces at hand, one sentence each.
+    """
+
+    errors: Mapping[str, Measured]
+    how: str
+    doubts: tuple[str, ...]
+
+
+def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors:
+    """Expected errors of an accuracy: those of the hemisphere in the table that has about as many vertices.
+
+    Of several cortices the one of fewest vertices chooses; every other one that is not like it is doubted. Beyond the
+    meshes of the table by more than ``ALIKE`` none are known: a mesh of 42 vertices is off by 26 % in thickness, where
+    that of 10,001 is by 5 %.
+
+    Raises
+    ------
+    ValueError
+        If there is no cortex, or no such accuracy.
+    """
+    from morphofold.analysis.resampling import accuracy_of
+
+    accuracy_of(accuracy)
+    cortices = list(cortices)
+    sizes = sorted({cortex.n_vertices for cortex in cortices})
+    if not sizes:
+        raise ValueError("there is no cortex to expect errors of. Pass one at least.")
+    persons = table()["errors"]["measuring"]
+    least, most = (of(person["vertices"] for person in persons) for of in (min, max))
+    nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
+    vertices = nearest["vertices"]
+    errors = {
+        name: Measured(law[accuracy], AGAINST.get(law["against"], law["against"]))
+        for name, law in nearest["quantities"].items()
+    }
+    if not least / ALIKE <= sizes[0] <= most * ALIKE:
+        how = f"not known of meshes of {sizes[0]:,} vertices: measured on those of {least:,} to {most:,} only"
+        return MeasuredErrors({}, how, ())
+    said = []
+    if any(cortex.origin == "simulation" for cortex in cortices):
+        said.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
+    if unlike := [n for n in sizes if not 1 / ALIKE <= n / vertices <= ALIKE]:
+        said.append(
+            f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
+            f"{' or '.join(f'{n:,}' for n in unlike)} is not known."
+        )
+    how = (
+        f"what the mesh changes, not noise of the image: measured at {accuracy} on one person's hemisphere "
+        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each, and "
+        "no accuracy is told to be better than a dearer one"
+    )
+    return MeasuredErrors(errors, how, tuple(said))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from morphofold.sim.effects.contact import STIFFNESS, Contact
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.scene import LEVELS, Scene, elements_through
 from morphofold.sim.scene.files import load_scene
+from morphofold.studies.accuracy.points import Point, Timing
 from morphofold.studies.speed.solver import cut_bricks
 
 SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far finer than any that is used
@@ -92,6 +94,13 @@ class Setting:
             f"growth.rate={float(self.rate)!r}", f"accuracy.precision={self.precision}", *settings,
         ])  # fmt: skip
 
+    def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
+        """How wrong a quantity came out with this setting, and how long that took."""
+        return Point(
+            "solver", SUBJECT, quantity, error, against, self.axis, self.words, self.value, size, *timing,
+            preset=self.preset,
+        )  # fmt: skip
+
     def bilayer(self) -> Bilayer:
         """The mesh of the body, not grown."""
         bricks = build_bilayer(self.scene())
@@ -110,25 +119,22 @@ class Setting:
 
 def axes() -> dict[str, list[Setting]]:
     """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
+    through = "{} elements through the cortex"
     found = {
-        "mesh": [Setting("mesh", f"h = {e:.2f} T", e, edge=e) for e in EDGES],
-        FIXED: [Setting(FIXED, f"h = {e:.2f} T, 3 elements through the cortex", e, edge=e, layers=3) for e in EDGES],
+        "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
+        FIXED: _along(FIXED, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGES, layers=3),
         PACED: [
             Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES
         ],
         "layers": [
-            Setting("layers", f"{n} element{'s' * (n > 1)} through the cortex", n, layers=n) for n in (1, 2, 3, 4, 6)
+            *_along("layers", "1 element through the cortex", "layers", (1,)),
+            *_along("layers", through, "layers", (2, 3, 4, 6)),
         ],
-        "layers, fine": [
-            Setting("layers, fine", f"h = 0.27 T, {n} elements through the cortex", n, edge=0.27, layers=n)
-            for n in (2, 3)
-        ],
-        "kappa": [Setting("kappa", f"kappa/mu = {k:g}", k, kappa_ratio=k) for k in (12.5, 25.0, 50.0, 100.0, 200.0)],
-        "pace": [Setting("pace", f"pace {r:g}", r, rate=r) for r in (4.0, 2.0, 1.0, 0.5, 0.25)],
-        "contact": [Setting("contact", f"contact x {c:g}", c, contact=c) for c in (0.25, 0.5, 1.0, 2.0)],
-        "element": [
-            Setting("element", f"tetrahedra, h = {e:.2f} T", e, edge=e, element="tet") for e in (0.8, 0.6, 0.45)
-        ],
+        "layers, fine": _along("layers, fine", f"h = 0.27 T, {through}", "layers", (2, 3), edge=0.27),
+        "kappa": _along("kappa", "kappa/mu = {:g}", "kappa_ratio", (12.5, 25.0, 50.0, 100.0, 200.0)),
+        "pace": _along("pace", "pace {:g}", "rate", (4.0, 2.0, 1.0, 0.5, 0.25)),
+        "contact": _along("contact", "contact x {:g}", "contact", (0.25, 0.5, 1.0, 2.0)),
+        "element": _along("element", "tetrahedra, h = {:.2f} T", "edge", (0.8, 0.6, 0.45), element="tet"),
         "precision": [
             Setting("precision", f"{name} precision", digits, precision=name)
             for name, digits in (("single", 24), ("double", 53))
@@ -137,6 +143,11 @@ def axes() -> dict[str, list[Setting]]:
     for axis in ON_EDGES:
         found[axis] = [replace(s, value=s.built) for s in found[axis]]
     return found
+
+
+def _along(axis: str, words: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:
+    """A setting for each value of the field ``name``, the others as given."""
+    return [Setting(axis, words.format(value), value, **{name: value, **others}) for value in values]
 
 
 ON_EDGES = ("mesh", FIXED, PACED, "element")

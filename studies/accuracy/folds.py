@@ -15,8 +15,8 @@ from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent
 from morphofold.sim.output.surfaces import whole_surfaces
-from morphofold.studies.accuracy.bodies import FINEST, SUBJECT, Setting
-from morphofold.studies.accuracy.points import ANEW, Point
+from morphofold.studies.accuracy.bodies import FINEST, Setting
+from morphofold.studies.accuracy.points import ANEW, Point, Timing
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
 
@@ -121,11 +121,8 @@ def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, 
         best = better[g]
         errors = {what: abs(folds.numbers[what] / best.numbers[what] - 1) for what in NUMBERS}
         errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness
+        timing = Timing.of([folds.seconds])
         points += [
-            Point(
-                "solver", SUBJECT, f"{what}, g = {g:g}", error, against, s.axis, s.words, s.value, folds.elements,
-                folds.seconds, folds.seconds, folds.seconds, preset=s.preset,
-            )
-            for what, error in errors.items()
-        ]  # fmt: skip
+            s.point(f"{what}, g = {g:g}", error, against, folds.elements, timing) for what, error in errors.items()
+        ]
     return points

@@ -44,6 +44,12 @@ def point(
     )  # fmt: skip
 
 
+def of_mesh(verts: Verts, faces: Faces) -> dict[str, Any]:
+    """Where a mesh lies on the axis of meshes: its vertices, and their mean edge [mm]."""
+    n = len(verts)
+    return {"setting": f"{n:,} vertices", "value": geometry.mean_edge_length(verts, faces), "size": n}
+
+
 def cases() -> list[Case]:
     """Those of this file."""
     shapes: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
@@ -84,10 +90,9 @@ def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: It
     points = []
     for level in levels:
         shape = make(level)
-        edge = geometry.mean_edge_length(shape.verts, shape.faces)
-        about: dict[str, Any] = {"setting": f"{len(shape.verts):,} vertices", "value": edge}
+        about = of_mesh(shape.verts, shape.faces)
         points += _fields(shape, subject, _ours, axis="mesh", **about)
-        scale = max(CURVATURE_SCALE, COARSE * edge)
+        scale = max(CURVATURE_SCALE, COARSE * about["value"])
         points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **about)
         for peer in curvature_peers():
             if peer.reach <= 5 and len(shape.verts) <= peer.most:
@@ -147,10 +152,7 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
     points = []
     for level in levels:
         white, pial = parallel_pair(level)
-        about: dict[str, Any] = {
-            "setting": f"{len(pial.verts):,} vertices", "value": geometry.mean_edge_length(pial.verts, pial.faces),
-            "size": len(pial.verts),
-        }  # fmt: skip
+        about = of_mesh(pial.verts, pial.faces)
         for mode in ("surface", "freesurfer"):
             axis = "mesh" if mode == "surface" else "mesh, nearest vertex"
             work = partial(cortical_thickness, white, pial, mode=mode)

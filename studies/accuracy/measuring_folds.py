@@ -149,16 +149,24 @@ def local_index(surface: Surface, voxels: float) -> PerVertex:
 
 def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
     """Local gyrification index of a sphere the size of a hemisphere, which is 1 everywhere."""
-    shape = sphere(6, 60.0, rng=0)
+    surface = sphere(6, 60.0, rng=0).surface
+    rms = lambda index: float(np.sqrt(np.mean((index - 1) ** 2)))
+    return gyrification_over_voxels("sphere", surface, voxels, rms)
+
+
+def gyrification_over_voxels(
+    subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float],
+    against: str = "exact",
+) -> list[Point]:  # fmt: skip
+    """Local gyrification index by so many voxels in the radius of the closing, each an accuracy's or another number."""
     presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
     points = []
     for count in voxels:
-        voxel = CLOSING / count
-        index, timing = timed(partial(local_index, shape.surface, count))
+        index, timing = timed(partial(local_index, surface, count))
         points.append(
             point(
-                "sphere", "local gyrification", float(np.sqrt(np.mean((index - 1) ** 2))), timing, axis="voxel",
-                setting=f"{voxel:g} mm", value=voxel, size=len(shape.verts), preset=presets.get(count, ""),
+                subject, "local gyrification", error(index), timing, axis="voxel", setting=f"{CLOSING / count:g} mm",
+                value=CLOSING / count, size=len(surface.verts), preset=presets.get(count, ""), against=against,
             )
         )  # fmt: skip
     return points

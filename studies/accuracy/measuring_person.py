@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis import Measures, curvature, measure
-from morphofold.analysis.gyrification.local import CLOSING
 from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
 from morphofold.analysis.thickness.gyral import weighted_quantile
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.accuracy.measuring import point
-from morphofold.studies.accuracy.measuring_folds import VOXELS, f1, local_index
+from morphofold.studies.accuracy.measuring import of_mesh, point
+from morphofold.studies.accuracy.measuring_folds import VOXELS, f1, gyrification_over_voxels, local_index
 from morphofold.studies.accuracy.points import LONG, Case, Point, Timing, timed
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
@@ -65,11 +64,8 @@ def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> 
     points = _presets("S1", cortex, truth, "split surface")
     for size in sizes:
         copy = copied(cortex, Accuracy(size, 0, 12.0))
-        about: dict[str, Any] = {
-            "axis": "mesh", "size": copy.cortex.n_vertices, "setting": f"{copy.cortex.n_vertices:,} vertices",
-            "value": geometry.mean_edge_length(copy.cortex.pial.verts, copy.cortex.faces), "against": "split surface",
-        }  # fmt: skip
-        points += _of_measures("S1", *staged(copy.cortex), truth, **about)
+        about = of_mesh(copy.cortex.pial.verts, copy.cortex.faces)
+        points += _of_measures("S1", *staged(copy.cortex), truth, axis="mesh", against="split surface", **about)
     return points
 
 
@@ -100,7 +96,7 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
         found = measure(cortex, accuracy=accuracy, progress=clock.at)
         rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
     columns = {what: [row[what] for row in rows] for what in rows[0]}
-    return found, {what: Timing(statistics.median(c), min(c), max(c), len(c)) for what, c in columns.items()}
+    return found, {what: Timing.of(column) for what, column in columns.items()}
 
 
 def _of_measures(
@@ -144,9 +140,8 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
             wrong = median_error(found[place], truth, areas)
             points.append(
                 point(
-                    f"S1, {kind}", "mean curvature", wrong, timing, axis="mesh", size=len(mesh.verts),
-                    setting=f"{len(mesh.verts):,} vertices", value=geometry.mean_edge_length(mesh.verts, mesh.faces),
-                    against="split surface", preset="standard" if body is cortex else "",
+                    f"S1, {kind}", "mean curvature", wrong, timing, axis="mesh", against="split surface",
+                    preset="standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces),
                 )
             )  # fmt: skip
     return points
@@ -165,20 +160,9 @@ def median_error(found: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
 def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ...] = VOXELS) -> list[Point]:
     """Local gyrification over voxels, against the smallest."""
     pial = (cortex or person()).pial
-    index = partial(local_index, pial)
-    areas, truth = geometry.vertex_areas(pial.verts, pial.faces), index(FINEST)
-    presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
-    points = []
-    for count in voxels:
-        found, timing = timed(partial(index, count))
-        points.append(
-            point(
-                "S1", "local gyrification", median_error(found, truth, areas), timing, axis="voxel",
-                setting=f"{CLOSING / count:g} mm", value=CLOSING / count, size=len(pial.verts),
-                preset=presets.get(count, ""), against="smallest voxels",
-            )
-        )  # fmt: skip
-    return points
+    areas, truth = geometry.vertex_areas(pial.verts, pial.faces), local_index(pial, FINEST)
+    wrong = lambda index: median_error(index, truth, areas)
+    return gyrification_over_voxels("S1", pial, voxels, wrong, "smallest voxels")
 
 
 def split(cortex: Cortex) -> Cortex:

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.io import atomic_file
 from morphofold.io.json_files import read_json
 from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.plots import bounded
@@ -23,7 +22,7 @@ from morphofold.studies.accuracy.points import EACH_OTHER, OURS
 from morphofold.studies.accuracy.report import SHOWS
 from morphofold.studies.accuracy.study import HALVES, PEERS
 from morphofold.studies.indexes import AccuracyIndex
-from morphofold.studies.markdown import Row, between_marks, number, table
+from morphofold.studies.markdown import Row, number, renewed, table, write_texts
 from morphofold.tables import read_table
 
 WORDS = (
@@ -85,19 +84,15 @@ def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
         held = " and ".join(summary["halves"]) or "nothing"
         raise ValueError(f"{out}: holds {held} only. Study both halves for the page.")
-    text = _text(page)
-    for name, part in PARTS.items():
-        text = between_marks(text, name, part(tables, summary), page)
-    written = {page: text}
+    parts = {name: part(tables, summary) for name, part in PARTS.items()}
+    written = {page: renewed(page, _text(page), parts)}
     if readme is not None:
-        written[readme] = between_marks(_text(readme), "accuracy", _for_readme(tables, summary), readme)
+        written[readme] = renewed(readme, _text(readme), {"accuracy": _for_readme(tables, summary)})
     if forecast is not None:
         written[forecast] = strict_json({
             **json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]},
         })  # fmt: skip
-    for path, content in written.items():
-        with atomic_file(path) as temporary:
-            temporary.write_text(content, encoding="utf-8")
+    write_texts(written)
     pictures = [name for name in summary["files"] if name.endswith(".png")]
     for name in pictures:
         shutil.copyfile(out / name, page.parent / f"accuracy-{Path(name).name}")

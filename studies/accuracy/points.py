@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
@@ -112,6 +112,12 @@ class Timing(NamedTuple):
     repeats: int
 
 
+    @staticmethod
+    def of(took: Sequence[float]) -> Timing:
+        """Of the wall times of each repeat."""
+        return Timing(statistics.median(took), min(took), max(took), len(took))
+
+
 NEVER = Timing(math.nan, math.nan, math.nan, 0)
 
 
@@ -128,4 +134,4 @@ def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
             start = working_seconds()
             result = work()
             took.append(working_seconds() - start)
-    return result, Timing(statistics.median(took), min(took), max(took), len(took))
+    return result, Timing.of(took)

@@ -14,7 +14,7 @@ from morphofold.studies.accuracy.bodies import SUBJECT
 from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
 from morphofold.studies.accuracy.measuring_person import COARSE
 from morphofold.studies.accuracy.plots import HEADLINES, front_figure, overview
-from morphofold.studies.accuracy.points import FIELDS, Point
+from morphofold.studies.accuracy.points import Point
 from morphofold.studies.accuracy.solver import THEORY
 from morphofold.studies.accuracy.tables import (
     COLUMNS,
@@ -27,16 +27,14 @@ from morphofold.studies.accuracy.tables import (
     preset_rows,
     rivals,
 )
-from morphofold.tables import write_table
+from morphofold.studies.indexes import write_tables
 
 SHOWS = "errors and times of settings of the solver and of the measuring room"
 
-#: what a forecast of a scene's error is made from: quantity of the study -> name in the forecast
-FORECAST = {
-    "radius": "radius", "hoop stress": "hoop stress", "onset": "onset",
-    "gyrification index, g = 2": "gyrification index", "wavelength, g = 2": "wavelength",
-    "pial distance, g = 2": "pial distance",
-}  # fmt: skip
+#: quantities of the study that a forecast of a scene's error is made from; there they go without their growth
+FORECAST = (
+    "radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2",
+)  # fmt: skip
 
 #: what a forecast of an analysis says the error of; curvature is that of the pial surface, as its maps are
 MEASURED = (
@@ -59,30 +57,28 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "budget": (budget_rows(points), "no solver was studied"),
         "peers": (peer_rows(points), "no peer is installed; take the extra `bench`"),
     }
-    for name, (rows, _) in tables.items():
-        if rows:
-            write_table(folder / f"{name}.tsv", [f for f in FIELDS if f in rows[0]] if name == "points" else [], rows)
-    drawn, pictures = rivals(points), []
+    index = write_tables(folder, tables)
+    drawn: list[Point] = rivals(points)
+    pictures: list[str] = []
     (folder / "figures").mkdir()
     shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
     person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
-    for name, mine, by in (
-        ("solver", [p for p in drawn if p.half == "solver" and _in_picture(p)], "axis"),
-        ("shapes", shapes, "method"), ("person", person, "axis"),
-    ):  # fmt: skip
-        figure = front_figure(mine, by)
+    solver = [p for p in drawn if p.half == "solver" and _in_picture(p)]
+    figures = {
+        "solver": front_figure(solver, "axis"), "shapes": front_figure(shapes, "method"),
+        "person": front_figure(person, "axis"),
+        "overview": overview(drawn) if {p.half for p in points} == {"solver", "measuring"} else None,
+    }  # fmt: skip
+    for name, figure in figures.items():
         if figure is not None:
             save(figure, folder / "figures" / f"{name}.png")
             pictures.append(f"figures/{name}.png")
-    if {p.half for p in points} == {"solver", "measuring"}:
-        save(overview(drawn), folder / "figures" / "overview.png")
-        pictures.append("figures/overview.png")
     summary = {
         "shows": SHOWS,
         "made": dict(made),
         "halves": sorted({p.half for p in points}),
-        "files": [*(f"{name}.tsv" for name, (rows, _) in tables.items() if rows), *pictures],
-        "left_out": {name: why for name, (rows, why) in tables.items() if not rows},
+        "files": [*index["files"], *pictures],
+        "left_out": index["left_out"],
         "columns": COLUMNS,
         "errors": expected_errors(points),
     }
@@ -114,7 +110,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
         if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
             error = laws_of(group)[1]
             if error is not None:
-                quantities[FORECAST[quantity]] = {
+                quantities[quantity.removesuffix(", g = 2")] = {
                     "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
                     "finest": error.low, "coarsest": error.high, "against": against,
                     "other": math.hypot(*beside.get(quantity, [])),

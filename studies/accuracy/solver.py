@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -14,7 +13,7 @@ from morphofold.sim.equilibrium.tangent import cauchy_stress, points
 from morphofold.sim.sphere_theory import smooth_sphere as smooth
 from morphofold.sim.sphere_theory.finite_elements import RadialState, critical_growth_of_degree, radial_equilibrium
 from morphofold.studies.accuracy.bodies import SUBJECT, Setting
-from morphofold.studies.accuracy.points import Point, timed
+from morphofold.studies.accuracy.points import Point, Timing, timed
 from morphofold.studies.folds.tables import sphere
 from morphofold.studies.onset import onset
 from morphofold.timing import working_seconds
@@ -44,7 +43,7 @@ def smooth_points(setting: Setting) -> list[Point]:
         ("radius", radius_error(body, x, exact), THEORY), ("hoop stress", stress_error(body, x, exact), THEORY),
         ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
     ]  # fmt: skip
-    return [_point(setting, what, error, against, size, seconds) for what, error, against in found]
+    return [setting.point(what, error, against, size, Timing.of(seconds)) for what, error, against in found]
 
 
 @cache
@@ -92,13 +91,13 @@ def onset_points(setting: Setting) -> list[Point]:
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     begun = working_seconds()
     found = onset(scene, start=START, bilayer=bilayer).g
-    seconds, size = [working_seconds() - begun], bilayer.mesh.nelements
+    timing, size = Timing.of([working_seconds() - begun]), bilayer.mesh.nelements
     kappas = {THEORY: setting.kappa_ratio, INCOMPRESSIBLE: np.inf}
     exact = {
         against: theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C).g_crit
         for against, kappa in kappas.items()
     }
-    return [_point(setting, "onset", abs(found - g) / (g - 1), against, size, seconds) for against, g in exact.items()]
+    return [setting.point("onset", abs(found - g) / (g - 1), against, size, timing) for against, g in exact.items()]
 
 
 def theory_points() -> list[Point]:
@@ -126,10 +125,3 @@ def theory_points() -> list[Point]:
         )
         for what, work in (("radius", radius), ("onset", begins))
     ]  # fmt: skip
-
-
-def _point(setting: Setting, what: str, error: float, against: str, size: int, seconds: Sequence[float]) -> Point:
-    return Point(
-        "solver", SUBJECT, what, error, against, setting.axis, setting.words, setting.value, size,
-        float(np.median(seconds)), min(seconds), max(seconds), len(seconds), preset=setting.preset,
-    )  # fmt: skip

@@ -35,8 +35,7 @@ def circumstances() -> dict[str, Any]:
     return {
         "morphofold": __version__, "code": _digest_of_code(), "processor": _processor(), "cores": os.cpu_count(),
         "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
-        **{package: version(package) for package in ("numpy", "scipy", "numba", "scikit-fem")},
-        **{package: _version_if_installed(package) for package in PEERS},
+        **{package: _version_if_installed(package) for package in ("numpy", "scipy", "numba", "scikit-fem", *PEERS)},
     }  # fmt: skip
 
 

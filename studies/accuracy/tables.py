@@ -85,11 +85,10 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
             **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
             "points": len(group),
             "seconds_power": time.power, "seconds_power_pm": time.uncertainty, "seconds_coefficient": time.coefficient,
-            "error_power": error.power if error else None, "error_power_pm": error.uncertainty if error else None,
-            "error_coefficient": error.coefficient if error else None,
-            "error_scatter": error.scatter if error else None,
-            "half_the_error": half.factor if half else None, "half_the_error_low": half.low if half else None,
-            "half_the_error_high": half.high if half else None,
+            "error_power": error and error.power, "error_power_pm": error and error.uncertainty,
+            "error_coefficient": error and error.coefficient, "error_scatter": error and error.scatter,
+            "half_the_error": half and half.factor, "half_the_error_low": half and half.low,
+            "half_the_error_high": half and half.high,
         })  # fmt: skip
     return rows
 
@@ -105,10 +104,10 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
         if p.method == OURS or mine is None:
             continue
         rows.append({
-            "subject": p.subject, "quantity": p.quantity, "size": p.size, "method": p.method, "setting": p.setting,
-            "seconds": p.seconds, "fastest": p.fastest, "slowest": p.slowest, "repeats": p.repeats, "error": p.error,
-            "our_size": mine.size, "our_seconds": mine.seconds, "our_fastest": mine.fastest,
-            "our_slowest": mine.slowest, "our_error": mine.error, "seconds_ratio": p.seconds / mine.seconds,
+            **_fields(p, "subject", "quantity", "size", "method", "setting", "seconds", "fastest", "slowest", "repeats",
+                      "error"),
+            **{f"our_{k}": v for k, v in _fields(mine, "size", "seconds", "fastest", "slowest", "error").items()},
+            "seconds_ratio": p.seconds / mine.seconds,
             "error_ratio": p.error / mine.error if mine.error > 0 else None,        # of a peer that failed all are NaN
         })  # fmt: skip
     return rows
@@ -123,8 +122,7 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
         if p.preset and p.axis in PRESETS:
             error = laws_of(meshes[key])[1] if key in meshes else None
             rows.append({
-                "half": p.half, "preset": p.preset, "subject": p.subject, "quantity": p.quantity, "against": p.against,
-                "setting": p.setting, "size": p.size, "seconds": p.seconds, "error": p.error,
+                **_fields(p, "half", "preset", "subject", "quantity", "against", "setting", "size", "seconds", "error"),
                 "error_by_law": error.at(edge_of(p)) if error else None, "front": better is None,
             })  # fmt: skip
     return rows
@@ -133,7 +131,10 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
 def budget_rows(points: Sequence[Point]) -> list[Row]:
     """Where the error of ``standard`` comes from: along each axis, the difference to the last setting of it."""
     return [
-        {"axis": p.axis, "quantity": p.quantity, "setting": p.setting, "against": p.against, "error": p.error,
-         "seconds": p.seconds}
+        _fields(p, "axis", "quantity", "setting", "against", "error", "seconds")
         for p in points if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
     ]  # fmt: skip
+
+
+def _fields(p: Point, *names: str) -> Row:
+    return {name: getattr(p, name) for name in names}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from morphofold.io.json_files import read_json
 from morphofold.report.plots.line_plots import save
 from morphofold.studies.folds.plots import thickness_figure
 from morphofold.studies.indexes import FoldIndex
-from morphofold.studies.markdown import Row, between_marks, health, number, read_rows, table
+from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table, write_texts
+from morphofold.words import listed
 
 Cells = tuple[list[str], list[list[str]]]
 Summary = dict[str, Any]
@@ -33,38 +34,15 @@ The same bodies, grown on several meshes and from several seeds of their imperfe
 morphofold bench folds -o folds
 python -m morphofold.studies.folds.study folds {page}
 ```
-
-## The folds
-
-<!-- folds -->
-<!-- /folds -->
-
-## Between meshes
-
-<!-- convergence -->
-<!-- /convergence -->
-
-## Between seeds
-
-<!-- spread -->
-<!-- /spread -->
-
-## Wavelength against cortical thickness
-
-<!-- slope -->
-<!-- /slope -->
-
-## The runs
-
-<!-- runs -->
-<!-- /runs -->
 """
 
 
 def text_tables(out: Path) -> list[str]:
     """The tables of a study as text of even columns, each under a line that says what it is."""
     summary, tables = _read(out)
-    return [f"{TITLES[name]}\n{_padded(*CELLS[name](tables[name], summary))}" for name in CELLS if name in tables]
+    return [
+        f"{part.title}\n{_padded(*part.cells(tables[name], summary))}" for name, part in PARTS.items() if name in tables
+    ]
 
 
 def write_page(out: Path, page: Path) -> list[str]:
@@ -80,24 +58,28 @@ def write_page(out: Path, page: Path) -> list[str]:
         If the summary is of something else, or the page hasn't one pair of marks for each part; the page is as it was.
     """
     summary, tables = _read(out)
-    text = page.read_text(encoding="utf-8") if page.exists() else NEW_PAGE.format(page=page.as_posix())
+    text = page.read_text(encoding="utf-8") if page.exists() else _new(page)
     picture = page.with_suffix(".png")
-    for name, sentences in WORDS.items():
-        if name in tables:
-            heads, rows = CELLS[name](tables[name], summary)
-            parts = [sentences(tables[name], summary), table(heads, rows)]
-        else:
-            parts = [f"Left out: {summary['left_out'][name]}."]
-        if name == "slope" and name in tables:
-            parts.insert(1, f"![wavelength of folds against the thickness of the cortex]({picture.name})")
-        text = between_marks(text, name, parts, page)
-    text = between_marks(text, "runs", [_runs(summary), health(summary["simulations"])], page)
+    parts = {
+        name: [part.sentences(tables[name], summary), table(*part.cells(tables[name], summary))]
+        if name in tables else [f"Left out: {summary['left_out'][name]}."]
+        for name, part in PARTS.items()
+    }  # fmt: skip
+    if "slope" in tables:
+        parts["slope"].insert(1, f"![wavelength of folds against the thickness of the cortex]({picture.name})")
+    text = renewed(page, text, {**parts, "runs": [_runs(summary), health(summary["simulations"])]})
     if "slope" in tables:
         with atomic_file(picture) as temporary:
             save(thickness_figure(tables["folds"], tables["slope"], summary), temporary)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_texts({page: text})
     return [str(page), *([str(picture)] if "slope" in tables else [])]
+
+
+def _new(page: Path) -> str:
+    """A page without results, with marks for all of them."""
+    sections = {**{name: part.heading for name, part in PARTS.items()}, "runs": "The runs"}
+    marked = (f"\n## {heading}\n\n<!-- {name} -->\n<!-- /{name} -->\n" for name, heading in sections.items())
+    return NEW_PAGE.format(page=page.as_posix()) + "".join(marked)
 
 
 def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
@@ -131,21 +113,20 @@ def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
 
 def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = ["scene", "g", "meshes", "correlation", "GI", "change", "gyri", "sulci", "wavelength, mm", "change"]
-    lines = []
-    for row in rows:
-        pairs = {
-            name: f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
-            for name, how in (
-                ("gyrification_index", "{:.2f}"), ("gyri", "{:.0f}"), ("sulci", "{:.0f}"), ("wavelength_mm", "{:.1f}"),
-            )
-        }  # fmt: skip
-        change = {n: number(row[f"{n}_change_percent"], "{:+.1f} %") for n in ("gyrification_index", "wavelength_mm")}
-        lines.append([
+
+    def pair(row: Row, name: str, how: str) -> str:
+        return f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
+
+    return heads, [
+        [
             row["scene"], number(row["growth"], "{:.2f}"), f"{row['coarser']} → {row['finer']}",
-            number(row["correlation"], "{:.3f}"), pairs["gyrification_index"], change["gyrification_index"],
-            pairs["gyri"], pairs["sulci"], pairs["wavelength_mm"], change["wavelength_mm"],
-        ])  # fmt: skip
-    return heads, lines
+            number(row["correlation"], "{:.3f}"),
+            pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"]),
+            pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}"),
+            pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"]),
+        ]
+        for row in rows
+    ]  # fmt: skip
 
 
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
@@ -159,27 +140,24 @@ def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
         low, high = row[f"{name}_min"], row[f"{name}_max"]
         return "–" if low is None else f"{how.format(low)} to {how.format(high)}"
 
-    lines = []
-    for row in rows:
-        line = [row["scene"], number(row["growth"], "{:.2f}"), told(row, "gyrification_index", "{:.3f}")]
-        for name, how, whole in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
-            line += [told(row, name, how), ends(row, name, whole)]
-        lines.append([*line, told(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}")])
-    return heads, lines
+    return heads, [
+        [
+            row["scene"], number(row["growth"], "{:.2f}"), told(row, "gyrification_index", "{:.3f}"),
+            told(row, "gyri", "{:.1f}"), ends(row, "gyri", "{:.0f}"),
+            told(row, "sulci", "{:.1f}"), ends(row, "sulci", "{:.0f}"),
+            told(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}"),
+        ]
+        for row in rows
+    ]  # fmt: skip
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = ["law", "of", "mesh", "g", "points", "slope, mm/mm", "standard error", "at T = 0, mm", "theory",
              "film formula"]  # fmt: skip
-    lines = [
-        [
-            row["law"], NAMES[row["number"]].removeprefix("the "), row["level"], number(row["growth"], "{:.2f}"),
-            number(row["points"], "{:.0f}"),
-            *(number(row[n], "{:.2f}") for n in ("slope", "standard_error", "intercept", "theory_slope", "film_slope")),
-        ]
-        for row in rows
-    ]  # fmt: skip
-    return heads, lines
+    named = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
+    lines = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
+    columns = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
+    return heads, cells(named, {**columns, **dict.fromkeys(lines, "{:.2f}")})
 
 
 def _padded(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -236,7 +214,7 @@ def _where(row: Row) -> str:
     return f"{row['scene']}, g = {row['growth']:.2f}"
 
 
-def _signed(percent: float) -> str:
+def _signed(percent: float | None) -> str:
     return number(percent, "{:+.1f} %")
 
 
@@ -249,13 +227,9 @@ def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
             middle = np.median([percent for percent, _ in share])
             told.append(f"of {NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     asked = summary["parameters"]
-    begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {_list(asked['seeds'])}"
-    return f"{begin}, {f'the standard deviation over the mean is {_list(told)}' if told else 'nothing is folded'}."
-
-
-def _list(items: Sequence[Any]) -> str:
-    *most, last = map(str, items)
-    return f"{', '.join(most)} and {last}" if most else last
+    seeds = listed([str(seed) for seed in asked["seeds"]])
+    begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {seeds}"
+    return f"{begin}, {f'the standard deviation over the mean is {listed(told)}' if told else 'nothing is folded'}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
@@ -273,8 +247,8 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
             for row in fitted if row["level"] == last
         ]  # fmt: skip
         told.append(
-            f"With **{law}** growth the wavelength grows, per mm of T, by {_list(slopes)} mm (level {last}); the first "
-            f"wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "
+            f"With **{law}** growth the wavelength grows, per mm of T, by {listed(slopes)} mm (level {last}); the "
+            f"first wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "
             f"{mine[0]['film_slope']:.2f}."
         )
     return "\n\n".join(told)
@@ -286,13 +260,20 @@ def _runs(summary: Summary) -> str:
     return f"{healthy} of {len(told)} runs are healthy. Version {summary['morphofold']}."
 
 
-CELLS: dict[str, Callable[[Sequence[Row], Summary], Cells]] = {
-    "folds": _folds, "convergence": _convergence, "spread": _spread, "slope": _slope,
-}  # fmt: skip
-WORDS: dict[str, Callable[[Sequence[Row], Summary], str]] = {
-    "folds": _say_folds, "convergence": _say_convergence, "spread": _say_spread, "slope": _say_slope,
-}  # fmt: skip
-TITLES = {
-    "folds": "folds on the finest mesh", "convergence": "coarser mesh → finer mesh, outer radius and folds",
-    "spread": "mean ± standard deviation over seeds", "slope": "lines on cortical thickness T",
-}  # fmt: skip
+class Part(NamedTuple):
+    """One table of a study: its heading in a page, its title in a terminal, its cells, and what a page says of it."""
+
+    heading: str
+    title: str
+    cells: Callable[[Sequence[Row], Summary], Cells]
+    sentences: Callable[[Sequence[Row], Summary], str]
+
+
+PARTS = {
+    "folds": Part("The folds", "folds on the finest mesh", _folds, _say_folds),
+    "convergence": Part(
+        "Between meshes", "coarser mesh → finer mesh, outer radius and folds", _convergence, _say_convergence
+    ),
+    "spread": Part("Between seeds", "mean ± standard deviation over seeds", _spread, _say_spread),
+    "slope": Part("Wavelength against cortical thickness", "lines on cortical thickness T", _slope, _say_slope),
+}

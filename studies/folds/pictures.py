@@ -15,7 +15,7 @@ from morphofold.surface import Surface
 
 DISPLACEMENT = Quantity("displacement", "Displacement |u|", "mm")
 VIEW = "top"        # along the axis of a half sphere: all of what was simulated, and nothing that was mirrored
-WIDEST = 420        # pixels of a panel
+WIDEST = 420        # pixels from one column to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,6 @@ def picture(
     what: Quantity,
     limits: Sequence[tuple[float, float]],
     columns: Sequence[str] = (),
-    widest: int = WIDEST,
     backend: str | None = None,
 ) -> Picture:
     """Rows of panels, seen from above at one scale, a colour bar under each row and a ruler under the last.
@@ -57,8 +56,6 @@ def picture(
         Of the colours, the same for all panels of a row.
     columns : sequence of str
         What stands above each column.
-    widest : int
-        Pixels from one column to the next.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.pictures.surfaces.draw`.
 
@@ -68,19 +65,19 @@ def picture(
     """
     extents = [[np.ptp(p.surface.verts @ camera(VIEW, "lh").T, axis=0)[:2] for p in row] for row in panels]
     gap, edge, words, bar = 20, 20, 34, 84
-    per_mm = (widest - gap) / np.max(extents)
+    per_mm = (WIDEST - gap) / np.max(extents)
     lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
     top = 40 if columns else edge
-    size = (top + sum(lines) + len(lines) * (words + bar), 2 * edge + widest * len(panels[0]))
+    size = (top + sum(lines) + len(lines) * (words + bar), 2 * edge + WIDEST * len(panels[0]))
     canvas = np.full((*size, 3), 255, dtype=np.uint8)
     for k, title in enumerate(columns):
-        write(canvas, title, (edge + (k + 0.5) * widest, 8), 17, bold=True, anchor="middle")
+        write(canvas, title, (edge + (k + 0.5) * WIDEST, 8), 17, bold=True, anchor="middle")
     for row, line, colours in zip(panels, lines, limits):
         for k, panel in enumerate(row):
-            left, seen = edge + k * widest, Row(panel.words, panel.surface, panel.values)
-            (image,) = draw(seen, [VIEW], what, colours, (widest, line), line / (2 * per_mm), backend)
-            canvas[top : top + line, left : left + widest] = image
-            write(canvas, panel.words, (left + widest / 2, top + line), 17, anchor="middle")
+            left, seen = edge + k * WIDEST, Row(panel.words, panel.surface, panel.values)
+            (image,) = draw(seen, [VIEW], what, colours, (WIDEST, line), line / (2 * per_mm), backend)
+            canvas[top : top + line, left : left + WIDEST] = image
+            write(canvas, panel.words, (left + WIDEST / 2, top + line), 17, anchor="middle")
         top += line + words
         colour_bar(canvas, what, colours, (size[1] // 2 - 150, top + 10), (300, 14))
         top += bar

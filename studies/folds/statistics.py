@@ -159,9 +159,9 @@ def _slope(name: str, rows: Sequence[Row]) -> Row:
     whole = all(row[name] is not None for row in rows)
     told |= _line_of("", rows, name if whole else None)
     bodies = list({row["scene"]: row for row in rows}.values())
-    theory = "theory_wavelength_mm" if name == "wavelength_mm" else None
-    film = "film_wavelength_mm" if name == "wavelength_mm" else None
-    return {**told, **_line_of("theory_", bodies, theory), **_line_of("film_", bodies, film)}
+    for source in ("theory", "film"):
+        told |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
+    return told
 
 
 def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:

@@ -30,8 +30,8 @@ from morphofold.studies.folds.statistics import (
     spread_rows,
 )
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
+from morphofold.studies.indexes import write_tables
 from morphofold.studies.paper.runs import Runs, told
-from morphofold.tables import write_table
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0
@@ -219,9 +219,6 @@ def _write(
         ),
         "slope": (slope_rows(rows), f"there is no line through three thicknesses: that takes {bodies}"),
     }
-    for name, (content, _) in tables.items():
-        if content:
-            write_table(folder / f"{name}.tsv", list(content[0]), content)
     summary: dict[str, Any] = {
         "morphofold": __version__,
         "shows": "folds of the same bodies on several meshes, and from several seeds of their imperfection",
@@ -232,8 +229,7 @@ def _write(
             "all_seeds_at_level": study.repeated, "portion": study.portion, "growth": sorted(study.growth),
             "directions": DIRECTIONS,
         },
-        "files": [f"{name}.tsv" for name, (content, _) in tables.items() if content],
-        "left_out": {name: why for name, (content, why) in tables.items() if not content},
+        **write_tables(folder, tables),
         "columns": {**COLUMNS, **MORE_COLUMNS},
         "lengths": "mm; only ratios matter",
         "warnings": [f"{told['folder'].rpartition('/')[2]}: {w}" for told in simulations for w in told["warnings"]],

@@ -27,7 +27,7 @@ from morphofold.report.pictures.net import crest_figure, crest_row, net_figure, 
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure, save, set_limits
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import cells, number, renewed, table, write_texts
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.studies.speed.measures import exponent
 from morphofold.surface import Surface
@@ -58,12 +58,11 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
     times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
     hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
     pages = {
-        page: between_marks(page.read_text(encoding="utf-8"), name, parts, page)
-        for page, name, parts in (
-            (folder / "index.md", "speed", _speed(times)),
-            (folder / "gyral-net.md", "sensitivity", _sensitivity(hinges)),
+        folder / page: renewed(folder / page, (folder / page).read_text(encoding="utf-8"), parts)
+        for page, parts in (
+            ("index.md", {"speed": _speed(times)}), ("gyral-net.md", {"sensitivity": _sensitivity(hinges)}),
         )
-    }
+    }  # fmt: skip
     for name, picture in pictures(measured).items():
         with atomic_file(folder / f"{name}.png") as temporary:
             temporary.write_bytes(png_bytes(halved(picture)))
@@ -77,9 +76,7 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
     for name, plot in plots.items():
         with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)
-    for page, text in pages.items():
-        with atomic_file(page) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    write_texts(pages)
 
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
@@ -167,7 +164,7 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
 
 def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
     whole = [row for row in rows if row["stage"] == "all"]
-    cells = [
+    lines = [
         [
             stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
             f"{exponent(rows, stage):.2f}" if len(whole) > 1 else "",
@@ -176,25 +173,23 @@ def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
     ]  # fmt: skip
     memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
     heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
-    return [f"With {whole[0]['threads']} threads:", table(heads, [*cells, memory])]
+    return [f"With {whole[0]['threads']} threads:", table(heads, [*lines, memory])]
 
 
 def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
     heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
-    cells = [
-        [
-            name, row["length"] or "as they are", f"{row['factor']:g}", number(_known(row["mm"]), "{:.2f}"),
-            *(f"{row[key]}" for key in ("n_hinges", "n_hinges_3", "n_hinges_4")), f"{row['crest_length_mm']:.0f}",
-            number(_known(row["kept"]), "{:.2f}"),
-        ]
-        for name, rows in hinges.items()
-        for row in rows
+    columns = {
+        "surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}", "n_hinges": "{}", "n_hinges_3": "{}",
+        "n_hinges_4": "{}", "crest_length_mm": "{:.0f}", "kept": "{:.2f}",
+    }  # fmt: skip
+    named = [
+        {
+            **row, "surface": name, "length": row["length"] or "as they are",
+            **{key: row[key] if np.isfinite(row[key]) else None for key in ("mm", "kept")},
+        }
+        for name, rows in hinges.items() for row in rows
     ]  # fmt: skip
-    return [table(heads, cells)]
-
-
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return [table(heads, cells(named, columns))]
 
 
 def main(words: Sequence[str]) -> int:

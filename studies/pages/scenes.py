@@ -12,11 +12,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from morphofold.io import atomic_file
 from morphofold.sim import scene
 from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, effects_of, options_of
 from morphofold.sim.scene.tables import Spot, unit_of
+from morphofold.studies.markdown import write_texts
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
@@ -60,8 +60,7 @@ def write(page: Path) -> None:
     if BEGIN not in text or END not in text:
         raise ValueError(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
     before, after = text.split(BEGIN)[0], text.split(END)[1]
-    with atomic_file(page) as file:
-        file.write_text(f"{before}{BEGIN}\n{tables()}\n{END}{after}", encoding="utf-8")
+    write_texts({page: f"{before}{BEGIN}\n{tables()}\n{END}{after}"})
 
 
 def _effects_by_shape() -> str:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GROWTH = 2.0
+PARAMETERS = {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2}
 MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
 SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
 FITS = (
@@ -63,7 +64,7 @@ def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
         "shows": "gyri of the average brain, and gyral against cortical thickness: regions of brains, bodies of Fig. 6",
         "files": ["fig8a.png", "fig8b.png", "fig8.tsv"],
         "columns": COLUMNS,
-        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "parameters": PARAMETERS,
         "simulations": [told(simulation) for simulation in simulations],
     }
 
@@ -72,13 +73,13 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig9a.png, fig9b.png and fig9.tsv into ``folder``; what an index should say of them."""
     models, simulations = _models(runs)
     people = _brains(runs, "S1")
-    shapes = {name: s for name, m in {**models, **people}.items() if (s := hinge_shapes(m)) is not None}
-    (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
     measures = {**models, **people}
+    shapes = {name: s for name, m in measures.items() if (s := hinge_shapes(m)) is not None}
+    (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
     chosen = hinge_pairs(clear_examples(found.matches, measures), (found.one, found.other))
     (folder / "fig9a.png").write_bytes(png_bytes(chosen))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
-    tables = hinge_tables(found, {**models, **people}, shapes)
+    tables = hinge_tables(found, measures, shapes)
     tables["fig9.tsv"] = [asdict(match) for match in found.matches]
     for name, rows in tables.items():
         write_table(folder / name, list(rows[0]), rows)
@@ -88,7 +89,7 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
         "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
                     "sharpness in gyral widths; pose 3 and more: mirrored",
                     "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions"},
-        "parameters": {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
+        "parameters": PARAMETERS,
         "simulations": [told(simulation) for simulation in simulations],
     }  # fmt: skip
 

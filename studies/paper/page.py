@@ -15,7 +15,7 @@ from morphofold.io.json_files import read_json
 from morphofold.report.pictures.png import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.indexes import CURE, FigureIndex
-from morphofold.studies.markdown import between_marks, health
+from morphofold.studies.markdown import health, renewed, write_texts
 from morphofold.studies.paper.parts import PARTS, Image, Table, read_tables
 
 
@@ -31,17 +31,16 @@ def write_page(out: Path, page: Path) -> list[str]:
     """
     figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
     text = page.read_text(encoding="utf-8")
-    renewed = [name for name in figures if name in PARTS and name != "fig4"]
-    for name in renewed:
+    names = [name for name in figures if name in PARTS and name != "fig4"]
+    for name in names:
         parts = map(_markdown, PARTS[name](read_tables(out, figures[name]["files"])))
-        text = between_marks(text, name, [*parts, health(figures[name]["simulations"])], page)
+        text = renewed(page, text, {name: [*parts, health(figures[name]["simulations"])]})
         for file in figures[name]["files"]:
             if file.endswith(".png"):
                 with atomic_file(page.parent / file) as temporary:
                     temporary.write_bytes(png_bytes(halved(read_png(out / file))))
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return renewed
+    write_texts({page: text})
+    return names
 
 
 def _markdown(part: Image | Table) -> str:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from morphofold.studies import markdown
-from morphofold.studies.markdown import Row, number, read_rows
+from morphofold.studies.folds.statistics import line
+from morphofold.studies.markdown import Row, cells, number, read_rows
 from morphofold.studies.paper.folds import FIG5, FIG6, FIG7, Column
 from morphofold.studies.paper.theory import ONE_D, THREE_D
 
@@ -76,7 +77,7 @@ def _fig5(tables: Tables) -> list[Image | Table]:
     shown = [g for row in FIG5 for g in row]
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        _folds([("", row) for row in tables["fig5.tsv"] if row["growth"] in shown], ()),
+        Table(list(FOLDS), cells((row for row in tables["fig5.tsv"] if row["growth"] in shown), dict(FOLDS.values()))),
     ]
 
 
@@ -97,36 +98,28 @@ def _fig7(tables: Tables) -> list[Image | Table]:
 
 
 def _fig8(tables: Tables) -> list[Image | Table]:
-    how = {
-        "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}", "robust_slope": "{:.2f}",
-        "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}", "r": "{:.2f}",
-        "gyral_over_cortical": "{:.2f}", "gyral_over_cortical_at_crests": "{:.2f}",
+    columns = {
+        "surface": "", "points": "", "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}",
+        "robust_slope": "{:.2f}", "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}",
+        "r": "{:.2f}", "gyral_over_cortical": "{:.2f}", "gyral_over_cortical_at_crests": "{:.2f}",
     }  # fmt: skip
     heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t",
              "at crests"]  # fmt: skip
-    lines = [
-        [row["surface"], row["points"], *(number(row[key], form) for key, form in how.items())]
-        for row in tables["fig8.tsv"]
-    ]
     return [
         Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
         Image("fig8b", "gyral against cortical thickness of brains and models"),
-        Table(heads, lines),
+        Table(heads, cells(tables["fig8.tsv"], columns)),
     ]
 
 
 def _fig9(tables: Tables) -> list[Image | Table]:
     surfaces = tables["fig9-surfaces.tsv"]
     medians = [key for key in surfaces[0] if key.startswith("median ")]
-    dense = [
-        [row["surface"], f"{row['hinges']:.0f}", f"{row['three_armed']:.0f}", f"{row['width_mm']:.2f}",
-         f"{row['per_width_squared']:.3f}", f"{row['per_cm_squared']:.3f}",
-         *(number(row[key], "{:.3g}") for key in medians)] for row in surfaces
-    ]  # fmt: skip
-    numbers = [
-        [row["number"], *(number(row[key], "{:.3g}") for key in ("median", "other_median", "ks", "energy", "p"))]
-        for row in tables["fig9-numbers.tsv"]
-    ]
+    dense = {
+        "surface": "", "hinges": "{:.0f}", "three_armed": "{:.0f}", "width_mm": "{:.2f}",
+        "per_width_squared": "{:.3f}", "per_cm_squared": "{:.3f}", **dict.fromkeys(medians, "{:.3g}"),
+    }  # fmt: skip
+    numbers = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
     nearest = [
         [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
         for row in tables["fig9-nearest.tsv"]
@@ -134,8 +127,14 @@ def _fig9(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
-        Table(["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²", *medians], dense),
-        Table(["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"], numbers),
+        Table(
+            ["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²", *medians],
+            cells(surfaces, dense),
+        ),
+        Table(
+            ["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"],
+            cells(tables["fig9-numbers.tsv"], numbers),
+        ),
         Table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
     ]
 
@@ -143,19 +142,12 @@ def _fig9(tables: Tables) -> list[Image | Table]:
 def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """What the pictures show, in numbers."""
     shown = [
-        (column.title, row)
+        {"title": column.title, **row}
         for column in columns
         for row in rows
         if row["scene"] == column.scene and row["growth"] in column.growth
     ]
-    return _folds(shown, ("",))
-
-
-def _folds(rows: Sequence[tuple[str, Row]], first: Sequence[str]) -> Table:
-    cells = [
-        [*([title] if first else []), *(number(row[name], how) for name, how in FOLDS.values())] for title, row in rows
-    ]
-    return Table([*first, *FOLDS], cells)
+    return Table(["", *FOLDS], cells(shown, {"title": "", **dict(FOLDS.values())}))
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
@@ -182,15 +174,12 @@ def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
 
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
-    from scipy import stats
-
     def fit(words: str, column: str, k: int) -> list[str]:
         mine = [_at(rows, body, k) for body in columns]
         if any(row[column] is None for row in mine):
             return [words, *"––––"]
-        found = stats.linregress([row["thickness_mm"] for row in mine], [row[column] for row in mine])
-        numbers = (found.slope, found.stderr, found.intercept, found.rvalue)
-        return [words, *(number(x, how) for x, how in zip(numbers, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+        found = line([row["thickness_mm"] for row in mine], [row[column] for row in mine])
+        return [words, *(number(x, how) for x, how in zip(found, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
 
     lines = [
         fit("wavelength, first picture", "wavelength_mm", 0),

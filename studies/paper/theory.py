@@ -6,7 +6,6 @@ names.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +21,7 @@ from morphofold.sim.scene import Radial, Sphere
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.studies.folds.tables import FOLDED
+from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper.runs import Runs, told
 from morphofold.surface import Surface
 from morphofold.tables import write_table
@@ -165,9 +165,9 @@ def _sphere(simulation: Simulation) -> Sphere | Radial:
 
 def _profile(simulation: Simulation, g: float) -> dict[str, list[float]]:
     """Columns of the profile that a radial simulation wrote at growth g, of the cortex, from the interface outwards."""
-    with (simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file, delimiter="\t") if row.pop("layer") == "cortex"]
-    return {name: [float(row[name]) for row in rows] for name in rows[0]}
+    profile = read_rows(simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv", ("layer",))
+    rows = [row for row in profile if row.pop("layer") == "cortex"]
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def fig4() -> Figure:

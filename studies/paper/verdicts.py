@@ -12,6 +12,7 @@ from morphofold.studies.markdown import Row
 from morphofold.studies.paper.folds import FIG7
 from morphofold.studies.paper.parts import Tables
 from morphofold.studies.paper.theory import ONE_D, THREE_D
+from morphofold.words import listed
 
 AGREES = 0.01           # share by which a simulation may miss theory and still be said to agree
 UNFOLDED = "Not as in the paper: there is a body without folds, or with too few stages that are folded."
@@ -167,8 +168,7 @@ def _as(same: bool) -> str:
 
 
 def _listed(values: Sequence[float], how: str) -> str:
-    words = [how.format(value) for value in values]
-    return f"{', '.join(words[:-1])} and {words[-1]}"
+    return listed([how.format(value) for value in values])
 
 
 def _span(values: Sequence[float]) -> str:

@@ -16,10 +16,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from morphofold.io import atomic_file
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene
-from morphofold.studies.markdown import Row, between_marks, number, table
+from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
 from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
 
 #: columns of words and of positive numbers that a row must have, as the command writes them
@@ -56,10 +55,7 @@ def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Pat
         "effects": _effects(_rows(effects, "effects", *EFFECTS), effects),
         "runs": _runs(rows),
     }
-    for name, paragraphs in parts.items():
-        text = between_marks(text, name, paragraphs, page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_texts({page: renewed(page, text, parts)})
 
 
 def whole_run(folder: Path) -> Row:
@@ -181,21 +177,16 @@ def _is_number(value: object) -> bool:
 def _elements(rows: Sequence[Row]) -> list[str]:
     """Speeds measured here, then those quoted, in a table of their own."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
-    cells = [
-        [
-            row["element"], f"{row['elements']:,}", f"{row['threads']}",
-            *(number(row[name], "{:.1f}") for name in ("median", "best", "steps")),
-            number(row["steps"] / row["threads"], "{:.1f}"),
-        ]
-        for row in rows
-    ]  # fmt: skip
+    columns = {"element": "", "elements": "{:,}", "threads": "{}",
+               **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}")}  # fmt: skip
     quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     peers = [[p.design, p.threads, p.ms, p.millions, p.timed] for p in PEERS]
     return [
         "Million element-steps per second, measured here; a brick has 8 Gauss points, a tet shares in a patch of six:",
-        table(heads, cells), f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
+        table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), columns)),
+        f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
         table(quoted, peers),
-    ]  # fmt: skip
+    ]
 
 
 def _effects(rows: Sequence[Row], path: Path) -> list[str]:
@@ -205,8 +196,8 @@ def _effects(rows: Sequence[Row], path: Path) -> list[str]:
                 f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it anew: morphofold bench "
                 f"effects --json > {path.name}"
             )
-    cells = [[row["effect"], number(row["ms"], "{:.3f}"), number(100 * row["share"], "{:.1f} %")] for row in rows]
-    return [table(["effect", "ms per step", "of a step without effects"], cells)]
+    lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
+    return [table(["effect", "ms per step", "of a step without effects"], lines)]
 
 
 def _runs(rows: Sequence[Row]) -> list[str]:
@@ -214,10 +205,10 @@ def _runs(rows: Sequence[Row]) -> list[str]:
         "scene", "level", "portion", "elements", "steps", "threads", "wall time, s", "million element-steps per second",
         "per thread", "contact in the last stage", "peak memory, GiB",
     ]  # fmt: skip
-    cells = []
+    lines = []
     for row in rows:
         per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
-        cells.append([
+        lines.append([
             row["scene"], row["level"], row["portion"] or "–",
             f"{row['elements']:,} {row['kind']}" if row["elements"] else "–",
             number(row["steps"], "{:,}"), number(row["threads"], "{}"), number(row["seconds"], "{:.1f}"),
@@ -230,7 +221,7 @@ def _runs(rows: Sequence[Row]) -> list[str]:
         for row in rows
     ]
     return [
-        table(heads, cells),
+        table(heads, lines),
         "Contact's share is of the time of all steps after the last stage but one, mirror images included.",
         "Shares of the wall time; the rest is set-up, and the checking and writing of stages:",
         table(["scene", "level", *phases, "rest"], shares), _say_health(rows),

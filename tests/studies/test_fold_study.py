@@ -352,8 +352,9 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
     radii = {("fig5", level, 0, 1.5): np.arange(4.0) for level in ("draft", "standard")}
     summary = {"parameters": {"directions": 4, "levels": ["draft", "standard"], "seeds": [0], "portion": "octant"}}
     compared = statistics.convergence_rows(rows, radii, ("draft", "standard"), 0)
-    assert "Between draft and standard no stage is folded on both." in fold_page.WORDS["convergence"](compared, summary)
-    assert "2 of 2 stages of all runs are not folded yet" in fold_page.WORDS["folds"](rows, summary)
+    said = fold_page.PARTS["convergence"].sentences(compared, summary)
+    assert "Between draft and standard no stage is folded on both." in said
+    assert "2 of 2 stages of all runs are not folded yet" in fold_page.PARTS["folds"].sentences(rows, summary)
 
 
 # grown for true -----------------------------------------------------------------------------------------------

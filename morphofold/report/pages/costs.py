@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
 from morphofold.forecasts.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
 from morphofold.forecasts.richardson import Estimate, estimate_beside
-from morphofold.forecasts.table import Expected
-from morphofold.forecasts.text import called
+from morphofold.forecasts.table import Expected, called
 from morphofold.report.pages.contents import Entry
 from morphofold.words import percent, span
 
