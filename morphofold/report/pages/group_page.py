@@ -40,7 +40,7 @@ from morphofold.cohort.statistics import (
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL, RATIO, scalar_words
 from morphofold.report.pages.contents import versions
-from morphofold.report.pages.methods import REFERENCES, measured
+from morphofold.report.pages.methods import cited, measured
 from morphofold.report.pictures.group import SIDES, draw_outliers
 from morphofold.report.pictures.surfaces import renderer
 from morphofold.report.plots import svg
@@ -265,8 +265,7 @@ def methods(
             f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
             "(after Razavi et al. 2015)."
         )
-    text = " ".join(said)
-    return text, [work for cited, work in REFERENCES.items() if cited in text]
+    return cited(said)
 
 
 # --- numbers
