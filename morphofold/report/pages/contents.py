@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,6 @@ from morphofold.quantities import RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
 
-PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 REGION_COLUMNS = (
     "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
     "gray_volume_mm3", "mean_H_per_mm",
@@ -231,15 +228,3 @@ def _word(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_word(v)}" for k, v in value.items())
     return ", ".join(map(_word, value)) if isinstance(value, list | tuple) else str(value)
-
-
-def versions() -> list[tuple[str, str]]:
-    """Name and version of the packages that had a part in the numbers."""
-
-    def version(name: str) -> str:
-        try:
-            return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            return "not installed as a package"
-
-    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]

@@ -7,10 +7,8 @@ forbids everything else, and every name that came from a file is escaped.
 from __future__ import annotations
 
 import base64
-import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,13 +34,13 @@ from morphofold.report.pages.costs import costs
 from morphofold.report.pages.layers import net_of
 from morphofold.report.pages.methods import methods
 from morphofold.report.pages.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
+from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Looks, Picture, Row, figure, renderer, safe_name
-from morphofold.report.plots import svg
+from morphofold.report.plots import charts
 from morphofold.surface import Surface
-from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -121,11 +119,9 @@ def _write(
     progress(0.65, "packing surfaces")
     viewer, blocks = _viewer(entries, thinned, shown)
     progress(0.75, "drawing charts and hinges")
-    paragraph, references = methods(entries, contents.versions()[0][1], theory=bool(theory))
-    templates = resources.files("morphofold.report").joinpath("templates")
-    script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
-    page = svg.environment().get_template("report.html").render(
-        kind=kind, title=title, lede=lede, entries=entries, number=number, theory=theory,
+    paragraph, references = methods(entries, versions()[0][1], theory=bool(theory))
+    return write_page(
+        path, "report.html", SCRIPTS, kind=kind, title=title, lede=lede, entries=entries, theory=theory,
         headlines=contents.scalars(table, HEADLINES), verdict=contents.verdict(table, theory),
         scalars=contents.scalars(table), fits=contents.fits(entries),
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),
@@ -135,10 +131,10 @@ def _write(
         bins=any(e.cloud.bins for e in entries), remarks=contents.remarks(entries, viewer["surfaces"]),
         tables=contents.tables(entries), methods=paragraph, references=references,
         parameters=contents.parameters(entries),
-        facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
+        facts=contents.facts(entries), inputs=list(inputs) or _inputs(entries),
         charts=_charts(entries, shown), scatter=_scatter(entries, theory), pictures=pictures, renderer=renderer(),
         maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
-        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
+        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3),
         hinges=hinges, pairs=_pairs(path.parent / "figures", hinges, named),
         growth=growth, growth_charts=_growth_charts(entries, growth),
         met=contents.met(entries, growth), law=_law(entries, growth), ratio=_ratio(entries),
@@ -148,8 +144,6 @@ def _write(
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
         costs=costs(entries, clock) if kind == ANALYSIS else [],
     )  # fmt: skip
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
-    return path
 
 
 def _entries(
@@ -162,7 +156,7 @@ def _entries(
     for k, ((name, m), cloud) in enumerate(zip(named.items(), clouds)):
         group = held.get(name, "")
         told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
-        marker, dash = svg.MARKERS[k % 4], svg.DASHES[(k + k // 4) % 4]             # sixteen before one comes again
+        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]     # sixteen before one comes again
         grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
         entries.append(Entry(name, m, colours[name], marker, dash, cloud, told, grown))
     return entries
@@ -173,11 +167,6 @@ def _other_stage(stage: Measures, m: Measures) -> bool:
     a, b = stage.cortex, m.cortex
     same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
     return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
-
-
-def _sha256(script: str) -> str:
-    """The one script the page may run, as a content security policy names it."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
 def _inputs(entries: Sequence[Entry]) -> Inputs:
@@ -282,27 +271,27 @@ def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] |
 
 def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
     areas = {e.name: vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces) for e in entries}
-    charts = []
+    found = []
     for key in (k for k in MAIN if k in shown):
         what, _ = shown[key]
-        series = [(e.name, a, areas[e.name], e.colour, e.dash) for e, a in _having(entries, key)]
-        charts.append(svg.histograms(series, what.label, what.unit))
-    return [chart for chart in charts if chart is not None]
+        series = [(e, a, areas[e.name]) for e, a in _having(entries, key)]
+        found.append(charts.histograms(series, what.label, what.unit))
+    return [chart for chart in found if chart is not None]
 
 
 def _growth_charts(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> list[Markup]:
-    charts = []
+    found = []
     for key, of in NUMBERS.items() if growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in growth]
-        others = [(e.name, value, e.colour, e.dash) for e in entries if (value := of(e.measures)) is not None]
-        charts.append(svg.growth_chart(key, curves, others))
-    return [chart for chart in charts if chart is not None]
+        others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
+        found.append(charts.growth_chart(key, curves, others))
+    return [chart for chart in found if chart is not None]
 
 
 def _law(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Markup | None:
-    terms = [(e.name, t, e.colour, e.marker) for e in entries if (t := e.folding) is not None]
+    terms = [(e, t) for e in entries if (t := e.folding) is not None]
     paths = [(c.name, [t for t in c.folding if t is not None]) for c in growth]
-    return svg.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
+    return charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
 
 
 def _ratio(entries: Sequence[Entry]) -> Markup | None:
@@ -314,17 +303,10 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
             cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
-            series.append((e.name, ratio, areas, e.colour, e.dash))
-    return svg.histograms(series, "Gyral over cortical thickness", "")
+            series.append((e, ratio, areas))
+    return charts.histograms(series, "Gyral over cortical thickness", "")
 
 
 def _scatter(entries: Sequence[Entry], theory: Sequence[Theory]) -> Markup | None:
-    clouds = [
-        {
-            "name": e.name, "colour": e.colour, "marker": e.marker, "dash": e.dash,
-            "points": e.cloud.points, "bins": e.cloud.bins, "fit": e.cloud.fit,
-        }
-        for e in entries
-    ]  # fmt: skip
     lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in theory]
-    return svg.thickness_plot(clouds, lines)
+    return charts.thickness_plot([(e, e.cloud) for e in entries], lines)
