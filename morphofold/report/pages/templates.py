@@ -25,8 +25,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     page = _environment().get_template(template).render(
-        script=Markup(script), policy=f"'sha256-{digest}'" if scripts else "", number=number, versions=versions(),
-        **values,
+        script=Markup(script), policy=f"'sha256-{digest}'" if scripts else "", versions=versions(), **values,
     )  # fmt: skip
     path.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
@@ -41,6 +40,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    env.globals["number"] = number
     env.filters["short"] = lambda x: f"{x:.4g}".replace("-", "−")
     env.filters["px"] = lambda x: f"{x:.2f}".rstrip("0").rstrip(".")
     return env
