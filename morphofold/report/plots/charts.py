@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from morphofold.comparison.thickness import Cloud
-from morphofold.report.plots.line_plots import BLACK, GREY, new_figure, ticks
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure, ticks
 from morphofold.words import number
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ SIZE = (430.0, 250.0)                   # [px], of a chart of two beside each ot
 WIDE = (880.0, 430.0)
 MARGINS = (56.0, 14.0, 12.0, 38.0)      # [px] left, right, top, bottom
 #: what pages need beside the style of all plots: text that a browser sets, and lengths in pixels
-IN_PAGES = {"svg.fonttype": "none", "text.parse_math": False, "lines.scale_dashes": False, "lines.linewidth": 1.7}
+IN_PAGES = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 

@@ -27,6 +27,7 @@ STYLE = {
     "grid.linewidth": 0.7, "axes.axisbelow": True, "lines.linewidth": 1.9, "legend.frameon": False,
     "legend.handlelength": 2.8, "svg.hashsalt": "morphofold", "pdf.fonttype": 42, "savefig.dpi": 160,
 }  # fmt: skip
+NO_FORMULAS = {"text.parse_math": False}     # in names, where $ is a letter
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
