@@ -16,7 +16,7 @@ from matplotlib.image import imread
 from morphofold.comparison import compare
 from morphofold.report.pages import page
 from morphofold.report.pages.page import analysis_report
-from morphofold.report.plots import svg
+from morphofold.report.plots import charts
 
 NASTY = '<script>alert("x")</script>&"\''
 
@@ -116,9 +116,9 @@ def config(text):
 def drawn(monkeypatch, tmp_path, plain_pictures):
     """Write a comparison or analysis page; its text, the rows of its pictures and the series of its charts."""
     rows, series = [], []
-    histograms, blank = svg.histograms, np.full((4, 4, 3), 255, np.uint8)
+    histograms, blank = charts.histograms, np.full((4, 4, 3), 255, np.uint8)
     monkeypatch.setattr(page, "figure", lambda r, *a, **k: (rows.extend(r), blank)[1])
-    monkeypatch.setattr(svg, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
+    monkeypatch.setattr(charts, "histograms", lambda s, *a: (series.append(s), histograms(s, *a))[1])
 
     def draw(what):
         path = tmp_path / "report.html"
@@ -135,21 +135,21 @@ def test_each_hemisphere_is_drawn_as_the_side_it_is_and_weighed_by_its_pial_area
     assert [(r.name, r.hemi) for r in rows] == [("right", "rh"), ("left", "lh")] * 4
     pial = area(pair["left"].cortex.pial)
     assert abs(area(pair["left"].cortex.white) / pial - 1) > 0.1
-    for name, _, weights, _, _ in series[0]:
-        assert weights.sum() == pytest.approx(pial, rel=1e-9), name
+    for look, _, weights in series[0]:
+        assert weights.sum() == pytest.approx(pial, rel=1e-9), look.name
 
 
 def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
     several = {name: made_measures(name=name) for name in ("a", "b", "c")}
     del several["b"].maps["sulcal_depth"]
     text, _, series = drawn(several)
-    assert [[(s[0], s[4]) for s in chart] for chart in series] == [
-        *[[("a", svg.DASHES[0]), ("b", svg.DASHES[1]), ("c", svg.DASHES[2])]] * 3,
-        [("a", svg.DASHES[0]), ("c", svg.DASHES[2])],
-        [("a", svg.DASHES[0]), ("b", svg.DASHES[1]), ("c", svg.DASHES[2])],        # gyral over cortical thickness
+    assert [[(s[0].name, s[0].dash) for s in chart] for chart in series] == [
+        *[list(zip("abc", charts.DASHES))] * 3,
+        [("a", charts.DASHES[0]), ("c", charts.DASHES[2])],
+        list(zip("abc", charts.DASHES)),                                    # gyral over cortical thickness
     ]
     keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
-    assert keys == [*svg.DASHES[:3]] * 2                                 # in the legends of fits and of curves
+    assert keys == [*charts.DASHES[:3]] * 2                                 # in the legends of fits and of curves
 
 
 def test_the_page_of_one_surface_speaks_of_one_surface(drawn):

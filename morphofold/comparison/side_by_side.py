@@ -141,39 +141,22 @@ def compare(
         if m.scalars.get(what) is None
     ]
     clouds = thickness_clouds(list(named.values()))
-    for name, cloud in zip(named, clouds):
-        if not cloud.points:
-            notes.append(f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two.")
-    by_kind = zip(named, named.values(), clouds)
-    if crests := [name for name, m, cloud in by_kind if cloud.kind == "crest" and m.regions]:
-        notes.append(
-            f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
-            "All measures."
-        )
-    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
-        notes.append(
-            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
-            "as further evidence: they are too narrow, and too small."
-        )
-    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
-        notes.append(
-            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
-            "stand for the surface."
-        )
     return Comparison(
         names=tuple(named),
         measures=tuple(named.values()),
-        table=tuple(_table(named)),
+        table=tuple(
+            {"measure": key, **dict(zip(named, values))} for key, values in numbers(list(named.values())).items()
+        ),
         clouds=clouds,
-        theory=tuple(wrinkling_wavelength(mu) for mu in _ratios(named, mu_ratio)),
+        theory=theory_lines(named, mu_ratio),
         groups=grouped,
         colours=_coloured(surfaces, grouped, colours or {}),
         hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
         folding=tuple(shape_terms_of(m) for m in named.values()),
         stages={name: tuple(stages) for name, stages in (growth or {}).items()},
         growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
-        notes=tuple(notes),
-        cautions=tuple(_cautions(named)),
+        notes=(*notes, *plot_notes(named, clouds)),
+        cautions=tuple(cautions(named)),
     )
 
 
@@ -232,7 +215,8 @@ def _named(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> dict[str, M
     return named
 
 
-def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float]:
+def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[Theory, ...]:
+    """The wavelength of theory at ``mu_ratio``, or at each ratio of stiffness that the surfaces say."""
     if mu_ratio is not None:
         ratios = [mu_ratio]
     else:
@@ -241,10 +225,35 @@ def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise ValueError(f"mu_ratio must be a positive number, got {mu}.")
-    return ratios
+    return tuple(map(wrinkling_wavelength, ratios))
 
 
-def _cautions(named: Mapping[str, Measures]) -> list[str]:
+def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+    """What a reader should know of the points of each surface in the plot of gyral against cortical thickness."""
+    notes = [
+        f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two."
+        for name, cloud in zip(named, clouds) if not cloud.points
+    ]  # fmt: skip
+    by_kind = zip(named, named.values(), clouds)
+    if crests := [name for name, m, cloud in by_kind if cloud.kind == "crest" and m.regions]:
+        notes.append(
+            f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
+            "All measures."
+        )
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        notes.append(
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
+            "as further evidence: they are too narrow, and too small."
+        )
+    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
+        notes.append(
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "stand for the surface."
+        )
+    return notes
+
+
+def cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
     said = []
     if differing := _by_value(named, "curvature_scale_mm", lambda mm: f"{number(float(mm), 2)} mm"):
@@ -275,16 +284,12 @@ def _by_value(named: Mapping[str, Measures], key: str, words: Callable[[Any], st
     return found if len(found) > 1 else {}
 
 
-def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:
-    extra = sorted({key for m in named.values() for key in m.scalars} - set(SCALARS))
-    rows = [
-        {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}}
-        for key in (*SCALARS, *extra)
-    ]
-    ratios = {name: thickness_ratios(m) for name, m in named.items()}
-    for k, key in enumerate((RATIO, CREST_RATIO)):
-        rows.append({"measure": key, **{name: _plain(both[k]) for name, both in ratios.items()}})
-    return rows
+def numbers(measures: Sequence[Measures]) -> dict[str, list[Any]]:
+    """Every scalar, and both ratios of gyral to cortical thickness: the value of each surface, or None."""
+    extra = sorted({key for m in measures for key in m.scalars} - set(SCALARS))
+    found = {key: [_plain(m.scalars.get(key)) for m in measures] for key in (*SCALARS, *extra)}
+    ratios = [[_plain(ratio) for ratio in thickness_ratios(m)] for m in measures]
+    return {**found, **{key: list(values) for key, values in zip((RATIO, CREST_RATIO), zip(*ratios))}}
 
 
 def _plain(value: Any) -> Any:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from morphofold.report.pages.templates import write_page
 from morphofold.report.pictures.png import halved, png_bytes, read_png
-from morphofold.report.plots import svg
 from morphofold.studies.paper.parts import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
@@ -29,13 +29,10 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
     whole = sum(told["seconds"] for told in grown.values()) + sum(
         entry.get("seconds", 0.0) for entry in index["figures"].values()
     )
-    page = svg.environment().get_template("paper.html").render(
-        figures=figures, version=index["morphofold"], lengths=index["lengths"], whole=duration(whole),
-        grown=duration(sum(told["seconds"] for told in grown.values())), count=len(grown),
+    return write_page(
+        folder / "report.html", "paper.html", figures=figures, version=index["morphofold"], lengths=index["lengths"],
+        whole=duration(whole), grown=duration(sum(told["seconds"] for told in grown.values())), count=len(grown),
     )  # fmt: skip
-    path = folder / "report.html"
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
-    return path
 
 
 def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]:

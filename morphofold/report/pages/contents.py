@@ -1,27 +1,23 @@
-"""What the tables and sentences of a page say: a ``Comparison`` turned into plain rows for the template."""
+"""What the tables and sentences of a page say: surfaces and their numbers turned into plain rows for the template."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.analysis.mesh_quality.defects import WARNINGS
-from morphofold.comparison.growth import matching_growth
-from morphofold.quantities import HEADLINES, RATIO, scalar_words
+from morphofold.comparison.growth import GrowthCurve, matching_growth
+from morphofold.comparison.thickness import Cloud, Theory
+from morphofold.quantities import RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
 
-if TYPE_CHECKING:
-    from morphofold.comparison import Comparison
-
-PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 REGION_COLUMNS = (
     "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
     "gray_volume_mm3", "mean_H_per_mm",
@@ -40,19 +36,27 @@ OF_INPUT = ("average", "cortex_mask")          # notes that say what the surface
 REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
+Numbers = Mapping[str, Sequence[Any]]             # of each surface, as comparison.side_by_side.numbers has them
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One surface of a page: what it is called there, its colour and marker in charts, other stages of its growth."""
+    """One surface of a page: what it is called there, its colour and marker in charts, its points in the plot of gyral
+    against cortical thickness, other stages of its growth."""
 
     name: str
     measures: Measures
     colour: str
-    marker: str = "circle"
-    dash: str = ""
+    marker: str
+    dash: str
+    cloud: Cloud
     group: str = ""
     stages: tuple[Measures, ...] = ()
+
+    @property
+    def folding(self) -> ShapeTerms | None:
+        """Terms of the law of folding."""
+        return shape_terms_of(self.measures)
 
     @property
     def kind(self) -> str:
@@ -66,47 +70,40 @@ class Entry:
         return " · ".join(f for f in facts if f)
 
 
-def headlines(entries: Sequence[Entry], comparison: Comparison) -> Rows:
-    """The few scalars of the first screen, those that at least one surface has."""
-    return scalars(entries, comparison, HEADLINES)
-
-
-def scalars(entries: Sequence[Entry], comparison: Comparison, keys: Sequence[str] = ()) -> Rows:
-    """One row per scalar, values in the order of the entries; scalars that no surface has are left to ``left_out``."""
-    table = {row["measure"]: row for row in comparison.table}
+def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
+    """One row per scalar, or for each of ``keys``; those that no surface has are left to ``left_out``."""
     rows = []
-    for key in keys or table:
-        values = [table[key][e.name] for e in entries]
+    for key in keys or numbers:
+        values = numbers[key]
         if any(v is not None for v in values):
             label, unit = scalar_words(key)
             rows.append({"key": key, "label": label, "unit": unit, "values": values})
     return rows
 
 
-def verdict(comparison: Comparison) -> list[str]:
+def verdict(numbers: Numbers, theory: Sequence[Theory]) -> list[str]:
     """What linear theory says beside the ratio of gyral to cortical thickness, where that and a stiffness are known."""
-    row = next(row for row in comparison.table if row["measure"] == RATIO)
-    if not comparison.theory or all(row[name] is None for name in comparison.names):
+    if not theory or all(value is None for value in numbers[RATIO]):
         return []
-    slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in comparison.theory)
+    slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in theory)
     return [f"Linear theory puts the wavelength of first wrinkles over cortical thickness at {slopes}."]
 
 
-def fits(entries: Sequence[Entry], comparison: Comparison) -> Rows:
+def fits(entries: Sequence[Entry]) -> Rows:
     """What the points of each surface are, and the line through them."""
     words = {"region": "regions", "crest": "crests"}
     return [
         {"entry": e, "fit": c.fit, "points": f"{len(c.points)} {words[c.kind]}" if c.kind in words else "whole surface"}
-        for e, c in zip(entries, comparison.clouds)
-        if c.points
+        for e in entries
+        if (c := e.cloud).points
     ]
 
 
-def met(comparison: Comparison) -> Rows:
+def met(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Rows:
     """At which growth each number of a growing body is that of each surface."""
     rows = []
-    for curve in comparison.growth:
-        found = [matching_growth(curve, m) for m in comparison.measures]
+    for curve in growth:
+        found = [matching_growth(curve, e.measures) for e in entries]
         for key in curve.numbers:
             cells = [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in found]
             rows.append({"curve": curve.name, "number": key, "values": cells})
@@ -136,21 +133,14 @@ def warnings(entries: Sequence[Entry]) -> list[str]:
     return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
 
 
-def cautions(entries: Sequence[Entry], comparison: Comparison) -> list[str]:
-    """Which surfaces are no person's or were not marked out, and what differs between them."""
+def cautions(entries: Sequence[Entry]) -> list[str]:
+    """Which surfaces are no person's or were not marked out."""
     told: dict[str, list[str]] = {}
     for key in OF_INPUT:
         for e in entries:
             if said := e.measures.notes.get(key):
                 told.setdefault(said, []).append(e.name)
-    return [*(f"{', '.join(names)}: {said}" for said, names in told.items()), *comparison.cautions]
-
-
-def plot_notes(comparison: Comparison) -> list[str]:
-    """The notes of the comparison itself; those of the measures stand elsewhere on the page."""
-    pairs = zip(comparison.names, comparison.measures)
-    told = {f"{name}: {what} ({why})" for name, m in pairs for what, why in m.notes.items()}
-    return [note for note in comparison.notes if note not in told]
+    return [f"{', '.join(names)}: {said}" for said, names in told.items()]
 
 
 def _silent(m: Measures, key: str) -> bool:
@@ -238,15 +228,3 @@ def _word(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_word(v)}" for k, v in value.items())
     return ", ".join(map(_word, value)) if isinstance(value, list | tuple) else str(value)
-
-
-def versions() -> list[tuple[str, str]]:
-    """Name and version of the packages that had a part in the numbers."""
-
-    def version(name: str) -> str:
-        try:
-            return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            return "not installed as a package"
-
-    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]

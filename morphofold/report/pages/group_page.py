@@ -6,11 +6,8 @@ have the rest.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib import resources
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,11 +36,12 @@ from morphofold.cohort.statistics import (
 )
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL, RATIO, scalar_words
-from morphofold.report.pages.contents import versions
-from morphofold.report.pages.methods import REFERENCES, measured
+from morphofold.report.pages.methods import cited, measured
+from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.group import SIDES, draw_outliers
 from morphofold.report.pictures.surfaces import renderer
-from morphofold.report.plots import svg
+from morphofold.report.plots import charts as plots
+from morphofold.report.plots.line_plots import ticks
 from morphofold.tables import write_table
 from morphofold.words import number
 
@@ -62,7 +60,7 @@ BEYOND = 10.0           # robust z of values that charts leave out
 FEWEST_DRAWN = 3        # values of a side of which a chart is drawn
 LISTED = 5              # measures that a sentence names
 POINTS = {"subject": "subjects", "region": "the means of regions"}      # of a plot, as methods call them
-STRIP = 260.0           # width of a line of the chart of asymmetry
+STRIP, EDGE = 260.0, 12.0       # width of a line of the chart of asymmetry, and of its edges
 FILES = (
     ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
     ("distributions.tsv", "the distributions of this page"), ("asymmetry.tsv", "left against right"),
@@ -112,14 +110,12 @@ def group_report(
         [rows[0] for rows in by_subject[:PICTURES]], group.subjects, scalars, group.results, folder / "figures"
     )
     progress(0.9, "page")
-    script = resources.files("morphofold.report").joinpath("templates", "tables.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
     said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
-    page = svg.environment().get_template("group.html").render(
-        title=f"A group of {plural(len(group.subjects), 'subject')}", policy=f"'sha256-{digest}'",
-        script=Markup(script), number=number, told=told_number, percent=percent, beside=beside, p_told=p_told,
-        words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
+    path = write_page(
+        folder / "report.html", "group.html", ["tables.js"],
+        title=f"A group of {plural(len(group.subjects), 'subject')}", told=told_number, percent=percent, beside=beside,
+        p_told=p_told, words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
         headlines=headlines(scalars, there), unlike=unlike(group), pooling=group.pooling,
         charts=[charts[name] for name in CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
@@ -132,10 +128,8 @@ def group_report(
         failures=group.failures[:ROWS], more_failures=len(group.failures) - ROWS,
         remarks=list(group.remarks.items())[:REMARKS], n_remarks=len(group.remarks), most_remarks=REMARKS,
         same=group.same[:REMARKS], n_same=len(group.same), methods=said, references=references,
-        files=FILES, renderer=renderer(), versions=versions(), bootstrapped=BOOTSTRAPPED,
+        files=FILES, renderer=renderer(), bootstrapped=BOOTSTRAPPED,
     )  # fmt: skip
-    path = folder / "report.html"
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     progress(1.0, "done")
     return path
 
@@ -265,8 +259,7 @@ def methods(
             f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
             "(after Razavi et al. 2015)."
         )
-    text = " ".join(said)
-    return text, [work for cited, work in REFERENCES.items() if cited in text]
+    return cited(said)
 
 
 # --- numbers
@@ -329,15 +322,14 @@ def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
         return None
     ends = [abs(x) for row in sides for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
     top = 1.05 * max(ends) or 1.0
-    axes = svg.Axes((-top, top), (0, 1), width=STRIP, height=20, margin=(0, 12, 0, 12))
 
     def place(x: float) -> float | None:
-        return float(axes.px(x)) if np.isfinite(x) else None
+        return EDGE + (x + top) / (2 * top) * (STRIP - 2 * EDGE) if np.isfinite(x) else None
 
     rows = [
         {"row": row, "at": place(row.asymmetry), "low": place(row.low), "high": place(row.high)} for row in sides
     ]
-    marks = [(place(x), percent(x) if x else "0") for x in svg.ticks(-top, top, about=5)]
+    marks = [(place(x), percent(x) if x else "0") for x in ticks(-top, top, about=5)]
     return {"rows": rows, "ticks": marks, "zero": place(0.0), "width": STRIP}
 
 
@@ -355,10 +347,8 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     beyond[held] = np.isfinite(z) & (np.abs(z) > BEYOND)
     shown = np.where(beyond, np.nan, values)
     bins = _bins(shown[np.isfinite(shown)], int(held.sum(axis=0).max()))
-    series = [
-        (side.name, shown[:, HEMIS.index(side.hemi)], np.ones(len(values)), side.colour, side.dash) for side in there
-    ]
-    chart = svg.histograms(series, label, unit, bins, counted="subjects")
+    series = [(side, shown[:, HEMIS.index(side.hemi)], np.ones(len(values))) for side in there]
+    chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
     told = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
     told = told if len(set(numbers)) > 1 else []                        # else the caption below all charts says it
@@ -399,17 +389,15 @@ def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
     of = {"subject": subject_cloud, "region": region_cloud}[kind]
     clouds = [(side, of(group, HEMIS.index(side.hemi))) for side in there]
     clouds = [(side, cloud) for side, cloud in clouds if cloud.points]
-    drawn = [
-        {
-            "name": side.name, "colour": side.colour, "marker": side.marker, "dash": side.dash,
-            "points": () if kind == "subject" and cloud.bins else cloud.points,
-            "bins": cloud.bins if kind == "subject" else cloud.points, "fit": cloud.fit,
-        }
-        for side, cloud in clouds
-    ]  # fmt: skip
+    drawn = []
+    for side, cloud in clouds:
+        if kind == "region":
+            drawn.append((side, replace(cloud, bins=cloud.points)))
+        else:
+            drawn.append((side, replace(cloud, points=()) if cloud.bins else cloud))
     return {
         "kind": kind, "title": "Subjects" if kind == "subject" else "Regions, means over subjects",
-        "plot": svg.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),
+        "plot": plots.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),
         "binned": any(c.bins for _, c in clouds),
         "fits": [{"side": side, "fit": cloud.fit, "n": len(cloud.points)} for side, cloud in clouds],
     }  # fmt: skip

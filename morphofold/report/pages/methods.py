@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from morphofold.analysis.measures import Measures
+from morphofold.report.pages.contents import Entry
 from morphofold.words import number
-
-if TYPE_CHECKING:
-    from morphofold.comparison import Comparison
 
 #: works by how the paragraph cites them
 REFERENCES = {
@@ -31,29 +28,37 @@ REFERENCES = {
 _MATERIALS = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
 
 
-def methods(comparison: Comparison, version: str) -> tuple[str, list[str]]:
-    """What was done and how, in sentences, by this version of morphofold; the references that they cite."""
-    said = [*_grown(comparison), *measured(comparison.measures, version)]
-    if any(terms is not None for terms in comparison.folding):
+def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[str, list[str]]:
+    """What was done and how, in sentences, by this version of morphofold; the references that they cite.
+
+    ``theory``: whether the page has a line of linear theory.
+    """
+    said = [*_grown(entries), *measured([e.measures for e in entries], version)]
+    if any(e.folding is not None for e in entries):
         said.append(
             "The law of folding, total area times the root of thickness over exposed area to the power 5/4 (Mota and "
             "Herculano-Houzel 2015), takes the convex hull as exposed."
         )
-    if comparison.theory:
+    if theory:
         said.append("The wavelength of first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
+    return cited(said)
+
+
+def cited(said: Sequence[str]) -> tuple[str, list[str]]:
+    """Sentences as one paragraph, and the references that it cites."""
     text = " ".join(said)
-    return text, [work for cited, work in REFERENCES.items() if cited in text]
+    return text, [work for name, work in REFERENCES.items() if name in text]
 
 
-def _grown(comparison: Comparison) -> list[str]:
+def _grown(entries: Sequence[Entry]) -> list[str]:
     """A sentence on each simulated cortex."""
     said = []
-    for name, m in zip(comparison.names, comparison.measures):
-        info = m.cortex.info
+    for e in entries:
+        info = e.measures.cortex.info
         material = str(info.get("material", "neo-hookean"))
-        if m.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
+        if e.measures.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
             said.append(
-                f"{name} was grown by finite elements: a {_MATERIALS.get(material, material)} cortex, "
+                f"{e.name} was grown by finite elements: a {_MATERIALS.get(material, material)} cortex, "
                 f"{number(float(info['mu_ratio']))} times as stiff as its core, with {info['law']} growth to a stretch "
                 f"of {number(float(info['g']))} (after Razavi et al. 2015)."
             )

@@ -7,11 +7,8 @@ forbids everything else, and every name that came from a file is escaped.
 from __future__ import annotations
 
 import base64
-import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +16,17 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
-from morphofold.comparison.growth import NUMBERS
+from morphofold.comparison.growth import NUMBERS, GrowthCurve
+from morphofold.comparison.hinges import HingeComparison, compare_hinges
+from morphofold.comparison.side_by_side import cautions, numbers, plot_notes, theory_lines
+from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds
 from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
-from morphofold.quantities import MAIN, Quantity, common_limits, find, quantity
+from morphofold.quantities import CATEGORICAL, HEADLINES, MAIN, Quantity, common_limits, find, quantity
 from morphofold.report import colours
 from morphofold.report.pages import contents
 from morphofold.report.pages.contents import Entry
@@ -33,13 +34,13 @@ from morphofold.report.pages.costs import costs
 from morphofold.report.pages.layers import net_of
 from morphofold.report.pages.methods import methods
 from morphofold.report.pages.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
+from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Looks, Picture, Row, figure, renderer, safe_name
-from morphofold.report.plots import svg
+from morphofold.report.plots import charts
 from morphofold.surface import Surface
-from morphofold.words import number
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -47,14 +48,13 @@ if TYPE_CHECKING:
 
 ANALYSIS = "Analysis"
 SIDES = {"lh": "left", "rh": "right"}
-NONE: Mapping[str, str] = {}
 SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
 def analysis_report(
-    measures: Sequence[Measures], path: str | Path, *, failed: Mapping[str, str] = NONE, inputs: Inputs = (),
+    measures: Sequence[Measures], path: str | Path, *, failed: Mapping[str, str] = {}, inputs: Inputs = (),
     stages: Sequence[Measures] = (), clock: Stages | None = None,
 ) -> Path:  # fmt: skip
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
@@ -64,15 +64,14 @@ def analysis_report(
     are those of the one body that was measured, to be drawn as it grows. ``clock`` went along with the measuring: with
     it the page says what all this took.
     """
-    from morphofold.comparison import compare
-
     if clock is not None:
         clock.begin(PAGE)
     names = [m.cortex.name for m in measures]
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
-    comparison = compare(dict(zip(unique, measures)))
-    if stages:
-        comparison = replace(comparison, stages={unique[0]: tuple(stages)})
+    named = dict(zip(unique, measures))
+    colours = dict(zip(unique, CATEGORICAL))
+    entries = _entries(named, colours, thickness_clouds(measures), stages={unique[0]: stages})
+    shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
     sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
     what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
@@ -80,7 +79,10 @@ def analysis_report(
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
     missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
-    return _write(comparison, Path(path), ANALYSIS, title, lede, inputs, missing, clock=clock)
+    return _write(
+        Path(path), ANALYSIS, title, lede, entries, theory_lines(named),
+        compare_hinges(shapes, {name: [name] for name in named}), inputs=inputs, missing=missing, clock=clock,
+    )  # fmt: skip
 
 
 def comparison_report(
@@ -91,14 +93,21 @@ def comparison_report(
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured by the same code. Colours, bins and axes are shared by all surfaces."
-    return _write(comparison, Path(folder) / "report.html", "Comparison", title, lede, inputs, progress=progress)
+    named = dict(zip(comparison.names, comparison.measures))
+    entries = _entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
+    return _write(
+        Path(folder) / "report.html", "Comparison", title, lede, entries, comparison.theory, comparison.hinges,
+        comparison.growth, inputs, progress=progress,
+    )  # fmt: skip
 
 
 def _write(
-    comparison: Comparison, path: Path, kind: str, title: str, lede: str, inputs: Inputs, missing: Sequence[str] = (),
-    progress: Progress = silent, clock: Stages | None = None,
+    path: Path, kind: str, title: str, lede: str, entries: Sequence[Entry], theory: Sequence[Theory],
+    hinges: Sequence[HingeComparison], growth: Sequence[GrowthCurve] = (), inputs: Inputs = (),
+    missing: Sequence[str] = (), progress: Progress = silent, clock: Stages | None = None,
 ) -> Path:  # fmt: skip
-    entries = _entries(comparison)
+    named = {e.name: e.measures for e in entries}
+    table = numbers(list(named.values()))
     shown = _shown(entries)
     progress(0.0, "thinning surfaces")
     thinned = [
@@ -110,46 +119,46 @@ def _write(
     progress(0.65, "packing surfaces")
     viewer, blocks = _viewer(entries, thinned, shown)
     progress(0.75, "drawing charts and hinges")
-    paragraph, references = methods(comparison, contents.versions()[0][1])
-    templates = resources.files("morphofold.report").joinpath("templates")
-    script = "\n".join(templates.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
-    page = svg.environment().get_template("report.html").render(
-        kind=kind, title=title, lede=lede, entries=entries, number=number, theory=comparison.theory,
-        headlines=contents.headlines(entries, comparison), verdict=contents.verdict(comparison),
-        scalars=contents.scalars(entries, comparison), fits=contents.fits(entries, comparison),
+    paragraph, references = methods(entries, versions()[0][1], theory=bool(theory))
+    return write_page(
+        path, "report.html", SCRIPTS, kind=kind, title=title, lede=lede, entries=entries, theory=theory,
+        headlines=contents.scalars(table, HEADLINES), verdict=contents.verdict(table, theory),
+        scalars=contents.scalars(table), fits=contents.fits(entries),
         left_out=contents.left_out(entries), definitions=contents.definitions(entries),
-        warnings=[*missing, *contents.warnings(entries)], cautions=contents.cautions(entries, comparison),
-        plot_notes=contents.plot_notes(comparison),
-        bins=any(c.bins for c in comparison.clouds), remarks=contents.remarks(entries, viewer["surfaces"]),
+        warnings=[*missing, *contents.warnings(entries)],
+        cautions=[*contents.cautions(entries), *cautions(named)],
+        plot_notes=plot_notes(named, [e.cloud for e in entries]),
+        bins=any(e.cloud.bins for e in entries), remarks=contents.remarks(entries, viewer["surfaces"]),
         tables=contents.tables(entries), methods=paragraph, references=references,
         parameters=contents.parameters(entries),
-        facts=contents.facts(entries), versions=contents.versions(), inputs=list(inputs) or _inputs(entries),
-        charts=_charts(entries, shown), scatter=_scatter(entries, comparison), pictures=pictures, renderer=renderer(),
+        facts=contents.facts(entries), inputs=list(inputs) or _inputs(entries),
+        charts=_charts(entries, shown), scatter=_scatter(entries, theory), pictures=pictures, renderer=renderer(),
         maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
-        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3), script=Markup(script), policy=_sha256(script),
-        hinges=comparison.hinges, pairs=_pairs(path.parent / "figures", comparison),
-        growth=comparison.growth, growth_charts=_growth_charts(entries, comparison),
-        met=contents.met(comparison), law=_law(entries, comparison), ratio=_ratio(entries),
-        folding=[(e, t) for e, t in zip(entries, comparison.folding) if t is not None],
+        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3),
+        hinges=hinges, pairs=_pairs(path.parent / "figures", hinges, named),
+        growth=growth, growth_charts=_growth_charts(entries, growth),
+        met=contents.met(entries, growth), law=_law(entries, growth), ratio=_ratio(entries),
+        folding=[(e, t) for e in entries if (t := e.folding) is not None],
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
         slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
         costs=costs(entries, clock) if kind == ANALYSIS else [],
     )  # fmt: skip
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
-    return path
 
 
-def _entries(comparison: Comparison) -> list[Entry]:
+def _entries(
+    named: Mapping[str, Measures], colours: Mapping[str, str], clouds: Sequence[Cloud],
+    groups: Mapping[str, Sequence[str]] = {}, stages: Mapping[str, Sequence[Measures]] = {},
+) -> list[Entry]:  # fmt: skip
     """What each surface is called and drawn like; a group that is one subject says nothing new."""
-    held = {name: group for group, names in comparison.groups.items() for name in names}
+    held = {name: group for group, names in groups.items() for name in names}
     entries = []
-    for k, (name, m) in enumerate(zip(comparison.names, comparison.measures)):
+    for k, ((name, m), cloud) in enumerate(zip(named.items(), clouds)):
         group = held.get(name, "")
         told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
-        marker, dash = svg.MARKERS[k % 4], svg.DASHES[(k + k // 4) % 4]             # sixteen before one comes again
-        stages = tuple(s for s in comparison.stages.get(name, ()) if _other_stage(s, m))
-        entries.append(Entry(name, m, comparison.colours[name], marker, dash, told, stages))
+        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]     # sixteen before one comes again
+        grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
+        entries.append(Entry(name, m, colours[name], marker, dash, cloud, told, grown))
     return entries
 
 
@@ -158,11 +167,6 @@ def _other_stage(stage: Measures, m: Measures) -> bool:
     a, b = stage.cortex, m.cortex
     same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
     return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
-
-
-def _sha256(script: str) -> str:
-    """The one script the page may run, as a content security policy names it."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
 def _inputs(entries: Sequence[Entry]) -> Inputs:
@@ -245,12 +249,13 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     return [picture.result() for picture in pictures]
 
 
-def _pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
+def _pairs(
+    folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]
+) -> list[dict[str, Any]]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges of every two groups whose surfaces have their graph."""
-    measures = dict(zip(comparison.names, comparison.measures))
     pictures = []
-    for k, found in enumerate(comparison.hinges, start=1):
-        if chosen := clear_examples(found.matches, measures):
+    for k, found in enumerate(hinges, start=1):
+        if chosen := clear_examples(found.matches, named):
             image = hinge_pairs(chosen, (found.one, found.other))
             title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
             pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
@@ -266,27 +271,27 @@ def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] |
 
 def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
     areas = {e.name: vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces) for e in entries}
-    charts = []
+    found = []
     for key in (k for k in MAIN if k in shown):
         what, _ = shown[key]
-        series = [(e.name, a, areas[e.name], e.colour, e.dash) for e, a in _having(entries, key)]
-        charts.append(svg.histograms(series, what.label, what.unit))
-    return [chart for chart in charts if chart is not None]
+        series = [(e, a, areas[e.name]) for e, a in _having(entries, key)]
+        found.append(charts.histograms(series, what.label, what.unit))
+    return [chart for chart in found if chart is not None]
 
 
-def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
-    charts = []
-    for key, of in NUMBERS.items() if comparison.growth else ():
-        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        others = [(e.name, value, e.colour, e.dash) for e in entries if (value := of(e.measures)) is not None]
-        charts.append(svg.growth_chart(key, curves, others))
-    return [chart for chart in charts if chart is not None]
+def _growth_charts(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> list[Markup]:
+    found = []
+    for key, of in NUMBERS.items() if growth else ():
+        curves = [(c.name, c.growth, c.numbers[key]) for c in growth]
+        others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
+        found.append(charts.growth_chart(key, curves, others))
+    return [chart for chart in found if chart is not None]
 
 
-def _law(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    terms = [(e.name, t, e.colour, e.marker) for e, t in zip(entries, comparison.folding) if t is not None]
-    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
-    return svg.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
+def _law(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Markup | None:
+    terms = [(e, t) for e in entries if (t := e.folding) is not None]
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in growth]
+    return charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
 
 
 def _ratio(entries: Sequence[Entry]) -> Markup | None:
@@ -298,17 +303,10 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
             cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
-            series.append((e.name, ratio, areas, e.colour, e.dash))
-    return svg.histograms(series, "Gyral over cortical thickness", "")
+            series.append((e, ratio, areas))
+    return charts.histograms(series, "Gyral over cortical thickness", "")
 
 
-def _scatter(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    clouds = [
-        {
-            "name": e.name, "colour": e.colour, "marker": e.marker, "dash": e.dash,
-            "points": c.points, "bins": c.bins, "fit": c.fit,
-        }
-        for e, c in zip(entries, comparison.clouds)
-    ]  # fmt: skip
-    lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    return svg.thickness_plot(clouds, lines)
+def _scatter(entries: Sequence[Entry], theory: Sequence[Theory]) -> Markup | None:
+    lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in theory]
+    return charts.thickness_plot([(e, e.cloud) for e in entries], lines)

@@ -15,10 +15,9 @@ from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
 from morphofold.quantities import Quantity
 from morphofold.report import colours
-from morphofold.report.pages import contents
+from morphofold.report.pages.templates import write_page
 from morphofold.report.pictures import surfaces
 from morphofold.report.pictures.png import png_bytes
-from morphofold.report.plots import svg
 from morphofold.report.plots.line_plots import save
 from morphofold.report.plots.phase_plots import (
     WAVELENGTH,
@@ -57,9 +56,9 @@ def phase_report(
     pictures = _surfaces(phases, folder / "figures")
     failed = [run for run in phases.runs if run.reason]
     unhealthy = [run for run in phases.runs if run.warnings]
-    page = svg.environment().get_template("phases.html").render(
-        title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes, seeds=_seeds(phases),
-        seeds_n=len(phases.grid.seeds),
+    path = write_page(
+        folder / "report.html", "phases.html", title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes,
+        seeds=_seeds(phases), seeds_n=len(phases.grid.seeds),
         places=phases.grid.places, runs=phases.runs, done=len(phases.runs) - len(failed),
         diagrams=diagrams, pictures=pictures, surfaces=_what(phases), shown=measures,
         rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
@@ -67,10 +66,8 @@ def phase_report(
         titles=[axis_title(phases, axis) for axis in phases.grid.axes], missing=missing(phases),
         theory=theory_words(phases), verdict=verdict(phases), failed=failed, unhealthy=unhealthy, most=MOST_ROWS,
         levels=_levels(phases), shape=_shape(phases), known=_known(phases),
-        final=all(axis.key != "growth.final" for axis in phases.grid.axes), versions=contents.versions(),
+        final=all(axis.key != "growth.final" for axis in phases.grid.axes),
     )  # fmt: skip
-    path = folder / "report.html"
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
     progress(1.0, "done")
     return path
 

@@ -26,7 +26,7 @@ from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.pictures import raster
 from morphofold.report.pictures.png import lettering
-from morphofold.report.plots.svg import ticks
+from morphofold.report.plots.line_plots import ticks
 from morphofold.surface import Surface
 
 Picture = NDArray[np.uint8]  # (height, width, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,6 +27,7 @@ STYLE = {
     "grid.linewidth": 0.7, "axes.axisbelow": True, "lines.linewidth": 1.9, "legend.frameon": False,
     "legend.handlelength": 2.8, "svg.hashsalt": "morphofold", "pdf.fonttype": 42, "savefig.dpi": 160,
 }  # fmt: skip
+NO_FORMULAS = {"text.parse_math": False}     # in names, where $ is a letter
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
@@ -72,6 +73,18 @@ def round_step(size: float) -> float:
     return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
 
 
+def ticks(low: float, high: float, about: int = 5) -> list[float]:
+    """About ``about`` round numbers from low to high, steps of 1, 2 or 5 times a power of ten."""
+    raw = (high - low) / max(about, 1)
+    if not raw > 0:
+        return [low]
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw * 0.999)
+    first = int(np.ceil(low / step - 1e-9))
+    last = int(np.floor(high / step + 1e-9))
+    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
+
+
 def legend_below(ax: Axes) -> None:
     """A legend under the axes, where it covers nothing."""
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
@@ -84,19 +97,22 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
 
 
 @contextmanager
-def _style() -> Iterator[None]:
-    """Matplotlib as shipped, with the house's changes, whatever the user's settings."""
+def _style(more: Mapping[str, Any] = {}) -> Iterator[None]:
+    """Matplotlib as shipped, with the house's changes and ``more`` of them, whatever the user's settings."""
     import matplotlib.style
 
-    with matplotlib.style.context(["default", STYLE]):
+    with matplotlib.style.context(["default", STYLE, dict(more)]):
         yield
 
 
 @contextmanager
-def new_figure(width: float, height: float, rows: int, columns: int, **shared: Any) -> Iterator[tuple[Figure, Any]]:
-    """A figure without pyplot's global state, and its axes (rows, columns); inches."""
+def new_figure(
+    width: float, height: float, rows: int, columns: int, *, layout: Literal["constrained"] | None = "constrained",
+    style: Mapping[str, Any] = {}, **shared: Any,
+) -> Iterator[tuple[Figure, Any]]:  # fmt: skip
+    """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style``: beside the house's."""
     from matplotlib.figure import Figure
 
-    with _style():
-        figure = Figure(figsize=(width, height), layout="constrained")
+    with _style(style):
+        figure = Figure(figsize=(width, height), layout=layout)
         yield figure, figure.subplots(rows, columns, squeeze=False, **shared)

@@ -17,7 +17,7 @@ from morphofold.arrays import Array
 from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
 from morphofold.quantities import CATEGORICAL, round_out
 from morphofold.report import colours
-from morphofold.report.plots.line_plots import BLACK, GREY, new_figure
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure
 from morphofold.sim.scene.tables import unit_of
 from morphofold.words import number
 
@@ -142,7 +142,7 @@ def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
     limits = limits_of(phases, shown)
     rgb = colours.apply(means, limits, signed=False)
     size = (max(4.8, 1.15 * len(across.values) + 2.2), max(3.4, 0.95 * len(up.values) + 1.4))
-    with new_figure(*size, 1, 1) as (figure, ((ax,),)):
+    with new_figure(*size, 1, 1, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), one in cells.items():
@@ -204,7 +204,7 @@ def _name_axes(ax: Axes, phases: Phases) -> None:
     ax.set_xticks(range(len(across.words)), [_short(word) for word in across.words])
     ax.set_yticks(range(len(up.words)), [_short(word) for word in up.words])
     ax.tick_params(length=0)
-    ax.set(xlabel=_plain(axis_title(phases, across)), ylabel=_plain(axis_title(phases, up)))
+    ax.set(xlabel=axis_title(phases, across), ylabel=axis_title(phases, up))
 
 
 def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
@@ -228,7 +228,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
     x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
     order = np.argsort(x, kind="stable")
     style: dict[str, Any] = {} if axis.numeric else {"linestyle": "", "marker": "_", "markersize": 26}
-    with new_figure(6.2, 3.9, 1, 1) as (figure, ((ax,),)):
+    with new_figure(6.2, 3.9, 1, 1, style=NO_FORMULAS) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
             ax.plot(np.full(len(values), at), values, "o", color=CATEGORICAL[0], markersize=5, alpha=0.6)
@@ -258,8 +258,8 @@ def curve(phases: Phases, shown: Shown) -> Figure:
         ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
         if not axis.numeric:
             ax.set_xticks(x, [_short(word) for word in axis.words])
-        ax.set(xlabel=_plain(axis_title(phases, axis)), ylabel=_plain(shown.title))
-        ax.set_title(_plain(shown.label), loc="left")
+        ax.set(xlabel=axis_title(phases, axis), ylabel=shown.title)
+        ax.set_title(shown.label, loc="left")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -274,7 +274,7 @@ def crossings(x: Array, y: Array) -> list[float]:
 
 def _title(phases: Phases, shown: Shown, others: Place) -> str:
     fixed = others_words(phases, others)
-    return _plain(shown.label + (f" at {fixed}" if fixed else ""))
+    return shown.label + (f" at {fixed}" if fixed else "")
 
 
 def axis_title(phases: Phases, axis: Axis) -> str:
@@ -293,9 +293,4 @@ def others_words(phases: Phases, others: Place) -> str:
 
 
 def _short(word: str) -> str:
-    return _plain(word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}")
-
-
-def _plain(text: str) -> str:
-    """Text in which matplotlib sees no formula."""
-    return text.replace("$", r"\$")
+    return word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}"

@@ -1,0 +1,58 @@
+"""How a page is made of its template: one file that opens offline, in which every name is escaped."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import platform
+from collections.abc import Sequence
+from functools import cache
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+from markupsafe import Markup
+
+from morphofold.words import number
+
+PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
+
+
+def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
+    """Write the page that ``template`` makes of ``values``; of scripts it may run no others than these."""
+    folder = resources.files("morphofold.report").joinpath("templates")
+    script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    page = _environment().get_template(template).render(
+        script=Markup(script), policy=f"'sha256-{digest}'" if scripts else "", versions=versions(), **values,
+    )  # fmt: skip
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    return path
+
+
+@cache
+def _environment() -> Environment:
+    """The templates of the report, escaping on in all of them."""
+    env = Environment(
+        loader=PackageLoader("morphofold.report", "templates"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    env.globals["number"] = number
+    env.filters["short"] = lambda x: f"{x:.4g}".replace("-", "−")
+    env.filters["px"] = lambda x: f"{x:.2f}".rstrip("0").rstrip(".")
+    return env
+
+
+def versions() -> list[tuple[str, str]]:
+    """Name and version of the packages that had a part in the numbers."""
+
+    def version(name: str) -> str:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            return "not installed as a package"
+
+    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]

@@ -1,0 +1,317 @@
+"""Charts of the pages as inline SVG: distributions over each other, gyral against cortical thickness, the law of
+folding, numbers over growth.
+
+What a mark stands for is read where the pointer rests on it. Names are escaped, and no text is read as a formula.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from morphofold.comparison.thickness import Cloud
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure, ticks
+from morphofold.words import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}       # as pages call them and matplotlib does
+DASHES = ("", "7 3", "2 3", "9 3 2 3")
+DASHED = (0, (8, 5))
+SIZE = (430.0, 250.0)                   # [px], of a chart of two beside each other
+WIDE = (880.0, 430.0)
+MARGINS = (56.0, 14.0, 12.0, 38.0)      # [px] left, right, top, bottom
+#: what pages need beside the style of all plots: text that a browser sets, and lengths in pixels
+IN_PAGES = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
+NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+
+
+class Look(Protocol):
+    """How a surface, or a side of a group, is called and drawn."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def colour(self) -> str: ...
+    @property
+    def marker(self) -> str: ...
+    @property
+    def dash(self) -> str: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Chart:
+    """Axes in pixels, and what the pointer reads on marks."""
+
+    figure: Figure
+    ax: Axes
+    size: tuple[float, float]
+    title: str
+    said: list[str] = field(default_factory=list)
+
+    def reads(self, words: str) -> str:
+        """The address that a mark is given for the pointer to read some words on it."""
+        self.said.append(words)
+        return f"{len(self.said) - 1}"
+
+    def line(self, x: Any, y: Any, kind: str, words: str | None = None, **style: Any) -> None:
+        """A line, or marks where the style has a marker."""
+        style = {"linestyle": "none", **style} if "marker" in style else style
+        self.ax.plot(x, y, gid=kind, url=None if words is None else self.reads(words), clip_on=False, **style)
+
+    def points(self, x: Sequence[float], y: Sequence[float], words: Sequence[str], look: Look, *, big: bool) -> None:
+        self.ax.scatter(
+            x, y, s=(14 if big else 7) ** 2, color=look.colour, marker=MARKERS[look.marker], alpha=0.72,
+            edgecolors="white", linewidths=0.6, zorder=3, clip_on=False, gid="point", urls=list(map(self.reads, words)),
+        )  # fmt: skip
+
+    def svg(self) -> Markup:
+        """The drawing, to be put into a page as it is."""
+        file = io.StringIO()
+        self.figure.savefig(file, format="svg", metadata=NO_METADATA)
+        drawn = file.getvalue().partition("</defs>")[2]                 # the first are a style for the whole page
+        drawn = drawn.replace('<g id="', '<g class="')                  # alike in all charts
+        drawn = re.sub(
+            r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
+            lambda mark: f"<g><title>{escape(self.said[int(mark[1])])}</title>{mark[2]}</g>", drawn, flags=re.DOTALL,
+        )  # fmt: skip
+        return Markup(
+            '<svg class="chart" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}" xmlns="http://www.w3.org/2000/svg">'
+            "<title>{}</title>{}"
+        ).format(*self.size, self.title, self.title, Markup(drawn))
+
+
+@contextmanager
+def _chart(
+    title: str, x_label: str, y_label: str, x: tuple[float, float], y: tuple[float, float],
+    size: tuple[float, float] = SIZE, right: float = MARGINS[1],
+) -> Iterator[_Chart]:  # fmt: skip
+    """A chart of fixed margins between limits, with room at its right."""
+    inches = 72.0                                                       # of an SVG, in which a point is a pixel
+    (width, height), (left, _, top, bottom) = size, MARGINS
+    style = {**IN_PAGES, "svg.hashsalt": title}                         # no two charts share the names of their parts
+    with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
+        figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
+        figure.patch.set_visible(False)
+        ax.patch.set_visible(False)
+        for axis, about in ((ax.xaxis, 6), (ax.yaxis, 4)):
+            at = ticks(*(x if axis is ax.xaxis else y), about)
+            axis.set_ticks(at, [f"{t:.6g}".replace("-", "−") for t in at])
+        ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
+        ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
+        yield _Chart(figure, ax, size, title)
+
+
+def line_of(look: Look) -> dict[str, Any]:
+    """Colour and dashes of a line, for matplotlib."""
+    dashes = tuple(map(float, look.dash.split()))
+    return {"color": look.colour, "linestyle": (0, dashes) if dashes else "-"}
+
+
+def histograms(
+    series: Sequence[tuple[Look, np.ndarray, np.ndarray]], label: str, unit: str, bins: int | np.ndarray = 48,
+    counted: str = "",
+) -> Markup | None:  # fmt: skip
+    """Distributions over each other, in the same bins: area-weighted, or counts.
+
+    Parameters
+    ----------
+    series : sequence of (look, values (N,), weights (N,))
+        NaN values are left out; each distribution is normalised over all its measured area.
+    label, unit : str
+        Of the quantity; the vertical axis is share of area per unit.
+    bins : int or array
+        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or the edges of bins.
+    counted : str
+        What the values are of, if their number in each bin is to be drawn instead.
+
+    Returns
+    -------
+    svg : Markup, or None if no surface has a value.
+    """
+    ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, _ in series if np.isfinite(v).any()]
+    if not ends:
+        return None
+    if isinstance(bins, int):
+        low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
+        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
+        edges = np.linspace(low - wide, high + wide, bins + 1)
+    else:
+        edges = bins
+    curves = []
+    for look, values, weights in series:
+        known = np.isfinite(values)
+        if known.any() and weights[known].sum() > 0:
+            density = np.histogram(values[known], edges, weights=None if counted else weights[known])[0]
+            if not counted:
+                density = density / weights[known].sum() / np.diff(edges)
+            curves.append((look, density, weighted_median(values[known], weights[known])))
+    if not curves:
+        return None
+    top = max(float(density.max()) for _, density, _ in curves) or 1.0
+    up = counted or (f"share of area per {unit}" if unit else "share of area")
+    across = f"{label} [{unit}]" if unit else label
+    limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
+    with _chart(f"Distribution of {label}", across, up, *limits) as chart:
+        for look, density, median in curves:
+            words = f"{look.name}: median {number(median)} {unit}".strip()
+            chart.ax.stairs(
+                density, edges, fill=True, facecolor=(look.colour, 0.12), edgecolor=look.colour, linewidth=1.7,
+                linestyle=line_of(look)["linestyle"], gid="curve", url=chart.reads(words), clip_on=False,
+            )  # fmt: skip
+            if edges[0] <= median <= edges[-1]:
+                chart.line([median], [0], "median", color=look.colour, marker=10, markersize=8)     # a caret
+        return chart.svg()
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """Smallest value below which at least half the weight lies."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def thickness_plot(
+    clouds: Sequence[tuple[Look, Cloud]], lines: Sequence[tuple[float, str]], *, from_zero: bool = True,
+    size: tuple[float, float] = WIDE,
+) -> Markup | None:  # fmt: skip
+    """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
+
+    Parameters
+    ----------
+    clouds : sequence of (look, Cloud)
+        A fit whose slope is not different from none is drawn faint.
+    lines : sequence of (slope [mm/mm], label)
+    from_zero : bool
+        Axes begin at 0; else they are those of the points.
+    size : (width, height)
+        In pixels.
+
+    Returns
+    -------
+    svg : Markup, or None if there is no point at all.
+    """
+    marks = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
+    if not marks:
+        return None
+    right, top = 1.12 * max(p.cortical for p in marks), 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
+    across, up = (0.0, right), (0.0, top)
+    if not from_zero:
+        across = _around([p.cortical for p in marks])
+        up = _around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
+    labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
+    with _chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
+        for slope, label in lines:
+            end = min(right, top / slope)
+            chart.line([0, end], [0, end * slope], "theory", label, color=GREY, linestyle=DASHED)
+        for look, cloud in clouds:
+            _draw_cloud(chart, look, cloud)
+        return chart.svg()
+
+
+def _around(values: Sequence[float]) -> tuple[float, float]:
+    """Least and greatest of some values, a little apart from them."""
+    low, high = min(values), max(values)
+    edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
+    return low - edge, high + edge
+
+
+def _draw_cloud(chart: _Chart, look: Look, cloud: Cloud) -> None:
+    """Bins as crossed bars, median and quartiles; the line; points."""
+    for p in cloud.bins:
+        bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
+        chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
+        chart.line([p.cortical], [p.gyral], "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
+    if cloud.fit is not None:
+        marks = [p.cortical for p in cloud.points or cloud.bins]
+        ends = np.array([min(marks), max(marks)])
+        faint: dict[str, Any] = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
+        kind = "fit" if cloud.fit.sloped else "fit faint"
+        chart.line(ends, cloud.fit.intercept + cloud.fit.slope * ends, kind, **line_of(look), **faint)
+    if cloud.points:
+        words = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in cloud.points]
+        x, y = ([getattr(p, key) for p in cloud.points] for key in ("cortical", "gyral"))
+        chart.points(x, y, words, look, big=len(cloud.points) == 1)
+
+
+def folding_plot(
+    surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]
+) -> Markup | None:
+    """The law of folding: decimal logarithms of total area times root thickness over exposed area, lines of equal k.
+
+    Parameters
+    ----------
+    surfaces : sequence of (look, ShapeTerms)
+    paths : sequence of (name, sequence of ShapeTerms)
+        Bodies as they grow, drawn dashed.
+
+    Returns
+    -------
+    svg : Markup, or None if there is no surface.
+    """
+    if not surfaces:
+        return None
+
+    def place(t: Any) -> tuple[float, float]:
+        return float(np.log10(t.exposed)), float(np.log10(t.total * np.sqrt(t.thickness)))
+
+    every = np.array([place(t) for t in [*(t for _, t in surfaces), *(t for _, path in paths for t in path)]])
+    (x0, y0), (x1, y1) = (every.min(axis=0) - 0.06).tolist(), (every.max(axis=0) + 0.06).tolist()
+    labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
+    with _chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
+        for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
+            ends = np.array([max(x0, (y0 - np.log10(k)) / 1.25), min(x1, (y1 - np.log10(k)) / 1.25)])
+            if ends[1] - ends[0] > 0.02:
+                heights = 1.25 * ends + np.log10(k)
+                chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
+                chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
+        for name, path in paths:
+            x, y = np.array([place(t) for t in path]).T
+            chart.line(x, y, "theory", name, color=GREY, linestyle=DASHED)
+        for look, t in surfaces:
+            exposed, total = place(t)
+            chart.points([exposed], [total], [f"{look.name}: k = {number(t.k)}"], look, big=True)
+        return chart.svg()
+
+
+def growth_chart(
+    label: str, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], others: Sequence[tuple[Look, float]]
+) -> Markup | None:
+    """A number over growth, black, with the number of other surfaces as level lines in their colours.
+
+    Parameters
+    ----------
+    label : str
+        What the number is.
+    curves : sequence of (name, growth (G,), values (G,))
+        NaN values are left out.
+    others : sequence of (look, value)
+
+    Returns
+    -------
+    svg : Markup, or None if no curve has a value.
+    """
+    known = [(name, g[np.isfinite(v)], v[np.isfinite(v)]) for name, g, v in curves if np.isfinite(v).any()]
+    if not known:
+        return None
+    g = np.concatenate([g for _, g, _ in known])
+    top = 1.12 * max([float(v.max()) for _, _, v in known] + [value for _, value in others])
+    across = float(g.min()) - 0.02, float(g.max()) + 0.02
+    with _chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
+        for look, value in others:
+            chart.line(across, (value, value), "fit", **line_of(look))
+        for name, at, values in known:
+            chart.line(at, values, "theory", name, color=GREY, linestyle=DASHED)
+            for x, y in zip(at.tolist(), values.tolist()):
+                words = f"{name}, g = {x:.2f}: {number(y)}"
+                chart.line([x], [y], "point", words, color=BLACK, marker="o", markersize=6)
+        return chart.svg()
