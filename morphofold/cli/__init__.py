@@ -79,6 +79,10 @@ def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
     parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
 
 
+def add_threads(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+
+
 def add_questions(
     parser: argparse.ArgumentParser, words: Mapping[str, str], more: Mapping[str, str]
 ) -> dict[str, argparse.ArgumentParser]:

@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.cli import add_threads
+from morphofold.cli.streams import print_json
+
 if TYPE_CHECKING:
     from morphofold.forecasts.mesh_choice import Pick
     from morphofold.forecasts.richardson import Estimate
@@ -49,7 +52,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         help="then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
         "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
     )  # fmt: skip
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    add_threads(parser)
     parser.add_argument(
         "--json", action="store_true",
         help="print health.json, with what --estimate found; or the forecast of --dry-run",
@@ -98,7 +101,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
     """A finished run is told whatever comes of its estimate, which is null if it fails."""
-    from morphofold.provenance import strict_json
 
     content = dict(simulation.health)
     try:
@@ -106,7 +108,7 @@ def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
             content["estimate"] = None
             content["estimate"] = _estimate(simulation, args).as_dict()
     finally:
-        print(strict_json(content).rstrip())
+        print_json(content)
 
 
 def _refuse_together(args: argparse.Namespace) -> None:
@@ -149,7 +151,6 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
     from morphofold.forecasts.printed import table_of
-    from morphofold.provenance import strict_json
 
     if chosen is None:
         from morphofold.forecasts import forecast
@@ -163,7 +164,7 @@ def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int
 
         others = twin_forecasts(scene, args.threads)
     if args.json:
-        print(strict_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}}).rstrip())
+        print_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}})
     else:
         print("\n\n".join([table_of(found), *(f"its {name} twin, {table_of(twin)}" for name, twin in others.items())]))
     return 0

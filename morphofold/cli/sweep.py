@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.cohort import add_group_args
 from morphofold.cli.measuring import measuring_options
+from morphofold.cli.streams import print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -127,10 +128,8 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
     if args.json:
-        from morphofold.provenance import strict_json
-
         said = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
-        print(strict_json({**said, "largest": found.as_dict()}).rstrip())
+        print_json({**said, "largest": found.as_dict()})
         return 0
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from morphofold.cli import add_questions, add_shared
+from morphofold.cli.streams import print_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,7 +161,6 @@ def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.io.files import check_place
-    from morphofold.provenance import strict_json
     from morphofold.report.plots.line_plots import check_format
 
     body = vars(args).get("body") is not None
@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> int:
         if asked.get("kappa_ratio") == math.inf:
             asked["kappa_ratio"] = "inf"                    # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
-        print(strict_json(content), end="")
+        print_json(content)
     else:
         print(answer.title)
         print(_table(answer))
