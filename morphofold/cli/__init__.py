@@ -79,6 +79,21 @@ def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
     parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
 
 
+def add_options(parser: argparse.ArgumentParser, *options: tuple[str, str | None, str]) -> None:
+    """Options in the order given: its names, what its value is called (None: it is a flag), and what --help says."""
+    for names, value, words in options:
+        kind: dict[str, Any] = {"action": "store_true"} if value is None else {"metavar": value}
+        parser.add_argument(*names.split(), help=words, **kind)
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
+
+
+def add_settings(parser: argparse.ArgumentParser, words: str) -> None:
+    parser.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[], help=words)
+
+
 def add_threads(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
 

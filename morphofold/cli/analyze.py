@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from morphofold.cli import add_threads
+from morphofold.cli import add_options, add_threads
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_file, print_json
 from morphofold.progress import Progress, part_of
@@ -28,44 +28,41 @@ T = TypeVar("T")
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="INPUT", nargs="?", help="FreeSurfer subject, simulation or analysis folder")
-    parser.add_argument("-s", "--subject", metavar="SUBJECT", help="FreeSurfer subject by its name, instead of INPUT")
-    parser.add_argument(
-        "--subjects-dir", "--sd", metavar="DIR", help="folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"
+    add_options(
+        parser,
+        ("-s --subject", "SUBJECT", "FreeSurfer subject by its name, instead of INPUT"),
+        ("--subjects-dir --sd", "DIR", "folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"),
     )
     add_side_args(parser, "INPUT")
-    parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
-    parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
-    parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
+    add_options(
+        parser,
+        ("--white", "FILE", "white surface, with --pial instead of INPUT"),
+        ("--pial", "FILE", "pial surface, with --white instead of INPUT"),
+        ("--name", "NAME", "what tables and the page call it (default: INPUT's name)"),
+    )
     add_measuring_args(parser)
-    parser.add_argument(
-        "--dry-run", action="store_true",
-        help="say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
-        "write nothing",
-    )  # fmt: skip
-    parser.add_argument(
-        "--stages", action="store_true",
-        help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
-        "an earlier run measured of the same files stays",
-    )  # fmt: skip
-    parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
-    parser.add_argument(
-        "--mgh", action="store_true",
-        help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout",
-    )  # fmt: skip
-    parser.add_argument(
-        "--wide", action="store_true",
-        help="regions_wide.tsv, too: one row, a column per region and measure; of the plain layout",
+    add_options(
+        parser,
+        ("--dry-run", None,
+         "say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
+         "write nothing"),
+        ("--stages", None,
+         "every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
+         "an earlier run measured of the same files stays"),
+        ("--no-report", None, "tables and maps only, no page or pictures"),
+        ("--mgh", None,
+         "maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout"),
+        ("--wide", None, "regions_wide.tsv, too: one row, a column per region and measure; of the plain layout"),
     )  # fmt: skip
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain",
         help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
     )  # fmt: skip
-    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
+    add_options(parser, ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"))
     add_threads(parser)
-    parser.add_argument(
-        "--json", action="store_true",
-        help="print summary.json, in BIDS the file of provenance; or the forecast of --dry-run",
-    )  # fmt: skip
+    add_options(
+        parser, ("--json", None, "print summary.json, in BIDS the file of provenance; or the forecast of --dry-run")
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.cli import add_questions, add_shared
+from morphofold.cli import add_options, add_questions, add_settings, add_shared
 from morphofold.cli.streams import print_json
 
 if TYPE_CHECKING:
@@ -144,18 +144,19 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         if what == "bifurcation":
             _add_checks_and_bodies(sub)
         sub.add_argument("--law", choices=[*LAWS, "both"], help=f"growth of the cortex (default: {question.law})")
-        sub.add_argument("--json", action="store_true", help="print as JSON")
-        sub.add_argument("--plot", metavar="FILE", help=f"also draw {question.drawn}: .png, .svg or .pdf")
+        drawn = f"also draw {question.drawn}: .png, .svg or .pdf"
+        add_options(sub, ("--json", None, "print as JSON"), ("--plot", "FILE", drawn))
         add_shared(sub, default=argparse.SUPPRESS)          # so that they count on either side of WHAT
 
 
 def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--check", action="store_true", help="find each g_crit again, by finite elements")
-    parser.add_argument("--curve", action="store_true", help="critical growth by degree, not the least alone")
-    parser.add_argument("--body", metavar="SCENE",
-                        help="a built-in scene or a TOML file, instead of the options above")  # fmt: skip
-    parser.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append",
-                        help="with --body: change one value of the scene; may be repeated")  # fmt: skip
+    add_options(
+        parser,
+        ("--check", None, "find each g_crit again, by finite elements"),
+        ("--curve", None, "critical growth by degree, not the least alone"),
+        ("--body", "SCENE", "a built-in scene or a TOML file, instead of the options above"),
+    )
+    add_settings(parser, "with --body: change one value of the scene; may be repeated")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -178,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
         _write_plot(answer.draw(), plot)
     if args.json:
         left_out = ("command", "what", "run", "json", "plot", "quiet", "debug")
-        asked = {key: value for key, value in vars(args).items() if key not in left_out and value is not None}
+        asked = {key: value for key, value in vars(args).items() if key not in left_out and value not in (None, [])}
         if asked.get("kappa_ratio") == math.inf:
             asked["kappa_ratio"] = "inf"                    # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
@@ -276,7 +277,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
 def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
     """Raise for options of the sphere with a body, and for settings without one."""
     if args.body is None:
-        if args.settings is not None:
+        if args.settings:
             raise ValueError("--set changes a scene, and there is none: name it with --body.")
         return
     wrong = [_option(name) for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
@@ -291,7 +292,7 @@ def _of_body(args: argparse.Namespace) -> Answer:
     from morphofold.sim import theory_tables
     from morphofold.sim.scene.files import load_scene
 
-    scene = load_scene(args.body, args.settings or ())
+    scene = load_scene(args.body, args.settings)
     if scene.geometry.shape == "radial":
         raise ValueError(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
     looks: list[float] = []
