@@ -369,7 +369,8 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
 
 def _refuse_too_much(args: argparse.Namespace) -> None:
     """Raise before anything is computed if the answer or its figure would be beyond reading."""
-    several = {name: len(value) for name, value in vars(args).items() if isinstance(value, list)}
+    numbers = {name: getattr(args, name) for name in QUESTIONS[args.what].numbers}
+    several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
     rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
     if rows > MOST_ROWS:
         raise ValueError(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
