@@ -330,7 +330,7 @@ def _read_numbers(args: argparse.Namespace) -> None:
     args.law = args.law or question.law
     meant = dict(question.numbers)
     if args.what == "critical":                             # a ratio, or a thickness that the radius makes one
-        meant |= {"radius": ""} if args.thickness is None else {"ratio": []}
+        meant["radius" if args.thickness is None else "ratio"] = ""
     for name, default in meant.items():
         given, option = getattr(args, name) or default, _option(name)
         if not given:
