@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,16 +112,13 @@ def radius_rows(
     """Outer radius c of the smooth grown sphere over B and over C, Eqs. (9) to (11); one row per law and growth."""
     growth = np.asarray(list(growth), dtype=np.float64)
     C_bar = outer_ratio(thickness, radius, A_over_C)
-    rows = []
+    rows: list[Row] = []
     for law in laws:
         c_bar = theory.deformed_radius(growth, C_bar, law, g_core=g_core, A_bar=A_over_C * C_bar)
-        rows += [
-            {
-                "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": float(g),
-                "c_over_B": float(c), "c_over_C": float(c / C_bar),
-            }
-            for g, c in zip(growth, c_bar)
-        ]  # fmt: skip
+        rows += _rows(
+            law=law, thickness_mm=thickness, outer_radius_mm=radius, growth=growth, c_over_B=c_bar,
+            c_over_C=c_bar / C_bar,
+        )  # fmt: skip
     return rows
 
 
@@ -140,25 +138,17 @@ def stress_rows(
 
     ``position`` goes from 0 at the inner to 1 at the outer side of the grown layer: (r - b)/(c - b) in the cortex.
     """
-    rows = []
-    for law in laws:
-        for thickness in thicknesses:
-            B = radius / outer_ratio(thickness, radius, A_over_C)
-            for layer in layers:
-                R = np.linspace(*((B, radius) if layer == "cortex" else (A_over_C * radius, B)), points)
-                s = theory.stresses(
-                    growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A_over_C * radius, g_core=g_core
-                )
-                rows += [
-                    {
-                        "law": law, "thickness_mm": thickness, "outer_radius_mm": radius, "growth": growth,
-                        "mu_ratio": mu_ratio, "layer": layer, "R_mm": R[i], "r_mm": s.r[i],
-                        "position": (s.r[i] - s.r[0]) / (s.r[-1] - s.r[0]),
-                        "sigma_r_over_mu_core": s.sigma_r[i], "sigma_theta_over_mu_core": s.sigma_theta[i],
-                        "sigma_theta_over_mu_cortex": s.sigma_theta[i] / mu_ratio,
-                    }
-                    for i in range(points)
-                ]  # fmt: skip
+    rows: list[Row] = []
+    for law, thickness, layer in product(laws, thicknesses, layers):
+        A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
+        s = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
+        rows += _rows(
+            law=law, thickness_mm=thickness, outer_radius_mm=radius, growth=growth, mu_ratio=mu_ratio, layer=layer,
+            R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points), r_mm=s.r,
+            position=(s.r - s.r[0]) / (s.r[-1] - s.r[0]),
+            sigma_r_over_mu_core=s.sigma_r, sigma_theta_over_mu_core=s.sigma_theta,
+            sigma_theta_over_mu_cortex=s.sigma_theta / mu_ratio,
+        )  # fmt: skip
     return rows
 
 
@@ -174,18 +164,19 @@ def critical_rows(
     if g_core != 1 and not 0 <= A_over_C * C_bar.max() <= 1:
         raise ValueError(f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}.")
     hole = A_over_C * C_bar if g_core != 1 else None            # it matters only if the core grows
-    rows = []
+    rows: list[Row] = []
     for law in laws:
         crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
         biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
-        rows += [
-            {
-                "law": law, "C_over_B": float(C), "T_over_C": float(1 - 1 / C),
-                "g_crease": float(g), "g_biot": float(g_biot), "reason": _out_of_reach(law, g, g_biot),
-            }
-            for C, g, g_biot in zip(C_bar, crease, biot)
-        ]  # fmt: skip
+        reasons = [_out_of_reach(law, *found) for found in zip(crease, biot)]
+        rows += _rows(law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=crease, g_biot=biot, reason=reasons)
     return rows
+
+
+def _rows(**columns: Any) -> list[Row]:
+    """A row per number of the columns; what is one value stands in every row."""
+    values = np.broadcast_arrays(*(np.asarray(column, dtype=object) for column in columns.values()))
+    return [dict(zip(columns, row)) for row in zip(*values)]
 
 
 def bifurcation_cases(
@@ -203,7 +194,7 @@ def bifurcation_cases(
 
     ``check`` finds every g_crit a second time, by finite elements.
     """
-    wanted = [(law, mu, T) for law in laws for mu in mu_ratios for T in thicknesses]
+    wanted = list(product(laws, mu_ratios, thicknesses))
     for _, _, T in wanted:
         outer_ratio(T, radius, A_over_C)                # before the first of them takes its time
     cases = []

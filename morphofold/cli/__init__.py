@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -77,6 +77,39 @@ def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
     """The options that every command has."""
     parser.add_argument("-q", "--quiet", action="store_true", default=default, help="no progress")
     parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
+
+
+def add_options(parser: argparse.ArgumentParser, *options: tuple[str, str | None, str]) -> None:
+    """Options in the order given: its names, what its value is called (None: it is a flag), and what --help says."""
+    for names, value, words in options:
+        kind: dict[str, Any] = {"action": "store_true"} if value is None else {"metavar": value}
+        parser.add_argument(*names.split(), help=words, **kind)
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
+
+
+def add_settings(parser: argparse.ArgumentParser, words: str) -> None:
+    parser.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[], help=words)
+
+
+def add_threads(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+
+
+def add_questions(
+    parser: argparse.ArgumentParser, words: Mapping[str, str], more: Mapping[str, str]
+) -> dict[str, argparse.ArgumentParser]:
+    """A parser for each WHAT of a command; ``more`` follows its words in its own description."""
+    questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
+    return {
+        name: questions.add_parser(
+            name, help=said, description=f"{said[0].upper()}{said[1:]}. {more.get(name, '')}",
+            formatter_class=parser.formatter_class,
+        )
+        for name, said in words.items()
+    }  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,8 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from morphofold.cli import add_options, add_threads
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
-from morphofold.cli.streams import one_line
+from morphofold.cli.streams import one_line, print_file, print_json
 from morphofold.progress import Progress, part_of
 
 if TYPE_CHECKING:
@@ -27,120 +28,131 @@ T = TypeVar("T")
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="INPUT", nargs="?", help="FreeSurfer subject, simulation or analysis folder")
-    parser.add_argument("-s", "--subject", metavar="SUBJECT", help="FreeSurfer subject by its name, instead of INPUT")
-    parser.add_argument(
-        "--subjects-dir", "--sd", metavar="DIR", help="folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"
+    add_options(
+        parser,
+        ("-s --subject", "SUBJECT", "FreeSurfer subject by its name, instead of INPUT"),
+        ("--subjects-dir --sd", "DIR", "folder that holds SUBJECT (default: the variable SUBJECTS_DIR)"),
     )
     add_side_args(parser, "INPUT")
-    parser.add_argument("--white", metavar="FILE", help="white surface, with --pial instead of INPUT")
-    parser.add_argument("--pial", metavar="FILE", help="pial surface, with --white instead of INPUT")
-    parser.add_argument("--name", help="what tables and the page call it (default: INPUT's name)")
+    add_options(
+        parser,
+        ("--white", "FILE", "white surface, with --pial instead of INPUT"),
+        ("--pial", "FILE", "pial surface, with --white instead of INPUT"),
+        ("--name", "NAME", "what tables and the page call it (default: INPUT's name)"),
+    )
     add_measuring_args(parser)
-    parser.add_argument(
-        "--dry-run", action="store_true",
-        help="say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
-        "write nothing",
-    )  # fmt: skip
-    parser.add_argument(
-        "--stages", action="store_true",
-        help="every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
-        "an earlier run measured of the same files stays",
-    )  # fmt: skip
-    parser.add_argument("--no-report", action="store_true", help="tables and maps only, no page or pictures")
-    parser.add_argument(
-        "--mgh", action="store_true",
-        help="maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout",
-    )  # fmt: skip
-    parser.add_argument(
-        "--wide", action="store_true",
-        help="regions_wide.tsv, too: one row, a column per region and measure; of the plain layout",
+    add_options(
+        parser,
+        ("--dry-run", None,
+         "say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
+         "write nothing"),
+        ("--stages", None,
+         "every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
+         "an earlier run measured of the same files stays"),
+        ("--no-report", None, "tables and maps only, no page or pictures"),
+        ("--mgh", None,
+         "maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout"),
+        ("--wide", None, "regions_wide.tsv, too: one row, a column per region and measure; of the plain layout"),
     )  # fmt: skip
     parser.add_argument(
         "--layout", choices=["plain", "bids"], default="plain",
         help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
     )  # fmt: skip
-    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: NAME-analysis here)")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument(
-        "--json", action="store_true",
-        help="print summary.json, in BIDS the file of provenance; or the forecast of --dry-run",
-    )  # fmt: skip
+    add_options(parser, ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"))
+    add_threads(parser)
+    add_options(
+        parser, ("--json", None, "print summary.json, in BIDS the file of provenance; or the forecast of --dry-run")
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.analysis.mesh_quality.defects import WARNINGS
-    from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
-    from morphofold.forecasts.analysis_cost import READING, analysis_cost_line, cost_of_analysis
-    from morphofold.io import read_cortex, refuse_foreign
-    from morphofold.report import analysis_report
-    from morphofold.results import (
-        check_wide,
-        refuse_place_of_inputs,
-        subject_place,
-        write_analysis,
-        write_dataset,
-    )
+    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.io import read_cortex
+    from morphofold.results import check_wide
     from morphofold.threads import set_threads
     from morphofold.timing import Stages
 
     set_threads(args.threads)
     options = measuring_options(args)
-    _find_subject(args)
-    if (args.input is None) == (args.white is None and args.pial is None):
-        raise ValueError("name either INPUT, or -s, or --white and --pial.")
-    if args.input is None and (args.white is None or args.pial is None):
-        raise ValueError("--white and --pial go together; the other one is missing.")
+    _find_input(args)
     if args.stages:
         return _stages(args, options)
-    bids = args.layout == "bids"
-    if bids and args.out is None:
-        raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
-    if bids and (args.mgh or args.wide):
-        raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
-    clock = Stages()
+    _refuse_of_layout(args)
+    clock, failed = Stages(), dict[str, str]()
     clock.begin(READING)
-    failed: dict[str, str] = {}
     cortices = _of_each(_readers(args), failed)
     clock.end()
     if args.wide:
         check_wide(cortices)
-    folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
-    called = args.name or args.subject or folder
-    out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
-    read = {Path(file).parent for cortex in cortices for file in cortex.files}
-    read |= {folder.parent for folder in read if folder.name == "surf"}
-    refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
-    refuse_place_of_inputs(out, (file for cortex in cortices for file in cortex.files))
-    refuse_foreign(out)
+    called, out = _place(cortices, args)
     if args.dry_run:
         return _dry_run(cortices, failed, clock.seconds[READING], args)
     with progress(cortices[0].name, args.quiet) as tell:
         works = {}
         for i, cortex in enumerate(cortices):
             share = part_of(tell, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
-            works[cortex.hemi] = partial(_measure, cortex, args, share, clock)
+            works[cortex.hemi] = partial(_measure, cortex, options, share, clock)
         measures = _of_each(works, failed)
         tell(0.8, "writing")
         clock.begin(READING)
+        stages = [] if args.no_report else [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)]
         asked = {"hemi": args.hemi, "name": args.name, **options}
-        report: Any = False if args.no_report else analysis_report
-        stages = [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)] if report else []
-        if bids:
-            write_dataset(
-                measures, args.out, called, failed=failed, parameters=asked, report=report, stages=stages, clock=clock
-            )
-        else:
-            write_analysis(
-                measures, out, failed=failed, parameters=asked, report=report, stages=stages, mgh=args.mgh,
-                wide=args.wide, clock=clock,
-            )
+        _write(measures, out, called, args, failed=failed, parameters=asked, stages=stages, clock=clock)
         tell(1.0, "done")
     code = _tell_failed(failed)
+    _tell_measured(measures, out, clock, args)
+    return code
+
+
+def _refuse_of_layout(args: argparse.Namespace) -> None:
+    """Options that do not go with --layout bids."""
+    if args.layout == "bids" and args.out is None:
+        raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
+    if args.layout == "bids" and (args.mgh or args.wide):
+        raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
+
+
+def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
+    """What the results are called, and the folder they go to, which is nobody else's and holds nothing that is read."""
+    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.io import refuse_foreign
+    from morphofold.results import refuse_place_of_inputs, subject_place
+
+    bids = args.layout == "bids"
+    folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
+    called = args.name or args.subject or folder
+    out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
+    files = [file for cortex in cortices for file in cortex.files]
+    read = {Path(file).parent for file in files}
+    read |= {folder.parent for folder in read if folder.name == "surf"}
+    refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
+    refuse_place_of_inputs(out, files)
+    refuse_foreign(out)
+    return called, out
+
+
+def _write(measures: list[Measures], out: Path, called: str, args: argparse.Namespace, **told: Any) -> None:
+    from morphofold.report import analysis_report
+    from morphofold.results import write_analysis, write_dataset
+
+    report: Any = False if args.no_report else analysis_report
+    if args.layout == "bids":
+        write_dataset(measures, args.out, called, report=report, **told)
+    else:
+        write_analysis(measures, out, report=report, mgh=args.mgh, wide=args.wide, **told)
+
+
+def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
+    """The summary as JSON; or a line per hemisphere, its warnings, and what it cost."""
+    from morphofold.analysis.mesh_quality.defects import WARNINGS
+    from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
+
+    bids = args.layout == "bids"
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     if args.json:
-        print(summary.read_text(encoding="utf-8"), end="")
-        return code
+        print_file(summary)
+        return
     for m in measures:
         s = m.scalars
         index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
@@ -153,7 +165,6 @@ def run(args: argparse.Namespace) -> int:
                 print(one_line(f"warning: {m.notes[key]}"))
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
-    return code
 
 
 def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
@@ -207,7 +218,6 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
     from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.forecasts import forecast_analysis
     from morphofold.forecasts.printed import table_of_analysis
-    from morphofold.provenance import strict_json
 
     def checked(cortex: Cortex) -> Cortex:
         mended = measurable(cortex, repair=args.repair).cortex
@@ -220,30 +230,38 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
         repair=args.repair, stages=len(_places_of_stages(args.input)),
     )  # fmt: skip
     code = _tell_failed(failed)
-    print(strict_json({**found.as_dict(), "failed": failed}).rstrip() if args.json else table_of_analysis(found))
+    if args.json:
+        print_json({**found.as_dict(), "failed": failed})
+    else:
+        print(table_of_analysis(found))
     return code
 
 
-def _find_subject(args: argparse.Namespace) -> None:
-    """Put the folder that -s means in the place of INPUT."""
+def _find_input(args: argparse.Namespace) -> None:
+    """Put the folder that -s means in the place of INPUT; raise unless there is INPUT or a pair of surfaces."""
     from morphofold.cli.paths import subject_folder
 
-    if args.subject is None:
-        if args.subjects_dir is not None:
-            raise ValueError("--subjects-dir goes with -s SUBJECT, which is missing.")
-        return
-    if args.input is not None or args.white is not None or args.pial is not None:
-        raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
-    folder = subject_folder(args.subject, args.subjects_dir)
-    args.input, args.subject = str(folder), folder.name
+    pair = [file for file in (args.white, args.pial) if file is not None]
+    if args.subject is not None:
+        if args.input is not None or pair:
+            raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
+        folder = subject_folder(args.subject, args.subjects_dir)
+        args.input, args.subject = str(folder), folder.name
+    elif args.subjects_dir is not None:
+        raise ValueError("--subjects-dir goes with -s SUBJECT, which is missing.")
+    if (args.input is None) == (not pair):
+        raise ValueError("name either INPUT, or -s, or --white and --pial.")
+    if len(pair) == 1:
+        raise ValueError("--white and --pial go together; the other one is missing.")
 
 
-def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) -> int:
+def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     """Analyses of all stages of a simulation, those that are there already left as they are."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
+    from morphofold.cli.runs import begin
     from morphofold.forecasts.analysis_cost import READING
-    from morphofold.io import atomic_folder, read_cortex
+    from morphofold.io import read_cortex
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
 
@@ -260,9 +278,7 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
     called = args.name or folder.resolve().name
     out = Path(args.out or f"{writable_name(called)}-growth")
     refuse_overlap(out, [folder])
-    if not out.is_dir() or not any(out.iterdir()):
-        with atomic_folder(out):                                        # marks it as ours
-            pass
+    begin(out)
     args.on_interrupt = " Run it again to go on."
     done = 0
     with progress(called, args.quiet) as tell:
@@ -275,26 +291,22 @@ def _stages(args: argparse.Namespace, options: dict[str, float | str | None]) ->
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
-            found = _measure(cortex, args, share, clock)
+            found = _measure(cortex, options, share, clock)
             write_analysis([found], out / place.name, parameters=asked, clock=clock)
         tell(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
 
 
-def _measure(
-    cortex: Cortex, args: argparse.Namespace, progress: Progress, clock: Stages
-) -> Measures:
+def _measure(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clock: Stages) -> Measures:
     from morphofold.analysis.measuring import measure
+    from morphofold.cohort.measuring import keywords_of
 
     def tell(share: float, what: str) -> None:
         clock.at(share, what)
         progress(share, what)
 
-    return measure(
-        cortex, curvature_scale=args.curvature_scale, gyral_width=args.gyral_width,
-        thickness_cap=args.thickness_cap, accuracy=args.accuracy, repair=args.repair, progress=tell,
-    )  # fmt: skip
+    return measure(cortex, **keywords_of(options), progress=tell)
 
 
 def _places_of_stages(folder: str | None) -> list[Path]:

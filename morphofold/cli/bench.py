@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli import add_shared
+from morphofold.cli import add_questions, add_shared, add_threads
 
 WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
@@ -41,79 +41,69 @@ interrupted study goes on.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 
+MORE = {
+    "measures": "The surface is a sphere with ridges along an irregular net.",
+    "cohort": "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.",
+    "folds": FOLDS, "accuracy": ACCURACY,
+}  # fmt: skip
+#: question -> what of its folder of results an earlier run may have written
+STAYING = {
+    "cohort": "made-up subjects stay", "folds": "simulations of an earlier study there stay",
+    "accuracy": "cases of an earlier study there stay",
+}  # fmt: skip
+#: question, option, and how its list is called, what it is if it isn't given, and what it lists
+LISTS = (
+    ("measures", "--vertices", "N,N", "10000,40000,160000,400000,1000000",
+     "sizes, separated by commas (default: 10000 to 1000000; the last takes minutes)"),
+    ("cohort", "--subjects", "N,N", "100,400",
+     "numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)"),
+    ("cohort", "--workers", "N,N", "1,2", "numbers of workers (default: 1,2)"),
+    ("folds", "--scenes", "NAMES", ",".join((*SCENES, *TWINS)),
+     f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)"),
+    ("folds", "--levels", "LEVELS", "draft,standard,fine", "of accuracy (default: draft,standard,fine)"),
+    ("folds", "--seeds", "SEEDS", "0,1,2", "of the imperfection (default: 0,1,2)"),
+    ("folds", "--portion", "PORTION", "octant",
+     "of the sphere: octant, quarter, half or full (default: octant)"),
+    ("folds", "--growth", "G", "1.3,1.5,1.75,2.0",
+     "stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)"),
+    ("accuracy", "--halves", "HALVES", "measuring,solver",
+     "of the tool, separated by commas (default: measuring,solver)"),
+)  # fmt: skip
+#: what --json prints, and the lines that are printed else
+Answer = tuple[str, list[str]]
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
-
-    def question(name: str, more: str = "") -> argparse.ArgumentParser:
-        words = f"{WORDS[name][0].upper()}{WORDS[name][1:]}. {more}"
-        return questions.add_parser(name, help=WORDS[name], description=words, formatter_class=parser.formatter_class)
-
+    parsers = add_questions(parser, WORDS, MORE)
     for name in ("speed", "effects"):
-        timed = question(name)
-        timed.add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
-        _add_common(timed, "print as JSON")
-
-    measures = question("measures", "The surface is a sphere with ridges along an irregular net.")
-    measures.add_argument("--vertices", metavar="N,N", default="10000,40000,160000,400000,1000000",
-                          help="sizes, separated by commas (default: 10000 to 1000000; the last takes minutes)")
-    measures.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    _add_common(measures, "print as JSON")
-
-    cohort = question("cohort", "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.")
-    cohort.add_argument("-o", "--out", metavar="DIR", required=True, help="folder to write; made-up subjects stay")
-    cohort.add_argument("--subjects", metavar="N,N", default="100,400",
-                        help="numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)")
-    cohort.add_argument("--workers", metavar="N,N", default="1,2", help="numbers of workers (default: 1,2)")
-    _add_common(cohort, "print summary.json")
-
-    folds = question("folds", FOLDS)
-    folds.add_argument("-o", "--out", metavar="DIR", required=True,
-                       help="folder to write; simulations of an earlier study there stay")  # fmt: skip
-    folds.add_argument("--scenes", metavar="NAMES", default=",".join((*SCENES, *TWINS)),
-                       help=f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)")
-    folds.add_argument("--levels", metavar="LEVELS", default="draft,standard,fine",
-                       help="of accuracy (default: draft,standard,fine)")  # fmt: skip
-    folds.add_argument("--seeds", metavar="SEEDS", default="0,1,2", help="of the imperfection (default: 0,1,2)")
-    folds.add_argument("--portion", metavar="PORTION", default="octant",
-                       help="of the sphere: octant, quarter, half or full (default: octant)")  # fmt: skip
-    folds.add_argument("--growth", metavar="G", default="1.3,1.5,1.75,2.0",
-                       help="stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)")  # fmt: skip
-    folds.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    _add_common(folds, "print summary.json")
-
-    accuracy = question("accuracy", ACCURACY)
-    accuracy.add_argument("-o", "--out", metavar="DIR", required=True,
-                          help="folder to write; cases of an earlier study there stay")  # fmt: skip
-    accuracy.add_argument("--halves", metavar="HALVES", default="measuring,solver",
-                          help="of the tool, separated by commas (default: measuring,solver)")  # fmt: skip
-    accuracy.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    _add_common(accuracy, "print summary.json")
-
-
-def _add_common(parser: argparse.ArgumentParser, json_words: str) -> None:
-    parser.add_argument("--json", action="store_true", help=json_words)
-    add_shared(parser, default=argparse.SUPPRESS)           # so that they count on either side of WHAT
+        parsers[name].add_argument(
+            "--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)"
+        )  # fmt: skip
+    for name, what in STAYING.items():
+        parsers[name].add_argument(
+            "-o", "--out", metavar="DIR", required=True, help=f"folder to write; {what}"
+        )  # fmt: skip
+    for name, option, metavar, default, words in LISTS:
+        parsers[name].add_argument(option, metavar=metavar, default=default, help=words)
+    for name, sub in parsers.items():
+        if name in ("measures", "folds", "accuracy"):
+            add_threads(sub)
+        printed = "summary.json" if name in STAYING else "as JSON"
+        sub.add_argument("--json", action="store_true", help=f"print {printed}")
+        add_shared(sub, default=argparse.SUPPRESS)          # so that they count on either side of WHAT
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.what == "folds":
-        return _folds(args)
-    if args.what == "accuracy":
-        return _accuracy(args)
-    if args.what == "cohort":
-        return _cohort(args)
-    if args.what == "measures":
-        rows, lines = _measures(args)
-    elif not 0 < args.seconds < 3600:
-        raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
-    else:
-        rows, lines = _speed(args.seconds) if args.what == "speed" else _effects(args.seconds)
-    print(json.dumps(rows, indent=1) if args.json else "\n".join(lines))
+    kinds = {
+        "speed": _speed, "effects": _effects, "measures": _measures, "cohort": _cohort, "folds": _folds,
+        "accuracy": _accuracy,
+    }  # fmt: skip
+    as_json, lines = kinds[args.what](args)
+    print(as_json.rstrip() if args.json else "\n".join(lines))
     return 0
 
 
-def _folds(args: argparse.Namespace) -> int:
+def _folds(args: argparse.Namespace) -> Answer:
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
     from morphofold.studies.folds.page import text_tables
@@ -129,19 +119,16 @@ def _folds(args: argparse.Namespace) -> int:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
-    if args.json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
-        return 0
-    print("\n\n".join(text_tables(out)), end="\n\n")
-    for name, why in summary["left_out"].items():
-        print(f"no {name}.tsv: {why}")
-    for warning in summary["warnings"]:
-        print(f"warning: {warning}")
-    print(f"-> {out / 'summary.json'}")
-    return 0
+    lines = [
+        "\n\n".join(text_tables(out)), "",
+        *(f"no {name}.tsv: {why}" for name, why in summary["left_out"].items()),
+        *(f"warning: {warning}" for warning in summary["warnings"]),
+        f"-> {out / 'summary.json'}",
+    ]  # fmt: skip
+    return (out / "summary.json").read_text(encoding="utf-8"), lines
 
 
-def _accuracy(args: argparse.Namespace) -> int:
+def _accuracy(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_folder
@@ -161,15 +148,10 @@ def _accuracy(args: argparse.Namespace) -> int:
         with progress("accuracy", args.quiet) as tell:
             points = all_points(halves, Kept(out / CASES, made), tell)
         write_study(points, made, folder)
-    if args.json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
-        return 0
-    print("\n".join(text_answers(out)))
-    print(f"-> {out / 'summary.json'}")
-    return 0
+    return (out / "summary.json").read_text(encoding="utf-8"), [*text_answers(out), f"-> {out / 'summary.json'}"]
 
 
-def _cohort(args: argparse.Namespace) -> int:
+def _cohort(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_file, refuse_foreign
@@ -192,8 +174,13 @@ def _cohort(args: argparse.Namespace) -> int:
         said = strict_json({"loads": [load.as_dict() for load in loads]})
         with atomic_file(out / "summary.json") as file:
             file.write_text(said, encoding="utf-8")
-    print(said.rstrip() if args.json else "\n".join(text_table(loads)))
-    return 0
+    return said, text_table(loads)
+
+
+def _seconds(args: argparse.Namespace) -> float:
+    if not 0 < args.seconds < 3600:
+        raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
+    return args.seconds
 
 
 def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
@@ -206,12 +193,12 @@ def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ..
         raise ValueError(f"{option}: {text!r} is no list of {what}; separate them by commas.") from None
 
 
-def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
+def _speed(args: argparse.Namespace) -> Answer:
     import numba
 
     from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
 
-    threads = list(dict.fromkeys((1, numba.get_num_threads())))
+    seconds, threads = _seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
         row
         for element, sizes in SIZES.items()
@@ -231,10 +218,10 @@ def _speed(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
         f"{'design':31} {'threads':>7} {'ms a step':>10} {'million tet-steps/s':>20}  timed",
         *(f"{p.design:31} {p.threads:>7} {p.ms:>10} {p.millions:>20}  {p.timed}" for p in PEERS),
     ]
-    return rows, lines
+    return json.dumps(rows, indent=1), lines
 
 
-def _measures(args: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]]:
+def _measures(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.studies.speed.measures import exponent, measuring_speed
     from morphofold.threads import set_threads
@@ -257,16 +244,16 @@ def _measures(args: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]
         ),
         f"{'memory, GiB':20}" + "".join(f"{row['memory_GiB'] or math.nan:12.2f}" for row in whole),
     ]  # fmt: skip
-    return rows, lines
+    return json.dumps(rows, indent=1), lines
 
 
-def _effects(seconds: float) -> tuple[list[dict[str, Any]], list[str]]:
+def _effects(args: argparse.Namespace) -> Answer:
     from morphofold.studies.speed.solver import effect_costs
 
-    rows = effect_costs(seconds=seconds)
+    rows = effect_costs(seconds=_seconds(args))
     lines = [
         "what each effect adds to a step of an octant of demo, one thread",
         f"{'effect':28} {'ms':>8} {'share':>8}",
         *(f"{r['effect']:28} {r['ms']:8.3f} {r['share']:8.1%}" for r in rows),
     ]
-    return rows, lines
+    return json.dumps(rows, indent=1), lines

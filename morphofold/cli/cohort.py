@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
-from morphofold.cli.streams import one_line
+from morphofold.cli.streams import one_line, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -170,7 +170,6 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
     from morphofold.io.locks import alone
-    from morphofold.provenance import strict_json
     from morphofold.report.pages.group_page import group_report
 
     with alone(out), progress("group ", args.quiet) as tell:
@@ -182,7 +181,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
         said = {"subjects": len(results), "with_results": group.measured, "failures": who}
-        print(strict_json({**said, "remarks": group.pooling.said, "page": out / "group" / "report.html"}).rstrip())
+        print_json({**said, "remarks": group.pooling.said, "page": out / "group" / "report.html"})
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
@@ -273,8 +272,6 @@ def told(text: str, quiet: bool) -> None:
 
 def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
     """Say how many of how many, and the first that failed, or as JSON all of it and ``more``; the exit code."""
-    from morphofold.provenance import strict_json
-
     failed = [one for one in outcomes if one.state == "failed"]
     partly = [one for one in outcomes if one.state != "failed" and one.failures]
     before, changed = sum(one.state == "reused" for one in outcomes), sum(one.changed for one in outcomes)
@@ -283,7 +280,7 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
         who = {one.name: dict(one.failures) for one in failed + partly}
         said |= {"from_before": before, "changed": changed, "failed": len(failed), "in_part": len(partly)}
         said |= {"failures": who, "page": page}
-        print(strict_json({**said, **more}).rstrip())
+        print_json({**said, **more})
         return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
         for part, why in one.failures.items():

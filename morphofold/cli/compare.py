@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from morphofold.cli.streams import print_file
 from morphofold.progress import part_of
 
 
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         page = comparison.report(args.out, progress=part_of(tell, 0.25, 0.75))
         tell(1.0, "done")
     if args.json:
-        print(page.with_name("comparison.json").read_text(encoding="utf-8"), end="")
+        print_file(page.with_name("comparison.json"))
         return 0
     for row in comparison.table:
         if row["measure"] in ("gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"):

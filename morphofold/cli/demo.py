@@ -6,13 +6,14 @@ import argparse
 import time
 from pathlib import Path
 
+from morphofold.cli import add_threads
 from morphofold.progress import part_of
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")
     parser.add_argument("--scene", default="demo", help="scene to grow (default: demo)")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    add_threads(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+LENGTHS = {
+    "--curvature-scale":
+        "radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
+    "--gyral-width":
+        "lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
+        "(default: from each surface; of a group, their median)",
+    "--thickness-cap": "upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
+}  # fmt: skip
+SHORTEST, LONGEST = 1e-9, 1e9           # of what may be meant for a length, in any unit
+SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
+
 
 def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     """--curvature-scale, --gyral-width, --thickness-cap, --accuracy and --no-repair."""
-    parser.add_argument(
-        "--curvature-scale", type=float, metavar="MM",
-        help="radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--gyral-width", type=float, metavar="MM",
-        help="lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
-        "(default: from each surface; of a group, their median)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--thickness-cap", type=float, metavar="MM",
-        help="upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
-    )  # fmt: skip
+    for option, words in LENGTHS.items():
+        parser.add_argument(option, type=float, metavar="MM", help=words)
     parser.add_argument(
         "--accuracy", choices=["draft", "standard", "fine"], default="standard",
         help="draft: thicknesses and the gyral net are of a thinned copy of a mesh of more than 50,000 vertices; fine: "
@@ -31,10 +31,6 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
         help="refuse surfaces with flipped triangles, pinched edges, torn seams and the like (default: they are mended "
         "first, and what was mended is told)",
     )  # fmt: skip
-
-
-SHORTEST, LONGEST = 1e-9, 1e9           # of what may be meant for a length, in any unit
-SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
 
 
 def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
@@ -58,7 +54,7 @@ def _side(word: str) -> str:
 def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
     """What was asked for, as results record it; standard accuracy, parcellation and repair, and no
     cap, go without saying, so that those of older runs stay. Raises ``ValueError`` for what is no length."""
-    for option in ("--curvature-scale", "--gyral-width", "--thickness-cap"):
+    for option in LENGTHS:
         length = getattr(args, option[2:].replace("-", "_"))
         if length is not None and not SHORTEST <= length <= LONGEST:
             raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")

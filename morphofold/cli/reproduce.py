@@ -7,6 +7,9 @@ import os
 import time
 from pathlib import Path
 
+from morphofold.cli import add_threads
+from morphofold.cli.streams import print_file
+
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
     "fig3": "outer radius against growth, tangential stress through the cortex (theory and finite elements)",
@@ -27,7 +30,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
     )  # fmt: skip
     parser.add_argument("--draft", action="store_true", help="simulate coarsely, in about a third of the time")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
+    add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
@@ -69,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
         write_paper_report(folder, index)
     if args.json:
-        print((out / "summary.json").read_text(encoding="utf-8"), end="")
+        print_file(out / "summary.json")
         return 0
     for name in figures:
         print(f"{name}: {FIGURES[name]}")

@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.cli import add_options, add_scene, add_settings, add_threads
+from morphofold.cli.streams import print_json
+
 if TYPE_CHECKING:
     from morphofold.forecasts.mesh_choice import Pick
     from morphofold.forecasts.richardson import Estimate
@@ -17,47 +20,35 @@ if TYPE_CHECKING:
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
-    parser.add_argument("-o", "--out", metavar="DIR", help="folder to write (default: the scene's name)")
-    parser.add_argument(
-        "--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[],
-        help="change one value of the scene, e.g. growth.final=1.8; may be repeated",
+    add_scene(parser)
+    add_options(parser, ("-o --out", "DIR", "folder to write (default: the scene's name)"))
+    add_settings(parser, "change one value of the scene, e.g. growth.final=1.8; may be repeated")
+    add_options(
+        parser,
+        ("--resume", None, "go on from the checkpoint in DIR; a finished run is left as it is"),
+        ("--restart-from", "RUN",
+         "begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
+         "(RUN/stages/g1.50); material, growth, effects and stages may be others"),
+        ("--dry-run", None,
+         "say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
+         "write nothing"),
+        ("--budget", "TIME", "take the finest mesh that is expected to fit: 90s, 5min, 2h or 1d"),
+        ("--error", "SHARE",
+         "take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
+         "percentage such as 5%%, or a fraction such as 0.05"),
+        ("--estimate", None,
+         "then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
+         "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes"),
     )  # fmt: skip
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint in DIR; a finished run is left as it is",
-    )  # fmt: skip
-    parser.add_argument(
-        "--restart-from", metavar="RUN",
-        help="begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
-        "(RUN/stages/g1.50); material, growth, effects and stages may be others",
-    )  # fmt: skip
-    parser.add_argument(
-        "--dry-run", action="store_true",
-        help="say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
-        "write nothing",
-    )  # fmt: skip
-    parser.add_argument(
-        "--budget", metavar="TIME", help="take the finest mesh that is expected to fit: 90s, 5min, 2h or 1d",
-    )  # fmt: skip
-    parser.add_argument(
-        "--error", metavar="SHARE",
-        help="take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
-        "percentage such as 5%%, or a fraction such as 0.05",
-    )  # fmt: skip
-    parser.add_argument(
-        "--estimate", action="store_true",
-        help="then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
-        "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
-    )  # fmt: skip
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-    parser.add_argument(
-        "--json", action="store_true",
-        help="print health.json, with what --estimate found; or the forecast of --dry-run",
-    )  # fmt: skip
+    add_threads(parser)
+    add_options(
+        parser, ("--json", None, "print health.json, with what --estimate found; or the forecast of --dry-run")
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
+    from morphofold.forecasts.afterwards import cost_line, cost_of
     from morphofold.sim.output.folder import is_finished
     from morphofold.sim.scene.files import load_scene
 
@@ -90,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"{simulation.path}: {stages}, {_what_was_done(scene, health)}")
     for warning in health["warnings"]:
         print(f"warning: {warning}")
-    print(_what_it_cost(scene, health), flush=True)
+    print(cost_line(cost_of(health, scene)), flush=True)
     if args.estimate:
         print(_estimate(simulation, args).words)
     return 0
@@ -98,7 +89,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
     """A finished run is told whatever comes of its estimate, which is null if it fails."""
-    from morphofold.provenance import strict_json
 
     content = dict(simulation.health)
     try:
@@ -106,7 +96,7 @@ def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
             content["estimate"] = None
             content["estimate"] = _estimate(simulation, args).as_dict()
     finally:
-        print(strict_json(content).rstrip())
+        print_json(content)
 
 
 def _refuse_together(args: argparse.Namespace) -> None:
@@ -148,31 +138,17 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
 
 
 def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
+    from morphofold.forecasts import forecast
     from morphofold.forecasts.printed import table_of
-    from morphofold.provenance import strict_json
+    from morphofold.forecasts.richardson import twin_forecasts
 
-    if chosen is None:
-        from morphofold.forecasts import forecast
-
-        found = forecast(scene, args.threads)
-    else:
-        found = chosen.forecast
-    others = {}
-    if args.estimate:
-        from morphofold.forecasts.richardson import twin_forecasts
-
-        others = twin_forecasts(scene, args.threads)
+    found = chosen.forecast if chosen else forecast(scene, args.threads)
+    others = twin_forecasts(scene, args.threads) if args.estimate else {}
     if args.json:
-        print(strict_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}}).rstrip())
+        print_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}})
     else:
         print("\n\n".join([table_of(found), *(f"its {name} twin, {table_of(twin)}" for name, twin in others.items())]))
     return 0
-
-
-def _what_it_cost(scene: Scene, health: Mapping[str, Any]) -> str:
-    from morphofold.forecasts.afterwards import cost_line, cost_of
-
-    return cost_line(cost_of(health, scene))
 
 
 def _what_was_done(scene: Scene, health: Mapping[str, Any]) -> str:

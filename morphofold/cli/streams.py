@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, TypeVar
 from unicodedata import category
 
@@ -19,6 +20,18 @@ _NOBODY_READS = (errno.EPIPE, errno.EBADF, errno.EIO)
 #: categories of characters that end a line, steer a terminal, or can't be printed
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 LONGEST_WORD, LONGEST_LINE = 300, 4000  # characters that are told of what a user, or a file, has given
+
+
+def print_json(content: Any) -> None:
+    """What a machine reads: strict JSON, without NaN."""
+    from morphofold.provenance import strict_json
+
+    print(strict_json(content), end="")
+
+
+def print_file(path: Path) -> None:
+    """A file of results, as --json prints it."""
+    print(path.read_text(encoding="utf-8"), end="")
 
 
 def one_line(text: str) -> str:

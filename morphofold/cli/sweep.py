@@ -8,8 +8,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.cli import add_options, add_scene, add_settings
 from morphofold.cli.cohort import add_group_args
 from morphofold.cli.measuring import measuring_options
+from morphofold.cli.streams import print_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,20 +23,15 @@ if TYPE_CHECKING:
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
+    add_scene(parser)
     parser.add_argument(
         "--vary", metavar="KEY=VALUE,...", action="append", default=[],
         help="a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be repeated",
     )  # fmt: skip
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N-1 at every point (default: the scene's)")
-    parser.add_argument(
-        "--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[],
-        help="change one value of the scene for all runs, e.g. accuracy.level=draft; may be repeated",
-    )  # fmt: skip
+    add_settings(parser, "change one value of the scene for all runs, e.g. accuracy.level=draft; may be repeated")
     parser.add_argument("-o", "--out", metavar="DIR", default="sweep", help="folder (default: sweep)")
-    parser.add_argument(
-        "--dry-run", action="store_true", help="say how many runs, and what the largest would take; write nothing"
-    )
+    add_options(parser, ("--dry-run", None, "say how many runs, and what the largest would take; write nothing"))
     add_group_args(parser, "run", "the sweep")
 
 
@@ -127,10 +124,8 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
     if args.json:
-        from morphofold.provenance import strict_json
-
         said = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
-        print(strict_json({**said, "largest": found.as_dict()}).rstrip())
+        print_json({**said, "largest": found.as_dict()})
         return 0
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")

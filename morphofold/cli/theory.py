@@ -11,11 +11,13 @@ import argparse
 import math
 import textwrap
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.cli import add_shared
+from morphofold.cli import add_options, add_questions, add_settings, add_shared
+from morphofold.cli.streams import print_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,13 +29,8 @@ MOST = 10_000
 MOST_ROWS, MOST_CURVES = 200_000, 10
 #: relative difference of the two routes to g_crit up to which --check is content
 AGREE = 1e-6
-RANGES = "numbers or FROM:TO:COUNT"
-#: option that takes numbers -> the least and the largest; beyond them lengths overflow or answers lose their digits
-LIMITS = {
-    "thickness": (1e-6, 1e6), "radius": (1e-6, 1e6), "ratio": (1 + 1e-6, 1e3), "hole_ratio": (0.0, 1 - 1e-6),
-    "growth": (1e-3, 1e3), "core_growth": (1e-3, 1e3), "mu_ratio": (1e-4, 1e4), "kappa_ratio": (1.0, math.inf),
-    "points": (2, MOST),
-}  # fmt: skip
+#: states of a body that are typically still to be looked at
+STILL_TO_LOOK_AT = 6
 
 WORDS = {
     "radius": "outer radius of the smooth grown sphere, Eqs. (9) to (11); Fig. 3(a)",
@@ -50,205 +47,199 @@ defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressib
 which the elements of a scene lose their stability, by the exact stiffness of that very mesh, beside the theory if the
 scene is a sphere or a part of one; its effects are left out.
 """
-#: options of the sphere of bifurcation -> their words if not given; a --body has its own
-SPHERE = {
-    "thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5", "mu_ratio": ["1", "2", "4"],
-    "kappa_ratio": "inf", "law": "both",
+
+
+class Number(NamedTuple):
+    """An option that takes numbers: beyond ``least`` and ``largest`` lengths overflow or answers lose their digits."""
+
+    metavar: str
+    words: str
+    least: float
+    largest: float
+    default_words: str = "{}"
+
+
+class Question(NamedTuple):
+    """What can be asked: options and what is read if they aren't given, a list where they take several numbers."""
+
+    numbers: Mapping[str, str | list[str]]
+    law: str
+    drawn: str = "it"
+    words: Mapping[str, str] = {}                           # of options that mean something else here
+
+
+NUMBERS = {
+    "thickness": Number("MM", "of the cortex, T = C - B", 1e-6, 1e6),
+    "radius": Number("MM", "outer radius C", 1e-6, 1e6),
+    "ratio": Number("C/B", "outer radius / interface radius", 1 + 1e-6, 1e3),
+    "hole_ratio": Number("A/C", "radius of the fixed hole over C", 0.0, 1 - 1e-6),
+    "growth": Number("G", "of the cortex", 1e-3, 1e3),
+    "core_growth": Number("G", "of the core", 1e-3, 1e3, "{}, none"),
+    "mu_ratio": Number("M", "shear modulus, cortex over core", 1e-4, 1e4),
+    "kappa_ratio": Number("K", "bulk over shear modulus", 1.0, math.inf, "{}, incompressible"),
+    "points": Number("N", "per layer", 2, MOST),
+}
+SPHERE: dict[str, str | list[str]] = {"thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5"}
+QUESTIONS = {
+    "radius": Question(
+        {**SPHERE, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"}, "isotropic",
+        words={"thickness": "cortex, T = C - B"},
+    ),
+    "stress": Question(
+        {**SPHERE, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"}, "isotropic",
+        "the tangential stress through the cortex",
+    ),
+    "critical": Question(
+        {"ratio": ["1.02:1.3:15"], **SPHERE, "thickness": [], "core_growth": "1"}, "both",
+        words={"thickness": "of the cortex, instead of --ratio", "radius": "outer radius C, with --thickness"},
+    ),
+    "bifurcation": Question(
+        {**SPHERE, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"}, "both",
+        "critical growth by thickness (by degree with --curve)",
+    ),
 }  # fmt: skip
-#: states of a body that are typically still to be looked at
-STILL_TO_LOOK_AT = 6
-
-
-class Column(NamedTuple):
-    """A column of a printed table: key of the rows, heading, format of numbers."""
-
-    key: str
-    heading: str
-    form: str = ""
+#: key of a column -> its heading, and the format of its numbers
+COLUMNS = {
+    "law": ("law", ""), "thickness_mm": ("T [mm]", "g"), "mu_ratio": ("mu ratio", "g"), "layer": ("layer", ""),
+    "growth": ("g", ".4f"), "c_over_B": ("c/B", ".6f"), "c_over_C": ("c/C", ".6f"),
+    "position": ("position", ".3f"), "R_mm": ("R [mm]", ".3f"), "r_mm": ("r [mm]", ".3f"),
+    "sigma_r_over_mu_core": ("sigma_r/mu_core", ".6g"), "sigma_theta_over_mu_core": ("sigma_theta/mu_core", ".6g"),
+    "sigma_theta_over_mu_cortex": ("sigma_theta/mu_cortex", ".6g"),
+    "C_over_B": ("C/B", ".4f"), "T_over_C": ("T/C", ".4f"), "g_biot": ("g Biot", ".4f"),
+    "g_crit": ("g_crit", ".5f"), "g_elements": ("by elements", ".9f"), "difference": ("difference", ".1e"),
+    "degree": ("l", "d"), "wavelength_mm": ("wavelength [mm]", ".2f"), "wavelength_over_T": ("over T", ".3f"),
+    "wavelength_deformed_over_T": ("grown, over T", ".3f"), "creasing_amplitude_over_T": ("a/T to crease", ".3f"),
+    "g_crease": ("g crease", ".5f"), "first": ("first", ""), "g_theory": ("by theory", ".5f"),
+    "degree_theory": ("its l", "d"), "difference_percent": ("difference [%]", "+.2f"),
+    "elements": ("elements", ",d"), "edge_over_T": ("edge/T", ".2f"), "seconds": ("seconds", ".1f"),
+    "reason": ("note", ""),
+}  # fmt: skip
 
 
 class Answer(NamedTuple):
-    """What a question comes to: words above the table, its columns, all rows, and the figure to draw, if any."""
+    """What a question comes to: words above the table, keys of its columns, all rows, and the figure to draw, if any.
+
+    ``changed`` are the columns that read otherwise than in COLUMNS.
+    """
 
     title: str
-    columns: Sequence[Column]
+    columns: str
     rows: list[dict[str, Any]]
     draw: Callable[[], Figure] | None = None
-
-
-LAW, THICKNESS, MU = Column("law", "law"), Column("thickness_mm", "T [mm]", "g"), Column("mu_ratio", "mu ratio", "g")
-DEGREE, REASON = Column("degree", "l", "d"), Column("reason", "note")
+    changed: Mapping[str, tuple[str, str]] = {}
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
-
-    def question(name: str, more: str = "") -> argparse.ArgumentParser:
-        words = f"{WORDS[name][0].upper()}{WORDS[name][1:]}. {more}"
-        return questions.add_parser(name, help=WORDS[name], description=words, formatter_class=parser.formatter_class)
-
-    radius = question("radius")
-    radius.add_argument("--thickness", default="2", metavar="MM", help="cortex, T = C - B (default: 2)")
-    _add_sphere(radius)
-    radius.add_argument("--growth", nargs="+", default=["1:2:11"], metavar="G",
-                        help=f"of the cortex; {RANGES} (default: 1:2:11)")  # fmt: skip
-    _add_core_growth(radius)
-    _add_common(radius, "isotropic")
-
-    stress = question("stress")
-    _add_thicknesses(stress)
-    _add_sphere(stress)
-    stress.add_argument("--growth", default="2", metavar="G", help="of the cortex (default: 2)")
-    stress.add_argument("--mu-ratio", default="1", metavar="M", help="shear modulus, cortex over core (default: 1)")
-    stress.add_argument("--points", default="11", metavar="N", help="per layer (default: 11)")
-    _add_core_growth(stress)
-    _add_common(stress, "isotropic", "the tangential stress through the cortex")
-
-    critical = question("critical")
-    size = critical.add_mutually_exclusive_group()
-    size.add_argument("--ratio", nargs="+", metavar="C/B",
-                      help=f"outer radius / interface radius; {RANGES} (default: 1.02:1.3:15)")  # fmt: skip
-    size.add_argument("--thickness", nargs="+", metavar="MM", help=f"of the cortex, instead of --ratio; {RANGES}")
-    _add_sphere(critical, radius=None)
-    _add_core_growth(critical)
-    _add_common(critical, "both")
-
-    bifurcation = question("bifurcation", BIFURCATION)
-    _add_thicknesses(bifurcation)
-    _add_sphere(bifurcation)
-    bifurcation.add_argument("--mu-ratio", nargs="+", metavar="M",
-                             help=f"shear modulus, cortex over core; {RANGES} (default: 1 2 4)")  # fmt: skip
-    bifurcation.add_argument("--kappa-ratio", metavar="K",
-                             help="bulk over shear modulus (default: inf, incompressible)")  # fmt: skip
-    bifurcation.add_argument("--check", action="store_true", help="find each g_crit again, by finite elements")
-    bifurcation.add_argument("--curve", action="store_true", help="critical growth by degree, not the least alone")
-    bifurcation.add_argument("--body", metavar="SCENE",
-                             help="a built-in scene or a TOML file, instead of the options above")  # fmt: skip
-    bifurcation.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append",
-                             help="with --body: change one value of the scene; may be repeated")  # fmt: skip
-    _add_common(bifurcation, "both", "critical growth by thickness (by degree with --curve)")
-    bifurcation.set_defaults(**dict.fromkeys(SPHERE))       # to tell what is asked for from what is left as it is
+    for what, sub in add_questions(parser, WORDS, {"bifurcation": BIFURCATION}).items():
+        question = QUESTIONS[what]
+        size = sub.add_mutually_exclusive_group() if what == "critical" else sub
+        for name, default in question.numbers.items():
+            number, several = NUMBERS[name], isinstance(default, list)
+            told = " ".join(default) if several else default
+            (size if name in ("ratio", "thickness") else sub).add_argument(
+                _option(name), nargs="+" if several else None, metavar=number.metavar,
+                help=question.words.get(name, number.words) + ("; numbers or FROM:TO:COUNT" if several else "")
+                + (f" (default: {number.default_words.format(told)})" if told else ""),
+            )  # fmt: skip
+        if what == "bifurcation":
+            _add_checks_and_bodies(sub)
+        sub.add_argument("--law", choices=[*LAWS, "both"], help=f"growth of the cortex (default: {question.law})")
+        drawn = f"also draw {question.drawn}: .png, .svg or .pdf"
+        add_options(sub, ("--json", None, "print as JSON"), ("--plot", "FILE", drawn))
+        add_shared(sub, default=argparse.SUPPRESS)          # so that they count on either side of WHAT
 
 
-def _add_thicknesses(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--thickness", nargs="+", default=["1", "2", "3"], metavar="MM",
-                        help=f"of the cortex, T = C - B; {RANGES} (default: 1 2 3)")  # fmt: skip
-
-
-def _add_sphere(parser: argparse.ArgumentParser, radius: str | None = "50") -> None:
-    where = "" if radius else ", with --thickness"
-    parser.add_argument("--radius", default=radius, metavar="MM", help=f"outer radius C{where} (default: 50)")
-    parser.add_argument("--hole-ratio", default="0.5", metavar="A/C",
-                        help="radius of the fixed hole over C (default: 0.5)")  # fmt: skip
-
-
-def _add_core_growth(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--core-growth", default="1", metavar="G", help="of the core (default: 1, none)")
-
-
-def _add_common(parser: argparse.ArgumentParser, law: str, drawn: str = "it") -> None:
-    parser.add_argument("--law", choices=[*LAWS, "both"], default=law, help=f"growth of the cortex (default: {law})")
-    parser.add_argument("--json", action="store_true", help="print as JSON")
-    parser.add_argument("--plot", metavar="FILE", help=f"also draw {drawn}: .png, .svg or .pdf")
-    add_shared(parser, default=argparse.SUPPRESS)           # so that they count on either side of WHAT
+def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
+    add_options(
+        parser,
+        ("--check", None, "find each g_crit again, by finite elements"),
+        ("--curve", None, "critical growth by degree, not the least alone"),
+        ("--body", "SCENE", "a built-in scene or a TOML file, instead of the options above"),
+    )
+    add_settings(parser, "with --body: change one value of the scene; may be repeated")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.io.files import check_place
-    from morphofold.provenance import strict_json
     from morphofold.report.plots.line_plots import check_format
 
+    body = vars(args).get("body") is not None
     if args.what == "bifurcation":
-        _sphere_or_body(args)
+        _refuse_sphere_or_settings(args)
     plot = None if args.plot is None else Path(args.plot)
     if plot is not None:                                    # refused before anything is computed
         check_format(plot)
         check_place(plot)
-    _read_numbers(args)
-    _refuse_too_much(args)
-    answer = {"radius": _radius, "stress": _stress, "critical": _critical, "bifurcation": _bifurcation}[args.what](args)
+    if not body:
+        _read_numbers(args)
+        _refuse_too_much(args)
+    answer = _of_body(args) if body else _bifurcation(args) if args.what == "bifurcation" else _of_smooth_sphere(args)
     if plot is not None and answer.draw is not None:
         _write_plot(answer.draw(), plot)
     if args.json:
         left_out = ("command", "what", "run", "json", "plot", "quiet", "debug")
-        asked = {key: value for key, value in vars(args).items() if key not in left_out and value is not None}
+        asked = {key: value for key, value in vars(args).items() if key not in left_out and value not in (None, [])}
         if asked.get("kappa_ratio") == math.inf:
             asked["kappa_ratio"] = "inf"                    # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
-        print(strict_json(content), end="")
+        print_json(content)
     else:
         print(answer.title)
-        print(_table(answer.columns, answer.rows))
+        print(_table(answer))
         if plot is not None:
             print(f"-> {plot}")
     _warn_of_differences(answer.rows)
     return 0
 
 
-def _radius(args: argparse.Namespace) -> Answer:
+def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
+    """Its radius, stress or creases."""
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
 
-    sphere = (args.thickness, args.radius, _laws(args.law))
-    options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    rows = theory_tables.radius_rows(args.growth, *sphere, **options)
-    title = (
-        f"Outer radius c of the smooth grown sphere, T = {args.thickness:g} mm, C = {args.radius:g} mm, "
-        f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)"
-    )
-    columns = (LAW, Column("growth", "g", ".4f"), Column("c_over_B", "c/B", ".6f"), Column("c_over_C", "c/C", ".6f"))
-    return Answer(title, columns, rows, lambda: theory_plots.radius_figure(args.growth, *sphere, **options))
-
-
-def _stress(args: argparse.Namespace) -> Answer:
-    from morphofold.report.plots import theory_plots
-    from morphofold.sim import theory_tables
-
+    laws, core = _laws(args.law), {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
+    if args.what == "radius":
+        sphere = (args.growth, args.thickness, args.radius, laws)
+        return Answer(
+            f"Outer radius c of the smooth grown sphere, T = {args.thickness:g} mm, C = {args.radius:g} mm, "
+            f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)",
+            "law growth c_over_B c_over_C",
+            theory_tables.radius_rows(*sphere, **core), partial(theory_plots.radius_figure, *sphere, **core),
+        )  # fmt: skip
+    if args.what == "critical":
+        ratios = _ratios(args)
+        return Answer(
+            "Growth at which the outer surface can crease, lambda_r/lambda_theta = 2.4 (Eq. 12 isotropic, Eq. 13 "
+            "tangential),\nand at which it is unstable to waves of vanishing length (Biot, 3.383)",
+            "law C_over_B T_over_C g_crease g_biot reason",
+            theory_tables.critical_rows(ratios, laws, **core),
+            partial(theory_plots.critical_figure, ratios, laws, **core), {"g_crease": ("g crease", ".4f")},
+        )  # fmt: skip
     if args.points != int(args.points):
         raise ValueError(f"--points must be a whole number, got {args.points:g}.")
     args.points = int(args.points)
-    sphere = (args.growth, args.thickness, args.radius, _laws(args.law))
-    options = {"mu_ratio": args.mu_ratio, "g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    rows = theory_tables.stress_rows(*sphere, points=args.points, **options)
-    title = (
+    sphere, options = (args.growth, args.thickness, args.radius, laws), {"mu_ratio": args.mu_ratio, **core}
+    return Answer(
         f"Cauchy stress at growth g = {args.growth:g}, C = {args.radius:g} mm, mu_cortex/mu_core = {args.mu_ratio:g}; "
         "tension is positive.\nUnits: the core's shear modulus mu_core; last column the cortex's own, as in Fig. 3(b). "
-        "Position: 0 inside, 1 outside."
+        "Position: 0 inside, 1 outside.",
+        "law thickness_mm layer position R_mm r_mm sigma_r_over_mu_core sigma_theta_over_mu_core "
+        "sigma_theta_over_mu_cortex",
+        theory_tables.stress_rows(*sphere, points=args.points, **options),
+        partial(theory_plots.stress_figure, *sphere, **options),
     )
-    columns = (
-        LAW, THICKNESS, Column("layer", "layer"), Column("position", "position", ".3f"),
-        Column("R_mm", "R [mm]", ".3f"), Column("r_mm", "r [mm]", ".3f"),
-        Column("sigma_r_over_mu_core", "sigma_r/mu_core", ".6g"),
-        Column("sigma_theta_over_mu_core", "sigma_theta/mu_core", ".6g"),
-        Column("sigma_theta_over_mu_cortex", "sigma_theta/mu_cortex", ".6g"),
-    )  # fmt: skip
-    return Answer(title, columns, rows, lambda: theory_plots.stress_figure(*sphere, **options))
 
 
-def _critical(args: argparse.Namespace) -> Answer:
-    from morphofold.report.plots import theory_plots
-    from morphofold.sim import theory_tables
+def _ratios(args: argparse.Namespace) -> list[float]:
+    """C/B, as it was given or of --thickness and --radius."""
+    from morphofold.sim.theory_tables import outer_ratio
 
     if args.thickness is not None:
-        args.radius = args.radius or 50.0
-        args.ratio = [theory_tables.outer_ratio(T, args.radius) for T in args.thickness]
+        args.ratio = [outer_ratio(T, args.radius) for T in args.thickness]
     elif args.radius is not None:
         raise ValueError("--radius makes a --thickness a ratio, and there is none: give --thickness, or --ratio alone.")
-    else:
-        args.ratio = args.ratio or _numbers(["1.02:1.3:15"], "--ratio", *LIMITS["ratio"])
-    laws = _laws(args.law)
-    options = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    rows = theory_tables.critical_rows(args.ratio, laws, **options)
-    title = (
-        "Growth at which the outer surface can crease, lambda_r/lambda_theta = 2.4 (Eq. 12 isotropic, Eq. 13 "
-        "tangential),\nand at which it is unstable to waves of vanishing length (Biot, 3.383)"
-    )
-    columns = (
-        LAW, Column("C_over_B", "C/B", ".4f"), Column("T_over_C", "T/C", ".4f"),
-        Column("g_crease", "g crease", ".4f"), Column("g_biot", "g Biot", ".4f"), REASON,
-    )  # fmt: skip
-    return Answer(title, columns, rows, lambda: theory_plots.critical_figure(args.ratio, laws, **options))
+    return args.ratio
 
 
 def _bifurcation(args: argparse.Namespace) -> Answer:
@@ -256,8 +247,6 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
 
-    if args.body is not None:
-        return _body(args)
     if args.check and args.curve:
         raise ValueError("--check finds the least growth again, not the curve: leave out --check or --curve.")
     laws = _laws(args.law)
@@ -269,53 +258,41 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         )  # fmt: skip
     if args.curve:
         title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
-        columns: tuple[Column, ...] = (LAW, THICKNESS, MU, DEGREE, Column("g_crit", "g_crit", ".5f"), REASON)
         rows = [row for case in cases for row in case.curve_rows()]
-        return Answer(title, columns, rows, lambda: theory_plots.bifurcation_curves(cases))
-    title = (
+        draw = partial(theory_plots.bifurcation_curves, cases)
+        return Answer(title, "law thickness_mm mu_ratio degree g_crit reason", rows, draw)
+    found = "g_crit degree wavelength_mm wavelength_over_T wavelength_deformed_over_T creasing_amplitude_over_T"
+    return Answer(
         f"Growth g_crit at which the smooth sphere first wrinkles, C = {args.radius:g} mm, kappa/mu = "
         f"{args.kappa_ratio:g}; g crease: lambda_r/lambda_theta = 2.4.\n"
         "Wavelength on the ungrown sphere (grown: on the grown one). a: amplitude at which the troughs of these\n"
-        "wrinkles crease (an estimate). T is the ungrown thickness throughout."
-    )
-    if args.check:
-        found: tuple[Column, ...] = (
-            Column("g_crit", "g_crit", ".9f"), Column("g_elements", "by elements", ".9f"),
-            Column("difference", "difference", ".1e"), DEGREE,
-        )  # fmt: skip
-    else:
-        found = (
-            Column("g_crit", "g_crit", ".5f"), DEGREE, Column("wavelength_mm", "wavelength [mm]", ".2f"),
-            Column("wavelength_over_T", "over T", ".3f"),
-            Column("wavelength_deformed_over_T", "grown, over T", ".3f"),
-            Column("creasing_amplitude_over_T", "a/T to crease", ".3f"),
-        )  # fmt: skip
-    columns = (LAW, THICKNESS, MU, *found, Column("g_crease", "g crease", ".5f"), Column("first", "first"), REASON)
-    return Answer(title, columns, [case.row() for case in cases], lambda: theory_plots.crease_or_wrinkle(cases))
+        "wrinkles crease (an estimate). T is the ungrown thickness throughout.",
+        f"law thickness_mm mu_ratio {'g_crit g_elements difference degree' if args.check else found} g_crease first "
+        "reason",
+        [case.row() for case in cases], partial(theory_plots.crease_or_wrinkle, cases),
+        {"g_crit": ("g_crit", ".9f")} if args.check else {},
+    )  # fmt: skip
 
 
-def _sphere_or_body(args: argparse.Namespace) -> None:
-    """Give the sphere its defaults, or refuse the options that are not for a body."""
+def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
+    """Raise for options of the sphere with a body, and for settings without one."""
     if args.body is None:
-        if args.settings is not None:
+        if args.settings:
             raise ValueError("--set changes a scene, and there is none: name it with --body.")
-        for name, words in SPHERE.items():
-            if getattr(args, name) is None:
-                setattr(args, name, words)
         return
-    wrong = [f"--{name.replace('_', '-')}" for name in (*SPHERE, "check", "curve", "plot")
+    wrong = [_option(name) for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
              if getattr(args, name) not in (None, False)]  # fmt: skip
     if wrong:
         raise ValueError(f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the "
                          "scene by --set, such as --set material.mu_ratio=2.")  # fmt: skip
 
 
-def _body(args: argparse.Namespace) -> Answer:
+def _of_body(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.sim import theory_tables
     from morphofold.sim.scene.files import load_scene
 
-    scene = load_scene(args.body, args.settings or ())
+    scene = load_scene(args.body, args.settings)
     if scene.geometry.shape == "radial":
         raise ValueError(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
     looks: list[float] = []
@@ -333,30 +310,36 @@ def _body(args: argparse.Namespace) -> Answer:
         f"{', '.join(row['left_out']) or 'nothing'}.\nWavelength on the ungrown surface; edge: the longest of it."
     )
     columns = (
-        Column("g_crit", "g_crit", ".5f"), Column("degree", "l", ".1f"),
-        Column("wavelength_mm", "wave [mm]", ".2f"), Column("wavelength_over_T", "over T", ".3f"),
-        Column("g_theory", "by theory", ".5f"), Column("degree_theory", "its l", "d"),
-        Column("difference_percent", "difference [%]", "+.2f"), Column("elements", "elements", ",d"),
-        Column("edge_over_T", "edge/T", ".2f"), Column("seconds", "seconds", ".1f"), REASON,
-    )  # fmt: skip
-    return Answer(title, columns, [row])
+        "g_crit degree wavelength_mm wavelength_over_T g_theory degree_theory difference_percent elements edge_over_T "
+        "seconds reason"
+    )
+    return Answer(title, columns, [row], changed={"degree": ("l", ".1f"), "wavelength_mm": ("wave [mm]", ".2f")})
 
 
 def _laws(law: str) -> tuple[str, ...]:
     return LAWS if law == "both" else (law,)
 
 
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
 def _read_numbers(args: argparse.Namespace) -> None:
-    """Put numbers in the place of words: a list of them where an option takes several, one where it takes one."""
-    for name, limits in LIMITS.items():
-        words, option = getattr(args, name, None), f"--{name.replace('_', '-')}"
-        if isinstance(words, str):
-            numbers = _numbers([words], option, *limits)
-            if len(numbers) > 1:
-                raise ValueError(f"{option} takes one number, got the range {words!r}.")
-            setattr(args, name, numbers[0])
-        elif words is not None:
-            setattr(args, name, _numbers(words, option, *limits))
+    """Put numbers, or what is meant if there are none, in the place of words: a list where an option takes several."""
+    question = QUESTIONS[args.what]
+    args.law = args.law or question.law
+    meant = dict(question.numbers)
+    if args.what == "critical":                             # a ratio, or a thickness that the radius makes one
+        meant["radius" if args.thickness is None else "ratio"] = ""
+    for name, default in meant.items():
+        given, option = getattr(args, name) or default, _option(name)
+        if not given:
+            continue
+        words = [given] if isinstance(given, str) else given
+        numbers = _numbers(words, option, NUMBERS[name].least, NUMBERS[name].largest)
+        if isinstance(given, str) and len(numbers) > 1:
+            raise ValueError(f"{option} takes one number, got the range {given!r}.")
+        setattr(args, name, numbers[0] if isinstance(given, str) else numbers)
 
 
 def _numbers(words: Sequence[str], option: str, least: float, largest: float) -> list[float]:
@@ -386,17 +369,15 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
 
 def _refuse_too_much(args: argparse.Namespace) -> None:
     """Raise before anything is computed if the answer or its figure would be beyond reading."""
-    if vars(args).get("body") is not None:
-        return
-    several = {name: len(value) for name, value in vars(args).items() if isinstance(value, list)}
+    numbers = {name: getattr(args, name) for name in QUESTIONS[args.what].numbers}
+    several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
     rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
     if rows > MOST_ROWS:
         raise ValueError(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
     curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
     for name in curves.get(args.what, []) if args.plot is not None else []:
         if several[name] > MOST_CURVES:
-            option = f"--{name.replace('_', '-')}"
-            raise ValueError(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {several[name]}.")
+            raise ValueError(f"--plot draws at most {MOST_CURVES} numbers of {_option(name)}, got {several[name]}.")
 
 
 def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
@@ -420,25 +401,24 @@ def _write_plot(figure: Figure, plot: Path) -> None:
         raise OSError(error.errno, error.strerror, str(plot)) from error    # not of the temporary file beside it
 
 
-def _table(columns: Sequence[Column], rows: list[dict[str, Any]]) -> str:
+def _table(answer: Answer) -> str:
     """Aligned text: words to the left, numbers to the right, a dash for what isn't there; reasons in footnotes."""
-    reasons = list(dict.fromkeys(row[REASON.key] for row in rows if row.get(REASON.key)))
+    reasons = list(dict.fromkeys(row["reason"] for row in answer.rows if row.get("reason")))
     notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
-    shown = [column for column in columns if column is not REASON or notes]
-    cells = [[_cell(row.get(column.key), column, notes) for column in shown] for row in rows]
-    widths = [max(map(len, column)) for column in zip([c.heading for c in shown], *cells)]
-    lines = [[c.heading for c in shown], *cells]
-    table = [
-        "  ".join(f"{cell:{'>' if c.form else '<'}{width}}" for c, cell, width in zip(shown, line, widths)).rstrip()
-        for line in lines
-    ]
+    columns = []
+    for key in answer.columns.split():
+        heading, form = {**COLUMNS, **answer.changed}[key]
+        if key != "reason" or notes:
+            values = [row.get(key) for row in answer.rows]
+            cells = [heading, *(notes.get(v, "") if key == "reason" else _cell(v, form) for v in values)]
+            width = max(map(len, cells))
+            columns.append([cell.rjust(width) if form else cell.ljust(width) for cell in cells])
+    lines = ["  ".join(cells).rstrip() for cells in zip(*columns)]
     footnotes = (textwrap.fill(f"{note} {reason}", 120, subsequent_indent="    ") for reason, note in notes.items())
-    return "\n".join([*table, *footnotes])
+    return "\n".join([*lines, *footnotes])
 
 
-def _cell(value: Any, column: Column, notes: dict[str, str]) -> str:
-    if column is REASON:
-        return notes.get(value, "")
+def _cell(value: Any, form: str) -> str:
     if value is None or value != value:
         return "–"
-    return "∞" if value == "inf" else format(value, column.form)
+    return "∞" if value == "inf" else format(value, form)

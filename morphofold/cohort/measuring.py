@@ -25,11 +25,16 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
         if share < 1:
             say(what)
 
-    return measure(
-        cortex, curvature_scale=scale, gyral_width=options.get("gyral_width_mm"),
-        thickness_cap=options.get("thickness_cap_mm"), accuracy=options.get("accuracy", "standard"),
-        repair=options.get("repair", True), progress=tell,
-    )  # fmt: skip
+    return measure(cortex, **{**keywords_of(options), "curvature_scale": scale}, progress=tell)
+
+
+def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as results record them, as :func:`morphofold.analysis.measure` takes them."""
+    return {
+        "curvature_scale": options.get("curvature_scale_mm"), "gyral_width": options.get("gyral_width_mm"),
+        "thickness_cap": options.get("thickness_cap_mm"), "accuracy": options.get("accuracy", "standard"),
+        "repair": options.get("repair", True),
+    }  # fmt: skip
 
 
 def curvature_scale(cortex: Cortex, common: float) -> float | None:

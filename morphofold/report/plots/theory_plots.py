@@ -6,7 +6,7 @@ differ in colour and in line style.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,11 +42,11 @@ RADIUS_LABEL = "outer radius after growth  $c/B$"
 GROWTH_LABEL = "growth stretch of the cortex  $g$"
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
 LAWS = ("isotropic", "tangential")
+MU_RATIO = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
 #: parameters of the paper's sphere, which titles leave out, and how they say others
-PAPER = {"radius": 50.0, "A_over_C": 0.5, "g_core": 1.0, "mu_ratio": 1.0, "kappa_ratio": np.inf}
-SAY = {
-    "radius": "$C$ = {:g} mm", "A_over_C": "$A/C$ = {:g}", "g_core": "$g_\\mathrm{{core}}$ = {:g}",
-    "mu_ratio": "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}", "kappa_ratio": "$\\kappa/\\mu$ = {:g}",
+PAPER = {
+    "radius": (50.0, "$C$ = {:g} mm"), "A_over_C": (0.5, "$A/C$ = {:g}"), "mu_ratio": (1.0, MU_RATIO),
+    "g_core": (1.0, "$g_\\mathrm{{core}}$ = {:g}"), "kappa_ratio": (np.inf, "$\\kappa/\\mu$ = {:g}"),
 }  # fmt: skip
 #: asked points beyond which dots would cover the curve
 MOST_DOTS = 40
@@ -127,7 +127,7 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     with new_figure(*size, len(ratios), len(laws), sharex=True, sharey=True) as (figure, axes):
         for k, mu_ratio in enumerate(ratios):
             for ax, law in zip(axes[k], laws):
-                set_limits(ax, (1, max(last, 10)), top, f"{law} growth, {_mu_ratio(mu_ratio)}")
+                set_limits(ax, (1, max(last, 10)), top, f"{law} growth, {MU_RATIO.format(mu_ratio)}")
                 for i, T in enumerate(thicknesses):
                     _draw_curve(ax, i, [c for c in cases if (c.law, c.mu_ratio, c.thickness) == (law, mu_ratio, T)])
                 _say_none(ax, [c for c in cases if (c.law, c.mu_ratio) == (law, mu_ratio)])
@@ -135,13 +135,10 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
                 ax.xaxis.set_major_formatter("{x:g}")
                 ax.set(xlabel="degree of the spherical harmonic  $l$" if k == len(ratios) - 1 else "")
                 ax.set(ylabel=CRITICAL_LABEL if law == laws[0] else "")
-        shares = [T / cases[0].radius for T in thicknesses]
-        entries: dict[str, Any] = {f"$T/C$ = {share:.3g}": line_style(i) for i, share in enumerate(shares)}
+        entries: dict[str, Any] = {f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i)
+                                   for i, T in enumerate(thicknesses)}  # fmt: skip
         entries |= {"first wrinkles": {**MARK, "marker": "o"}, "crease criterion": {"color": GREY, "linewidth": 1.0}}
-        if any(np.isinf(case.bifurcation.mode) for case in cases):
-            entries["shortest waves first"] = {**MARK, "marker": ">"}
-        legend_of_figure(figure, entries, axes[0][0], columns=3 if len(laws) > 1 else 2)
-        _say_of_cases(figure, cases)
+        _legend_of_cases(figure, axes[0][0], cases, entries, ">", columns=3 if len(laws) > 1 else 2)
     return figure
 
 
@@ -167,38 +164,31 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
                 ax.plot(T, theory.critical_growth(1 / (1 - T), law), color=BLACK, linewidth=2.4)
             for i, mu_ratio in enumerate(ratios):
                 mine = [case for case in here if case.mu_ratio == mu_ratio]
-                _draw_map(ax, mine, line_style(i + 1), dots, incompressible)
+                _draw_map(ax, mine, {**line_style(i + 1), **dots}, creases=not incompressible)
             set_limits(ax, (0, right), top, f"{law} growth")
             _say_none(ax, here)
             ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL if law == laws[0] else "")
             ax.locator_params(axis="x", nbins=5)
-        entries: dict[str, Any] = {f"wrinkles (theory), {_mu_ratio(mu)}": {**line_style(i + 1), **dots}
+        entries: dict[str, Any] = {f"wrinkles (theory), {MU_RATIO.format(mu)}": {**line_style(i + 1), **dots}
                                    for i, mu in enumerate(ratios)}  # fmt: skip
         if incompressible:
             entries = {"creases (theory), Eqs. (12) and (13)": {"color": BLACK, "linewidth": 2.4}, **entries}
         else:
             entries["creases (theory), same style"] = {"color": GREY, "linewidth": 1.0, **dots}
-        if any(np.isinf(case.bifurcation.mode) for case in cases):
-            entries["shortest waves first"] = {**MARK, "marker": "^"}
-        legend_of_figure(figure, entries, axes[0][0], columns=len(laws))
-        _say_of_cases(figure, cases)
+        _legend_of_cases(figure, axes[0][0], cases, entries, "^", columns=len(laws))
     return figure
 
 
 def draw_radius(ax: Axes, rows: list[Row]) -> None:
-    for i, law in enumerate(dict.fromkeys(row["law"] for row in rows)):
-        mine = [row for row in rows if row["law"] == law]
+    for law, line, mine in _curves(rows, "law"):
         source = "Eq. (11)" if law == "isotropic" else "as Eq. (11)"
-        label = f"theory, {source}, {law}"
-        ax.plot([row["growth"] for row in mine], [row["c_over_B"] for row in mine], label=label, **line_style(i))
+        ax.plot(*_columns(mine, "growth", "c_over_B"), label=f"theory, {source}, {law}", **line)
     ax.set(xlabel=GROWTH_LABEL, ylabel=RADIUS_LABEL)
 
 
 def draw_stress(ax: Axes, rows: list[Row]) -> None:
-    for i, T in enumerate(dict.fromkeys(row["thickness_mm"] for row in rows)):
-        mine = [row for row in rows if row["thickness_mm"] == T]
-        x, y = [row["position"] for row in mine], [row["sigma_theta_over_mu_cortex"] for row in mine]
-        ax.plot(x, y, label=f"theory, $T$ = {T:g} mm", **line_style(i))
+    for T, line, mine in _curves(rows, "thickness_mm"):
+        ax.plot(*_columns(mine, "position", "sigma_theta_over_mu_cortex"), label=f"theory, $T$ = {T:g} mm", **line)
     ax.set(
         xlabel="position in the grown cortex  $(r-b)/(c-b)$",
         ylabel="tangential stress  $\\sigma_\\theta/\\mu_\\mathrm{cortex}$",
@@ -208,14 +198,12 @@ def draw_stress(ax: Axes, rows: list[Row]) -> None:
 def draw_critical(
     ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool = False, limits: bool = True
 ) -> None:
-    for i, law in enumerate(laws):
-        mine = [row for row in rows if row["law"] == law]
-        x = [row["C_over_B"] for row in mine]
+    for law, line, mine in _curves([row for row in rows if row["law"] in laws], "law"):
         equation = "Eq. (12)" if law == "isotropic" else "Eq. (13)"
-        ax.plot(x, [row["g_crease"] for row in mine], label=f"theory, {equation}, {law}", **line_style(i))
+        ax.plot(*_columns(mine, "C_over_B", "g_crease"), label=f"theory, {equation}, {law}", **line)
         if biot:
-            thin = {**line_style(i), "linewidth": 1.0}
-            ax.plot(x, [row["g_biot"] for row in mine], label=f"theory, Biot's surface wrinkles, {law}", **thin)
+            label, thin = f"theory, Biot's surface wrinkles, {law}", {**line, "linewidth": 1.0}
+            ax.plot(*_columns(mine, "C_over_B", "g_biot"), label=label, **thin)
     ax.set(xlabel="outer radius / interface radius  $C/B$", ylabel=CRITICAL_LABEL)
     if limits:
         _mark_limits(ax, laws)
@@ -246,15 +234,13 @@ def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
         ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=line_style(index)["color"], clip_on=False, zorder=3)
 
 
-def _draw_map(
-    ax: Axes, cases: Sequence[Case], line: dict[str, Any], dots: dict[str, Any], incompressible: bool
-) -> None:
+def _draw_map(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases: bool) -> None:
     """Wrinkles of one law and mu ratio by thickness; their creases too if those depend on the mu ratio."""
     x = np.array([case.thickness / case.radius for case in cases])
-    wrinkles, creases = (np.array([getattr(c.bifurcation, name) for c in cases]) for name in ("g_crit", "g_crease"))
-    ax.plot(x, wrinkles, **line, **dots, clip_on=False)
-    if not incompressible:
-        ax.plot(x, creases, **{**line, **dots, "linewidth": 1.0})
+    wrinkles = np.array([case.bifurcation.g_crit for case in cases])
+    ax.plot(x, wrinkles, **line, clip_on=False)
+    if creases:
+        ax.plot(x, [case.bifurcation.g_crease for case in cases], **{**line, "linewidth": 1.0})
     shortest = np.isinf([case.bifurcation.mode for case in cases])
     if shortest.any():
         ax.plot(x[shortest], wrinkles[shortest], **{**MARK, "color": line["color"]}, marker="^", clip_on=False)
@@ -262,11 +248,20 @@ def _draw_map(
 
 def _mark(ax: Axes, rows: list[Row], x: str, y: str) -> None:
     """Dots on numbers that were asked for, within the limits, as long as there is room between them."""
-    for i, law in enumerate(dict.fromkeys(row["law"] for row in rows)):
-        mine = [row for row in rows if row["law"] == law]
-        at = [(row[x], row[y]) for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
+    for _, line, mine in _curves(rows, "law"):
+        at = [row for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
         if at:                                              # not clipped: dots at the ends stay whole
-            ax.plot(*zip(*at), linestyle="none", marker="o", color=line_style(i)["color"], clip_on=False, zorder=3)
+            ax.plot(*_columns(at, x, y), linestyle="none", marker="o", color=line["color"], clip_on=False, zorder=3)
+
+
+def _curves(rows: list[Row], name: str) -> Iterator[tuple[Any, dict[str, Any], list[Row]]]:
+    """Each value of a column in the order in which they come, the style of its line, and its rows."""
+    for i, value in enumerate(dict.fromkeys(row[name] for row in rows)):
+        yield value, line_style(i), [row for row in rows if row[name] == value]
+
+
+def _columns(rows: list[Row], *names: str) -> list[list[float]]:
+    return [[row[name] for row in rows] for name in names]
 
 
 def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
@@ -278,13 +273,19 @@ def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
         ax.text(0.98, 0.03, words, transform=ax.transAxes, ha="right", va="bottom", color=GREY, fontsize=10)
 
 
-def _say_of_cases(figure: Figure, cases: Sequence[Case]) -> None:
+def _legend_of_cases(
+    figure: Figure, ax: Axes, cases: Sequence[Case], entries: dict[str, Any], shortest: str, columns: int
+) -> None:
+    """What lines and marks mean, ``shortest`` that of the shortest waves, and whose wrinkles these are."""
+    if any(np.isinf(case.bifurcation.mode) for case in cases):
+        entries = {**entries, "shortest waves first": {**MARK, "marker": shortest}}
+    legend_of_figure(figure, entries, ax, columns=columns)
     _say(figure, radius=cases[0].radius, A_over_C=cases[0].A_over_C, kappa_ratio=cases[0].kappa_ratio)
 
 
 def _say(figure: Figure, **parameters: float) -> None:
     """A line above all panels of what differs from the paper's sphere."""
-    said = [SAY[name].format(value) for name, value in parameters.items() if value != PAPER[name]]
+    said = [PAPER[name][1].format(value) for name, value in parameters.items() if value != PAPER[name][0]]
     if said:
         figure.suptitle(", ".join(said), x=0.02, ha="left", fontsize=11)
 
@@ -293,15 +294,8 @@ def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float
     """Laws, mu ratios and thicknesses in the order in which they come."""
     if not cases:
         raise ValueError("no case to draw: give at least one thickness, one mu ratio and one law.")
-    return (
-        list(dict.fromkeys(case.law for case in cases)),
-        list(dict.fromkeys(case.mu_ratio for case in cases)),
-        list(dict.fromkeys(case.thickness for case in cases)),
-    )
-
-
-def _mu_ratio(value: float) -> str:
-    return SAY["mu_ratio"].format(value)
+    laws, ratios, thicknesses = zip(*((case.law, case.mu_ratio, case.thickness) for case in cases))
+    return list(dict.fromkeys(laws)), list(dict.fromkeys(ratios)), list(dict.fromkeys(thicknesses))
 
 
 def _panel_size(laws: Sequence[str]) -> tuple[float, float]:
