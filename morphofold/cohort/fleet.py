@@ -318,15 +318,14 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 def _environment_kept() -> Iterator[None]:
     """With what this process was told afterwards as before, and none of it for workers to inherit: what is in the
     environment overrules what Dask is told, and Dask leaves here what it told workers."""
-    before = {name: os.environ.pop(name, None) for name in (*THREADS, *ALLOCATOR)}
+    names = (*THREADS, *ALLOCATOR)
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in names:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 @contextmanager

@@ -26,6 +26,8 @@ from morphofold.quantities import CREST_RATIO, RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
 
+RATIOS = (RATIO, CREST_RATIO)           # in the order of thickness_ratios
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -163,14 +165,11 @@ def _ratios(named: Mapping[str, Measures], mu_ratio: float | None) -> list[float
 
 def _table(named: Mapping[str, Measures]) -> list[dict[str, Any]]:
     extra = sorted({key for m in named.values() for key in m.scalars} - set(SCALARS))
-    rows = [
-        {"measure": key, **{name: _plain(m.scalars.get(key)) for name, m in named.items()}}
-        for key in (*SCALARS, *extra)
+    values = {name: {**m.scalars, **dict(zip(RATIOS, thickness_ratios(m)))} for name, m in named.items()}
+    return [
+        {"measure": key, **{name: _plain(own.get(key)) for name, own in values.items()}}
+        for key in (*SCALARS, *extra, *RATIOS)
     ]
-    ratios = {name: thickness_ratios(m) for name, m in named.items()}
-    for k, key in enumerate((RATIO, CREST_RATIO)):
-        rows.append({"measure": key, **{name: _plain(both[k]) for name, both in ratios.items()}})
-    return rows
 
 
 def _plain(value: Any) -> Any:

@@ -210,8 +210,11 @@ def refuse_other_dataset(dataset: Path) -> None:
 def _ours(dataset: Path) -> bool:
     said = _json(dataset / "dataset_description.json")
     makers = said.get("GeneratedBy")
-    made = isinstance(makers, list) and any(isinstance(m, dict) and m.get("Name") == "morphofold" for m in makers)
-    return made and said.get("DatasetType") == "derivative"
+    return isinstance(makers, list) and any(map(_is_us, makers)) and said.get("DatasetType") == "derivative"
+
+
+def _is_us(maker: Any) -> bool:
+    return isinstance(maker, dict) and maker.get("Name") == "morphofold"
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -230,8 +233,7 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     path = dataset / "dataset_description.json"
     if _ours(dataset):
         said = _json(path)
-        others = [m for m in said["GeneratedBy"] if not (isinstance(m, dict) and m.get("Name") == "morphofold")]
-        said["GeneratedBy"] = [*others, me]
+        said["GeneratedBy"] = [*(maker for maker in said["GeneratedBy"] if not _is_us(maker)), me]
     else:
         said = {
             "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",
