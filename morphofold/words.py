@@ -49,6 +49,11 @@ def percent_above(share: float) -> str:
     return percent(math.ceil(share / step - 1e-9) * step)
 
 
+def in_one_line(what: object) -> str:
+    """An error, or another thing in words, without line breaks and double spaces."""
+    return " ".join(str(what).split())
+
+
 def listed(words: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

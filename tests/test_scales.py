@@ -41,7 +41,9 @@ def out(tmp_path):
 
 def test_the_scale_is_the_coarsest_and_the_width_the_median(tmp_path, out):
     subjects = named(tmp_path, "3.0 7.0", "3.0 7.5", "3.904 8.123456", "3.908 10.4", "7.731 nan")
-    assert scales_of(out, Looking(), subjects) == Scales(7.74, 7.81, 5)     # three digits, the scale rounded up
+    assert scales_of(out, Looking(), subjects) == Scales(
+        curvature_scale_mm=7.74, gyral_width_mm=7.81, hemispheres=5,
+    )  # three digits, the scale rounded up
 
 
 def test_one_mesh_more_than_twice_as_coarse_as_usual_does_not_set_the_scale_of_all(tmp_path, out):
@@ -81,7 +83,7 @@ def test_damaged_scales_are_refused(tmp_path, out, text):
 
 
 def test_what_was_asked_for_goes_before_the_scales_of_the_cohort():
-    found = Scales(3.9, 8.0, 4)
+    found = Scales(curvature_scale_mm=3.9, gyral_width_mm=8.0, hemispheres=4)
     asked = {"curvature_scale_mm": None, "gyral_width_mm": None}
     assert with_scales(asked, found) == {**asked, "common_curvature_scale_mm": 3.9, "gyral_width_mm": 8.0}
     asked = {"curvature_scale_mm": 5.0, "gyral_width_mm": 9.0}

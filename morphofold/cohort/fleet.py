@@ -16,6 +16,8 @@ from itertools import islice
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from morphofold.words import in_one_line
+
 GiB = 2**30
 DEATHS = 3              # of workers under one job, after which it is put last
 ANSWER = 20             # [s] that a scheduler has to answer
@@ -107,9 +109,9 @@ class Fleet:
         except CancelledError as error:                                 # its client tells who did
             if self.client.status != "running" or getattr(error, "reason", "") in GONE:
                 raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
-            return Lost(f"it was cancelled ({_one_line(error)}). Run it again."), False
+            return Lost(f"it was cancelled ({in_one_line(error)}). Run it again."), False
         except (OSError, MemoryError) as error:                         # of its machine: a log that can't be written
-            return Lost(_one_line(error) or type(error).__name__), False
+            return Lost(in_one_line(error) or type(error).__name__), False
         except Exception as error:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 
@@ -127,10 +129,6 @@ class Fleet:
             yield
         finally:
             self.client.unsubscribe_topic("all")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 @contextmanager
@@ -320,15 +318,14 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 def _environment_kept() -> Iterator[None]:
     """With what this process was told afterwards as before, and none of it for workers to inherit: what is in the
     environment overrules what Dask is told, and Dask leaves here what it told workers."""
-    before = {name: os.environ.pop(name, None) for name in (*THREADS, *ALLOCATOR)}
+    names = (*THREADS, *ALLOCATOR)
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in names:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import itertools
+import math
 import re
 import tomllib
 from collections import Counter
@@ -19,6 +20,7 @@ from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene, toml_value
 from morphofold.sim.scene.problems import with_notes
+from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -114,17 +116,14 @@ def make_grid(
     if seeds is not None and SEED in dict(said):
         raise ValueError(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
     own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
-    last = Counter(key.rpartition(".")[2] for key in keys)
+    short = {key: key.rpartition(".")[2] for key in keys}
+    alike = Counter(short.values())
     axes = tuple(
-        Axis(key, key if last[key.rpartition(".")[2]] > 1 else key.rpartition(".")[2], values)
-        for key, values in said
-        if key != SEED
+        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in said if key != SEED
     )
     if not axes and own is None:
         raise ValueError("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
-    count = len(own or (0,))
-    for axis in axes:
-        count *= len(axis.values)
+    count = math.prod(len(axis.values) for axis in axes) * len(own or (0,))
     if count > MOST_RUNS:
         raise _too_many(count)
     return Grid(base.name, axes, *_points(source, settings, axes, own))
@@ -263,7 +262,7 @@ def _no_mesh(scene: Scene, known: dict[str, str | None]) -> str | None:
             inputs_of(scene)
             known[file] = None
         except (ValueError, OSError) as error:
-            known[file] = " ".join(str(error).split())
+            known[file] = in_one_line(error)
     return known[file]
 
 

@@ -13,6 +13,7 @@ from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.provenance import sha256_of
 from morphofold.results.summary import Page
+from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
@@ -120,7 +121,7 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
         try:
             measured.append(_measures(subject, hemi, say, clock, seen))
         except REFUSALS as error:
-            failures[hemi] = " ".join(str(error).split())
+            failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:

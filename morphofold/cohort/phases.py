@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +16,15 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.cohort.fleet import Fleet, Job, Lost
 from morphofold.cohort.grid import Grid, Point
 from morphofold.cohort.sweep import folder_of
-from morphofold.cohort.tables import read_results, refuse_changed, what_became
+from morphofold.cohort.tables import TidyWriter, read_results, refuse_changed, what_became
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
 from morphofold.progress import Progress, silent
 from morphofold.sim.output.folder_check import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
+from morphofold.sim.scene.geometries import Geometry
 from morphofold.tables import write_table
+from morphofold.words import in_one_line
 
 GROUP = "group"
 HINGES_PER_AREA = "hinges_per_1000_mm2"
@@ -113,7 +116,7 @@ def theory_of(scene: Scene) -> Theory:
             scene.material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius,
         )  # fmt: skip
     except (ValueError, ConvergenceError) as error:
-        return Theory(reason=" ".join(str(error).split()))
+        return Theory(reason=in_one_line(error))
     return Theory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
 
 
@@ -144,26 +147,29 @@ def read_run(out: Path, point: Point, outcome: Outcome | None = None) -> Found:
     folder = folder_of(out, point.name)
     warnings, numbers = _health(folder / "simulation")
     failures, there = what_became(record, outcome, "not run yet. Run the sweep again.")
-    if not there:
-        return Found(point, " ".join(failures.values()) or "failed; its log says why", {}, {}, warnings, numbers)
-    try:
-        files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
-        refuse_changed(record, {name: folder / name for name in files})
-        entry = read_results(folder / "analysis").entries[0]
-    except (OSError, ValueError, IndexError) as error:
-        return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
+    reason = "" if there else " ".join(failures.values()) or "failed; its log says why"
+    if there:
+        try:
+            files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
+            refuse_changed(record, {name: folder / name for name in files})
+            measures, notes, pial = _measured(folder / "analysis", point.scene.geometry)
+            return Found(point, "", measures, notes, warnings, numbers, pial)
+        except (OSError, ValueError, IndexError) as error:
+            reason = in_one_line(error)
+    return Found(point, reason, {}, {}, warnings, numbers)
+
+
+def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
+    """Measures of a run, why it has none of some, and its pial surface."""
+    entry, pial = read_results(analysis).entries[0], analysis / "surf" / "lh.pial"
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
-    pial = folder / "analysis" / "surf" / "lh.pial"
-    area, geometry = measures.get("area_pial_mm2"), point.scene.geometry
+    area = measures.get("area_pial_mm2")
     if area and "n_hinges" in measures and not isinstance(geometry, Strip):
         measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
     if area and isinstance(geometry, Patch | Strip):
-        try:
-            measures[OVER_FLAT] = area / _flat_area(geometry, pial)
-        except (OSError, ValueError) as error:
-            return Found(point, " ".join(str(error).split()), {}, {}, warnings, numbers)
+        measures[OVER_FLAT] = area / _flat_area(geometry, pial)
     notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
-    return Found(point, "", measures, notes, warnings, numbers, pial)
+    return measures, notes, pial
 
 
 def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
@@ -215,24 +221,22 @@ def write_sweep(
 
 def write_tables(phases: Phases, folder: Path) -> None:
     """Tables of a sweep: tidy measures, one row per run and measure; runs and their health; theory of each point."""
-    labels = [axis.label for axis in phases.grid.axes]
-    rows = [
-        {**_told(phases.grid, run.point), "measure": key, "value": run.measures.get(key)}
-        for run in phases.runs
-        for key in MEASURES
-        if not run.reason and (key != OVER_FLAT or key in run.measures)
-    ]
-    columns = ("run", *labels, "seed", "measure", "value")
-    write_table(folder / "measures.tsv", columns, rows)
-    _write_parquet(folder / "measures.parquet", columns, rows, phases.grid)
+    axes = {axis.label: float if axis.numeric else str for axis in phases.grid.axes}
+    with closing(TidyWriter(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float})) as writer:
+        writer.write([
+            (*_told(phases.grid, run.point).values(), key, run.measures.get(key))
+            for run in phases.runs
+            for key in MEASURES
+            if not run.reason and (key != OVER_FLAT or key in run.measures)
+        ])
     write_table(
         folder / "runs.tsv",
-        ("run", *labels, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log"),
+        ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log"),
         [_run_row(phases.grid, run) for run in phases.runs],
     )  # fmt: skip
     write_table(
         folder / "theory.tsv",
-        (*labels, "final_growth", "g_crit", "g_crease", "wavelength_mm", "reason"),
+        (*axes, "final_growth", "g_crit", "g_crease", "wavelength_mm", "reason"),
         [_theory_row(phases, at) for at in phases.grid.places],
     )
 
@@ -243,9 +247,10 @@ def _told(grid: Grid, point: Point) -> dict[str, Any]:
 
 def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
     """The value of each axis; a list as text."""
-    values = {axis.label: axis.values[i] for axis, i in zip(grid.axes, at)}
-    words = {axis.label: axis.words[i] for axis, i in zip(grid.axes, at)}
-    return {key: value if isinstance(value, int | float) else words[key] for key, value in values.items()}
+    return {
+        axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.words[i]
+        for axis, i in zip(grid.axes, at)
+    }
 
 
 def _run_row(grid: Grid, run: Found) -> dict[str, Any]:
@@ -262,17 +267,3 @@ def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
         **_place(phases.grid, at), "final_growth": scene.growth.final, "g_crit": found.g_crit,
         "g_crease": found.g_crease, "wavelength_mm": found.wavelength, "reason": found.reason or None,
     }  # fmt: skip
-
-
-def _write_parquet(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]], grid: Grid) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    words = pa.dictionary(pa.int32(), pa.string())
-    kinds = {axis.label: pa.float64() if axis.numeric else words for axis in grid.axes}
-    kinds |= {"run": words, "measure": words, "seed": pa.int64(), "value": pa.float64()}
-    schema = pa.schema([(name, kinds[name]) for name in columns])
-    plain = {name: [row[name] for row in rows] for name in columns}
-    for axis in grid.axes:
-        plain[axis.label] = [float(x) if axis.numeric else str(x) for x in plain[axis.label]]
-    parquet.write_table(pa.Table.from_pydict(plain, schema=schema), path, compression="zstd")

@@ -109,12 +109,11 @@ def _kinds(hows: Sequence[How], parameters: Sequence[str]) -> tuple[int, NDArray
 
 
 def _listed(counts: Mapping[Any, int]) -> str:
-    if len(counts) <= NAMED:
-        return ", ".join(f"{_word(value)} ({n})" for value, n in counts.items())
-    if all(isinstance(x, int | float) for x in counts):
+    more = len(counts) - NAMED
+    if more > 0 and all(isinstance(x, int | float) for x in counts):
         return f"{_word(min(counts))} to {_word(max(counts))} ({len(counts)} values)"
     first = ", ".join(f"{_word(value)} ({n})" for value, n in list(counts.items())[:NAMED])
-    return f"{first} and {len(counts) - NAMED} more"
+    return f"{first} and {more} more" if more > 0 else first
 
 
 def _word(value: Any) -> str:

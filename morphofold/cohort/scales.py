@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import ConfigDict
 
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
@@ -25,26 +25,19 @@ MOST = 50               # subjects that are looked at, spread evenly over their 
 FAR = 2.0               # times the median, beyond which a mesh is too coarse to set the scale of all
 
 
-@dataclass(frozen=True)
-class Scales:
+class Scales(Record):
     """The lengths that all of a cohort are measured with [mm], and of how many hemispheres they are."""
 
-    curvature_scale_mm: float
-    gyral_width_mm: float | None
-    hemispheres: int
+    model_config = ConfigDict(frozen=True)
+
+    curvature_scale_mm: Length
+    gyral_width_mm: Length | None
+    hemispheres: Count
 
     @property
     def words(self) -> str:
         width = "" if self.gyral_width_mm is None else f", gyral width of the net {self.gyral_width_mm:g} mm"
         return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({FILE})"
-
-
-class _Kept(Record):
-    """``scales.json``."""
-
-    curvature_scale_mm: Length
-    gyral_width_mm: Length | None
-    hemispheres: Count
 
 
 def scales_of(
@@ -76,11 +69,12 @@ def scales_of(
     scale, width = np.array(sorted(found)).T
     known = width[np.isfinite(width)]
     scales = Scales(
-        _digits(scale[scale <= FAR * np.median(scale)].max(), np.ceil),
-        _digits(np.median(known), np.round) if known.size else None, len(found),
-    )  # fmt: skip
+        curvature_scale_mm=_digits(scale[scale <= FAR * np.median(scale)].max(), np.ceil),
+        gyral_width_mm=_digits(np.median(known), np.round) if known.size else None,
+        hemispheres=len(found),
+    )
     with atomic_file(out / FILE) as file:
-        file.write_text(strict_json(asdict(scales)), encoding="utf-8")
+        file.write_text(strict_json(scales.model_dump()), encoding="utf-8")
     return scales
 
 
@@ -120,8 +114,7 @@ def kept_scales(out: Path) -> Scales | None:
     path = out / FILE
     if not os.path.lexists(path):
         return None
-    found = read_json(path, _Kept, "Remove it, and run again.")
-    return Scales(**{field.name: found[field.name] for field in fields(Scales)})
+    return Scales(**read_json(path, Scales, "Remove it, and run again."))
 
 
 def _digits(length: float, how: Callable[[Any], Any]) -> float:

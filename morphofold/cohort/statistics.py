@@ -6,22 +6,20 @@ Everything here counts a subject as often as it is named, and takes subjects as 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.measures import LINE
-from morphofold.comparison.thickness import Cloud, Point, fit_line
+from morphofold.cohort.tables import HEMIS, Group
+from morphofold.comparison.thickness import Cloud, Point, bins, fit_line
 from morphofold.quantities import RATIO
 from morphofold.tables import write_table
 
-if TYPE_CHECKING:
-    from morphofold.cohort.tables import Group
-
-HEMIS = ("lh", "rh")
 FAR = 3.5               # robust z above which a value is an outlier
 FEWEST = 8              # values of a measure and side among which outliers are looked for
 RARE = 0.25             # share of values at most that may differ from what the others share, to be outliers
@@ -35,12 +33,6 @@ BOOTSTRAPPED = 1000     # points at most through which the robust line goes: all
 BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")     # of another measure, not one themselves
 #: of a mesh, not of a brain; and what may be negative or near 0, so that a ratio of sides says nothing
 UNSIDED = ("n_vertices", "euler_characteristic", *LINE)
-
-DISTRIBUTIONS = (
-    "measure", "hemi", "n", "mean", "sd", "least", "lower_quartile", "median", "upper_quartile", "greatest",
-)  # fmt: skip
-ASYMMETRY = ("measure", "n", "asymmetry", "low", "high", "sd", "effect_size", "p_holm")
-OUTLIERS = ("subject", "hemi", "measure", "value", "robust_z", "median")
 
 Scalars = Mapping[str, NDArray[np.float64]]     # measure to (subjects, 2): left and right, NaN where there is none
 
@@ -132,10 +124,7 @@ class Outliers:
     @property
     def subjects(self) -> list[list[Outlier]]:
         """The rows of each subject, in their order."""
-        rows: dict[str, list[Outlier]] = {}
-        for one in self.found:
-            rows.setdefault(one.subject, []).append(one)
-        return list(rows.values())
+        return [list(rows) for _, rows in groupby(self.found, key=lambda one: one.subject)]
 
 
 def measures_of(group: Group) -> Scalars:
@@ -154,12 +143,9 @@ def distributions(scalars: Scalars) -> list[Distribution]:
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
             if (known := side[np.isfinite(side)]).size:
-                least, lower, median, upper, greatest = np.percentile(known, [0, 25, 50, 75, 100]).tolist()
                 sd = float(known.std(ddof=1)) if known.size > 1 else float("nan")
-                mean = float(known.mean())
-                found.append(
-                    Distribution(measure, hemi, known.size, mean, sd, least, lower, median, upper, greatest)
-                )
+                quartiles = np.percentile(known, [0, 25, 50, 75, 100]).tolist()
+                found.append(Distribution(measure, hemi, known.size, float(known.mean()), sd, *quartiles))
     return found
 
 
@@ -168,8 +154,8 @@ def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     sides."""
     pairs = {name: _asymmetries(values) for name, values in scalars.items() if name not in UNSIDED}
     found = [_asymmetry(name, values) for name, values in pairs.items() if values.size]
-    corrected = holm(np.array([p for _, p in found]))
-    return [replace(one, p_holm=float(p)) for (one, _), p in zip(found, corrected)]
+    corrected = holm(np.array([one.p_holm for one in found]))
+    return [replace(one, p_holm=float(p)) for one, p in zip(found, corrected)]
 
 
 def _asymmetries(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -179,18 +165,18 @@ def _asymmetries(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return 2 * (left - right) / (left + right)
 
 
-def _asymmetry(name: str, values: NDArray[np.float64]) -> tuple[Asymmetry, float]:
-    """Without its corrected p, and p of this measure alone."""
+def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
+    """With p of this measure alone, not corrected yet."""
     from scipy import stats
 
     n, mean, nan = len(values), float(values.mean()), float("nan")
     if n < 2:
-        return Asymmetry(name, n, mean, nan, nan, nan, nan, nan), nan
+        return Asymmetry(name, n, mean, nan, nan, nan, nan, nan)
     sd = float(values.std(ddof=1))
     half = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
     effect = mean / sd if sd > ROUND_OFF else nan
     p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
-    return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, nan), p
+    return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,7 +196,7 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     round-off, half of the values and more are alike; those that differ are outliers then, if they are a quarter at
     most. Subjects come by the largest robust z of theirs.
     """
-    rows: list[tuple[int, Outlier]] = []
+    found: dict[int, list[Outlier]] = {}
     too_few, divided, looked_at = [], [], 0
     for measure, values in scalars.items():
         if measure in BOUNDS:
@@ -225,16 +211,13 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
                 divided.append((measure, hemi))
                 continue
             looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
-            rows += [
-                (k, Outlier(subjects[k], hemi, measure, float(side[k]), score, median))
-                for k, score in zip(known.tolist(), z.tolist()) if abs(score) > FAR
-            ]  # fmt: skip
-    sizes: dict[int, list[float]] = {}
-    for k, row in rows:
-        sizes.setdefault(k, []).append(-abs(row.robust_z))
-    rank = {k: (sorted(scores), k) for k, scores in sizes.items()}
-    rows.sort(key=lambda pair: (rank[pair[0]], -abs(pair[1].robust_z)))
-    return Outliers(tuple(row for _, row in rows), looked_at, tuple(too_few), tuple(divided))
+            for k in np.flatnonzero(np.abs(z) > FAR):
+                row = Outlier(subjects[known[k]], hemi, measure, float(side[known[k]]), float(z[k]), median)
+                found.setdefault(int(known[k]), []).append(row)
+    for rows in found.values():
+        rows.sort(key=lambda row: -abs(row.robust_z))
+    ranked = sorted(found, key=lambda k: ([-abs(row.robust_z) for row in found[k]], k))
+    return Outliers(tuple(row for k in ranked for row in found[k]), looked_at, tuple(too_few), tuple(divided))
 
 
 def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[np.float64], float]:
@@ -263,12 +246,7 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     fit = fit_line(points, robust=len(points) <= BOOTSTRAPPED)
     if len(points) <= MOST_POINTS:
         return Cloud("subject", points, (), fit)
-    bins = []
-    for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], BINS):
-        low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
-        label = f"{len(part)} subjects of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        bins.append(Point(float(np.median(cortical[part])), middle, label, low, high))
-    return Cloud("subject", points, tuple(bins), fit)
+    return Cloud("subject", points, bins(cortical, gyral, BINS, "subjects"), fit)
 
 
 def region_cloud(group: Group, side: int) -> Cloud:
@@ -288,7 +266,8 @@ def write_statistics(
     folder: Path, spread: Sequence[Distribution], sides: Sequence[Asymmetry], far: Sequence[Outlier]
 ) -> None:
     """Write distributions.tsv, asymmetry.tsv and outliers.tsv; a robust z that is infinite is ``n/a``."""
-    for name, columns, rows in (
-        ("distributions", DISTRIBUTIONS, spread), ("asymmetry", ASYMMETRY, sides), ("outliers", OUTLIERS, far),
-    ):  # fmt: skip
-        write_table(folder / f"{name}.tsv", columns, [{key: getattr(row, key) for key in columns} for row in rows])
+    tables: dict[str, tuple[type, Sequence[Any]]] = {
+        "distributions": (Distribution, spread), "asymmetry": (Asymmetry, sides), "outliers": (Outlier, far),
+    }  # fmt: skip
+    for name, (kind, rows) in tables.items():
+        write_table(folder / f"{name}.tsv", [column.name for column in fields(kind)], map(asdict, rows))

@@ -12,8 +12,9 @@ from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perfo
 from morphofold.io import atomic_file, files_of, remove_folder
 from morphofold.results.summary import Page
 from morphofold.sim.output.folder_check import clear_run, files_of_run, inputs_of
-from morphofold.sim.scene import MeshFile, Radial, Scene
+from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere
 from morphofold.sim.scene.files import to_toml
+from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
@@ -92,7 +93,7 @@ def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
         _measure(run, _grown(run, say, anew=any(name.startswith("simulation/") for name in changed)), say)
     except (ConvergenceError, UnstableError, *REFUSALS) as error:
         remove_folder(run.analysis)                                     # of what the scene once was
-        return {"": " ".join(str(error).split())}
+        return {"": in_one_line(error)}
     return {}
 
 
@@ -169,11 +170,13 @@ def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
         return 0.0
     if isinstance(geometry, Radial):
         return memory_of_analysis([2562], accuracy=accuracy, report=report)
-    T = geometry.cortex_thickness
-    radius = getattr(geometry, "radius", None) or min(getattr(geometry, "semi_axes", (0.0,)))
-    hole = getattr(geometry, "hole_radius", None) or radius * getattr(geometry, "hole_share", 0.0)
-    depth = getattr(geometry, "depth", radius - hole) - T
-    sizes = sizes_by_rule(scene, Layers(T, depth))
+    if isinstance(geometry, Sphere):
+        deep = geometry.radius - geometry.hole_radius
+    elif isinstance(geometry, Ellipsoid):
+        deep = min(geometry.semi_axes) * (1 - geometry.hole_share)
+    else:
+        deep = geometry.depth
+    sizes = sizes_by_rule(scene, Layers(geometry.cortex_thickness, deep - geometry.cortex_thickness))
     single = scene.accuracy.precision == "single"
     growing = memory_GiB(sizes, bricks=True, single=single, volume=scene.output.volume)
     return max(growing, memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -19,8 +20,10 @@ from morphofold.io import files_of
 from morphofold.io.json_files import read_json
 from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
+from morphofold.results.bids import PROVENANCE
 from morphofold.results.summary import CURE, RECORDED, WORDS, Summary
 from morphofold.tables import line, read_table, write_table
+from morphofold.words import in_one_line
 
 HEMIS = ("lh", "rh")
 WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
@@ -99,7 +102,7 @@ def read_results(folder: Path) -> Found:
     """
     path, table = folder / "summary.json", folder / "regions.tsv"
     if not path.is_file():
-        path = folder / "anat" / f"{folder.name}_desc-morphofold_provenance.json"
+        path = folder / "anat" / f"{folder.name}{PROVENANCE}"
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
@@ -109,7 +112,7 @@ def read_results(folder: Path) -> Found:
     keys = ("hemi", "origin", "measures", "notes", "info")
     entries = [{key: entry[key] for key in keys} for entry in said["surfaces"]]
     hows = [_how(said["morphofold"], entry) for entry in said["surfaces"]]
-    regions = read_table(table, WORDS, said.get("rows", {}).get("regions"), numbers=REGION_MEASURES)
+    regions = read_table(table, WORDS, said["rows"].get("regions"), numbers=REGION_MEASURES)
     there = {entry["hemi"] for entry in entries}
     for number, row in enumerate(regions, start=2):
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
@@ -142,30 +145,34 @@ def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
 
 
 class TidyWriter:
-    """measures.tsv and measures.parquet, written a batch of rows at a time."""
+    """measures.tsv and measures.parquet, written a batch of rows at a time.
 
-    def __init__(self, folder: Path):
+    ``columns`` are ``str``, ``int`` or ``float``, as Parquet has them; text stands once in a dictionary there.
+    """
+
+    def __init__(self, folder: Path, columns: Mapping[str, type]):
         import pyarrow as pa
         from pyarrow import parquet
 
-        words = pa.dictionary(pa.int32(), pa.string())
-        self._schema = pa.schema([(name, words) for name in TIDY[:-1]] + [(TIDY[-1], pa.float64())])
+        kinds = {str: pa.dictionary(pa.int32(), pa.string()), int: pa.int64(), float: pa.float64()}
+        self._columns = columns
+        self._schema = pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
         self._table = pa.Table
         self._parquet = parquet.ParquetWriter(folder / "measures.parquet", self._schema, compression="zstd")
         self._file: IO[str] = (folder / "measures.tsv").open(
             "w", encoding="utf-8", errors="backslashreplace", newline="",
         )  # fmt: skip
-        self._file.write(line(TIDY))
-        self.rows = 0
+        self._file.write(line(columns))
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write(self, rows: Sequence[Sequence[Any]]) -> None:
         if not rows:
             return
         self._file.writelines(map(line, rows))
-        columns = dict(zip(TIDY, zip(*rows)))
-        columns["value"] = tuple(None if x is None else float(x) for x in columns["value"])
-        self._parquet.write_table(self._table.from_pydict(columns, schema=self._schema))
-        self.rows += len(rows)
+        values = {
+            name: [None if x is None else kind(x) for x in column]
+            for (name, kind), column in zip(self._columns.items(), zip(*rows))
+        }
+        self._parquet.write_table(self._table.from_pydict(values, schema=self._schema))
 
     def close(self) -> None:
         self._parquet.close()
@@ -193,9 +200,8 @@ def write_tables(
     """
     gathered = _Gathered(len(results))
     failures: list[dict[str, Any]] = []
-    writer = TidyWriter(folder)
     rows: list[Row] = []
-    try:
+    with closing(TidyWriter(folder, {**dict.fromkeys(TIDY[:-1], str), TIDY[-1]: float})) as writer:
         for i, (subject, place) in enumerate(sorted(results.items())):
             record = read_record(out / "records" / f"{subject}.json")
             outcome = None if outcomes is None else outcomes.get(subject)
@@ -205,7 +211,7 @@ def write_tables(
                     found = read_results(place)
                     refuse_changed(record, {name: path for name, path in files_of(place).items() if path in found.read})
                 except (OSError, ValueError) as error:
-                    missing[""] = f"{' '.join(str(error).split())} Run the cohort again."
+                    missing[""] = f"{in_one_line(error)} Run the cohort again."
                 else:
                     rows += tidy_rows(subject, found)
                     gathered.add(i, subject, found)
@@ -218,8 +224,6 @@ def write_tables(
                 rows.clear()
                 tell(i / len(results))
         writer.write(rows)
-    finally:
-        writer.close()
     write_table(folder / "failures.tsv", FAILURES, failures)
     write_table(folder / "hemispheres.tsv", HEMISPHERES, gathered.hemispheres)
     return gathered.group(tuple(sorted(results)), failures, results)

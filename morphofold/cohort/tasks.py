@@ -25,6 +25,7 @@ from morphofold.io.json_files import Record, read_json
 from morphofold.io.locks import alone
 from morphofold.provenance import changed_since, sha256_of, strict_json
 from morphofold.timing import peak_memory
+from morphofold.words import in_one_line
 
 LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same task
 PAUSE = 2.0             # [s] between two looks
@@ -166,10 +167,9 @@ def _perform(
             log(traceback.format_exc())
             now, results, failures = "", False, {"": _told(error)}
         write_record(place.record, now, failures, results=results, files=written)
-        seconds = time.perf_counter() - began
-        log(f"{'done' if results else 'failed'} in {seconds:.1f} s, {_held():.2f} GiB")
-        state = "done" if results else "failed"
-        return Outcome(place.name, state, failures, seconds, _held(), log.attempt, bool(changed))
+        seconds, memory, state = time.perf_counter() - began, peak_memory() or 0.0, "done" if results else "failed"
+        log(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
+        return Outcome(place.name, state, failures, seconds, memory, log.attempt, bool(changed))
 
 
 def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
@@ -198,16 +198,12 @@ def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
 
 def _told(error: Exception) -> str:
     """An error in one line; one that is not an input's is named by its kind."""
-    words = " ".join(str(error).split())
+    words = in_one_line(error)
     if isinstance(error, OSError) and error.errno is not None:          # the system's own words, not ours
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*REFUSALS, OSError, MemoryError)):
         return words or type(error).__name__
     return f"{type(error).__name__}: {words} (a defect; its log shows where)"
-
-
-def _held() -> float:
-    return peak_memory() or 0.0
 
 
 @contextmanager

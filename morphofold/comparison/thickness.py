@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.thickness.robust_slope import line
+from morphofold.arrays import Array
 from morphofold.quantities import find
+
+WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")     # of a whole surface: gyral, cortical
 
 
 @dataclass(frozen=True)
@@ -106,23 +109,15 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
     rows_of = {"region": measures.regions, "crest": measures.crests}
     for kind in by:
         points = tuple(
-            Point(
-                float(row["cortical_thickness_mm"]),
-                float(row["gyral_thickness_mm"]),
-                str(row.get(kind, kind)),
-            )
-            for row in rows_of[kind]
-            if _known(row.get("cortical_thickness_mm")) and _known(row.get("gyral_thickness_mm"))
-            and (kind == "region" or row["cortical_thickness_mm"] >= thinnest)
+            Point(float(thick), float(wide), str(row.get(kind, kind)))
+            for wide, thick, row in _both(rows_of[kind])
+            if kind == "region" or thick >= thinnest
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _bins(measures), fit_line(points))
-    gyral = measures.scalars.get("median_gyral_thickness_mm")
-    cortical = measures.scalars.get("mean_cortical_thickness_mm")
+    gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
     if not (_known(gyral) and _known(cortical)):
         return Cloud("whole", ())
-    assert gyral is not None
-    assert cortical is not None
     return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
 
 
@@ -132,14 +127,20 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     They part where the cortex of crowns is thicker or thinner than that of walls and fundi. None where one of the two
     thicknesses is not known.
     """
-    gyral, cortical = (measures.scalars.get(k) for k in ("median_gyral_thickness_mm", "mean_cortical_thickness_mm"))
-    known = [row for row in measures.crests if _known(row.get("gyral_thickness_mm"))]
-    known = [row for row in known if _known(row.get("cortical_thickness_mm")) and row["cortical_thickness_mm"] > 0]
-    ratios = [row["gyral_thickness_mm"] / row["cortical_thickness_mm"] for row in known]
+    gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
+    ratios = [wide / thick for wide, thick, _ in _both(measures.crests) if thick > 0]
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
 
 
-def _known(value: Any) -> bool:
+def _both(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
+    """Gyral and cortical thickness of the rows that have both, and the row."""
+    for row in rows:
+        wide, thick = row.get("gyral_thickness_mm"), row.get("cortical_thickness_mm")
+        if _known(wide) and _known(thick):
+            yield wide, thick, row
+
+
+def _known(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
@@ -148,17 +149,19 @@ def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point,
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
+    count = min(at_most, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // least)
+    return bins(cortical, gyral, count, "vertices") if count > 1 else ()
+
+
+def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[Point, ...]:
+    """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    count = min(at_most, len(both) // least)
-    if count < 2:
-        return ()
-    ordered = both[np.argsort(cortical[both], kind="stable")]
-    bins = []
-    for part in np.array_split(ordered, count):
-        low, middle, high = (float(q) for q in np.percentile(gyral[part], [25, 50, 75]))
-        label = f"{len(part)} vertices of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        bins.append(Point(float(np.median(cortical[part])), middle, label, low, high))
-    return tuple(bins)
+    found = []
+    for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
+        low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
+        label = f"{len(part)} {what} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
+        found.append(Point(float(np.median(cortical[part])), middle, label, low, high))
+    return tuple(found)
 
 
 def fit_line(points: Sequence[Point], *, robust: bool = True) -> Fit | None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
-from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
+from morphofold.forecasts.analysis_cost import WRITING
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import shown, strict_json
@@ -36,6 +36,7 @@ from morphofold.results.summary import (
     read_tables,
     scalar_rows,
     summary_of,
+    write_summary,
 )
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
@@ -134,13 +135,10 @@ def write_dataset(
             _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
         _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
         said = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
-        (anat / f"{place.name}{PROVENANCE}").write_text(strict_json(said), encoding="utf-8")
-        if report:
-            grown = [Measures(cortex, {}, {}) for cortex in stages]
-            report(measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock)
-        if clock is not None:
-            cost = cost_of_analysis(measures, clock)
-            (anat / f"{place.name}{COST}").write_text(strict_json(cost.as_dict()), encoding="utf-8")
+        write_summary(
+            measures, said, anat / f"{place.name}{PROVENANCE}", page=folder / "report.html",
+            cost=anat / f"{place.name}{COST}", report=report, stages=stages, clock=clock,
+        )  # fmt: skip
     _describe(dataset)
     return place
 
@@ -212,8 +210,11 @@ def refuse_other_dataset(dataset: Path) -> None:
 def _ours(dataset: Path) -> bool:
     said = _json(dataset / "dataset_description.json")
     makers = said.get("GeneratedBy")
-    made = isinstance(makers, list) and any(isinstance(m, dict) and m.get("Name") == "morphofold" for m in makers)
-    return made and said.get("DatasetType") == "derivative"
+    return isinstance(makers, list) and any(map(_is_us, makers)) and said.get("DatasetType") == "derivative"
+
+
+def _is_us(maker: Any) -> bool:
+    return isinstance(maker, dict) and maker.get("Name") == "morphofold"
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -232,8 +233,7 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     path = dataset / "dataset_description.json"
     if _ours(dataset):
         said = _json(path)
-        others = [m for m in said["GeneratedBy"] if not (isinstance(m, dict) and m.get("Name") == "morphofold")]
-        said["GeneratedBy"] = [*others, me]
+        said["GeneratedBy"] = [*(maker for maker in said["GeneratedBy"] if not _is_us(maker)), me]
     else:
         said = {
             "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",

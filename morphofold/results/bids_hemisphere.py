@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import Measures
-from morphofold.io import flip_curvature_sign, read_morph, read_surface, write_gifti_map
+from morphofold.io import flip_curvature_sign, read_surface, write_gifti_map
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
 from morphofold.provenance import strict_json
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
-from morphofold.results.summary import CURE, measures_of
+from morphofold.results.summary import CURE, check_size, measures_of, sized_map, surfaces_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 
+UNMOVED = ("inflated",)  # surfaces that are nowhere
 SIDES = {"lh": "L", "rh": "R"}
 MAPS = {  # a map's name -> the end of its file's name
     "H": "curv", "cortical_thickness": "thickness", "gyral_thickness": "desc-gyral_thickness", "area": "area",
@@ -51,15 +52,12 @@ class Place:
 def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
     """Surfaces, maps, regions, mask and graph; beside all but surfaces and graph a JSON file that says what it is."""
     cortex, place = m.cortex, Place(anat, subject, m.cortex.hemi)
-    for kind, surface in (("white", cortex.white), ("pial", cortex.pial)):
-        there = surface
-        if cortex.transform is not None:
-            there = Surface(moved(surface.verts, cortex.transform), surface.faces, surface.name)
-        write_gifti_surface(
-            place.file(f"{kind}.surf.gii"), there, cortex.hemi, scanner=cortex.transform is not None
-        )
-    if cortex.inflated is not None:
-        write_gifti_surface(place.file("inflated.surf.gii"), replace(cortex.inflated, geometry=None), cortex.hemi)
+    for kind, surface in surfaces_of(cortex).items():
+        to_scanner = None if kind in UNMOVED else cortex.transform
+        verts = surface.verts if to_scanner is None else moved(surface.verts, to_scanner)
+        footer = None if kind in UNMOVED or to_scanner is not None else surface.geometry
+        there = replace(surface, verts=verts, geometry=footer)
+        write_gifti_surface(place.file(f"{kind}.surf.gii"), there, cortex.hemi, scanner=to_scanner is not None)
     for name, values in m.maps.items():
         label, unit = (CURV, "1/mm") if name == "H" else (quantity(name).label, in_bids_letters(quantity(name).unit))
         values = flip_curvature_sign(values) if name == "H" else values
@@ -96,25 +94,17 @@ def read_hemisphere(
 
     def surface(kind: str) -> Surface:
         found = read_surface(place.file(f"{kind}.surf.gii"))
-        verts = found.verts if back is None or kind == "inflated" else moved(found.verts, back)
+        verts = found.verts if back is None or kind in UNMOVED else moved(found.verts, back)
         return Surface(verts, found.faces, f"{place.hemi}.{kind}")
 
-    white, regions, mask = surface("white"), None, None
-    n = len(white.verts)
-    if entry["annotation"] is not None:
-        regions = _read_regions(place.file(f"{_regions_end(entry['annotation'])}.label.gii"), n, entry["annotation"])
-    if entry["cortex_label"]:
-        mask = _read_regions(place.file("desc-cortex_mask.label.gii"), n, "cortex").labels == 0
-    maps = {name: _read_map(place.file(f"{_map_end(name)}.shape.gii"), n) for name in entry["maps"]}
-    maps |= {"H": flip_curvature_sign(maps["H"])} if "H" in maps else {}
     found = measures_of(
-        entry, tables, white, surface("pial"),
-        inflated=surface("inflated") if entry["inflated"] else None,
-        cortex=mask,
-        regions=regions,
-        came_with={name: _read_map(place.file(f"{_input_end(name)}.shape.gii"), n) for name in entry["came_with"]},
-        maps=maps,
-        graph=_moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back) if entry.get("graph") else None,
+        entry, tables,
+        surface=surface,
+        mask=lambda n: _read_regions(place.file("desc-cortex_mask.label.gii"), n, "cortex").labels == 0,
+        regions=lambda name, n: _read_regions(place.file(f"{_regions_end(name)}.label.gii"), n, name),
+        came_with=lambda name, n: sized_map(place.file(f"{_input_end(name)}.shape.gii"), n),
+        map_of=lambda name, n: _read_map(place, name, n),
+        graph=lambda n: _moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back),
     )  # fmt: skip
     return replace(found, hinges=moved_rows(found.hinges, back))
 
@@ -123,8 +113,7 @@ def read_pial(anat: Path, subject: str, hemi: str, name: str) -> tuple[Surface, 
     """The pial surface as it was written, and the map ``name`` on it if there is one."""
     place = Place(anat, subject, hemi)
     pial, path = read_surface(place.file("pial.surf.gii")), place.file(f"{_map_end(name)}.shape.gii")
-    values = _read_map(path, len(pial.verts)) if path.is_file() else None
-    return pial, flip_curvature_sign(values) if name == "H" and values is not None else values
+    return pial, _read_map(place, name, len(pial.verts)) if path.is_file() else None
 
 
 # elsewhere --------------------------------------------------------------------------------------------------
@@ -196,10 +185,10 @@ def _write_map(place: Place, end: str, values: PerVertex, **said: Any) -> None:
     place.say(end, **said)
 
 
-def _read_map(path: Path, n: int) -> PerVertex:
-    values = read_morph(path)
-    _check_size(path, values, n)
-    return values
+def _read_map(place: Place, name: str, n: int) -> PerVertex:
+    """A map that was measured, convex positive."""
+    values = sized_map(place.file(f"{_map_end(name)}.shape.gii"), n)
+    return flip_curvature_sign(values) if name == "H" else values
 
 
 def _write_regions(place: Place, regions: Regions, on: str) -> None:
@@ -216,10 +205,5 @@ def _write_regions(place: Place, regions: Regions, on: str) -> None:
 
 def _read_regions(path: Path, n: int, name: str) -> Regions:
     regions = read_gifti_regions(path, name)
-    _check_size(path, regions.labels, n)
+    check_size(path, regions.labels, n)
     return regions
-
-
-def _check_size(path: Path, values: np.ndarray, n: int) -> None:
-    if values.shape != (n,):
-        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")

@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from morphofold.analysis.graph.crest_net import GyralScales
 from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
 CURE = "Analyze anew."
+ARRAYS = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
@@ -51,7 +51,7 @@ class Node(Record):
     degree: Count
     cut: bool
     persistence: Number | None
-    confidence: Number | None = None                                    # older graphs have none
+    confidence: Number | None
 
 
 class Edge(Record):
@@ -133,26 +133,17 @@ def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
     names = GyralScales.__dataclass_fields__
     graph: nx.MultiGraph = nx.MultiGraph(
         scales=None if scales is None else GyralScales(**{name: float(scales[name]) for name in names}),
-        surface=head["surface"], edge=float(head["edge"]), wavelength=_number(head["wavelength"]),
+        surface=head["surface"], edge=float(head["edge"]),
+        wavelength=np.nan if head["wavelength"] is None else float(head["wavelength"]),
     )  # fmt: skip
     for node in content["nodes"]:
-        graph.add_node(
-            node["id"], position=_array(node["position"]), vertex=node["vertex"], degree=node["degree"],
-            cut=node["cut"], normal=_array(node["normal"]), persistence=_number(node["persistence"]),
-            confidence=_number(node.get("confidence")),                 # older graphs have none
-        )  # fmt: skip
+        graph.add_node(node["id"], **_read(node, Node, without=("id",)))
     for edge in content["edges"]:
-        graph.add_edge(
-            edge["source"], edge["target"], polyline=_array(edge["polyline"]),
-            vertices=np.array(edge["vertices"], dtype=np.int64), blind=edge["blind"], number=edge["number"],
-            **{key: float(edge[key]) for key in ("length", "altitude", "lowest", "strength", "curvature")},
-        )  # fmt: skip
+        graph.add_edge(edge["source"], edge["target"], **_read(edge, Edge, without=("source", "target")))
     return graph
 
 
-def _array(values: Any) -> NDArray[Any]:
-    return np.array(values, dtype=np.float64)
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
+def _read(data: Mapping[str, Any], record: type[Record], *, without: tuple[str, ...]) -> dict[str, Any]:
+    """What a node or an edge has: lists as arrays, null as NaN."""
+    kept = {name: np.nan if data[name] is None else data[name] for name in record.model_fields if name not in without}
+    return {name: np.array(value, ARRAYS[name]) if name in ARRAYS else value for name, value in kept.items()}

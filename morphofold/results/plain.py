@@ -14,7 +14,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.forecasts.analysis_cost import WRITING, cost_of_analysis
+from morphofold.forecasts.analysis_cost import WRITING
 from morphofold.io import (
     atomic_folder,
     read_annotation,
@@ -27,7 +27,7 @@ from morphofold.io import (
     write_surface,
 )
 from morphofold.io.json_files import file_word, read_json
-from morphofold.provenance import digests, strict_json
+from morphofold.provenance import digests
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.summary import (
     COLUMNS,
@@ -40,7 +40,10 @@ from morphofold.results.summary import (
     measures_of,
     read_tables,
     scalar_rows,
+    sized_map,
     summary_of,
+    surfaces_of,
+    write_summary,
 )
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
@@ -126,23 +129,18 @@ def write_analysis(
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
         said = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
-        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
-        if report:
-            grown = [Measures(cortex, {}, {}) for cortex in stages]
-            report(measures, folder / "report.html", failed=failed or {}, inputs=records, stages=grown, clock=clock)
-        if clock is not None:
-            cost = cost_of_analysis(measures, clock)
-            (folder / "cost.json").write_text(strict_json(cost.as_dict()), encoding="utf-8")
+        write_summary(
+            measures, said, folder / "summary.json", page=folder / "report.html", cost=folder / "cost.json",
+            report=report, stages=stages, clock=clock,
+        )  # fmt: skip
     return Path(out)
 
 
 def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
     """Surfaces, labels, maps and net of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
-    write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
-    write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
-    if cortex.inflated is not None:
-        write_surface(folder / "surf" / f"{hemi}.inflated", cortex.inflated)
+    for kind, surface in surfaces_of(cortex).items():
+        write_surface(folder / "surf" / f"{hemi}.{kind}", surface)
     for name, values in cortex.maps.items():
         write_morph(folder / "surf" / f"{hemi}.{file_word(name)}", values, nan=0.0)
     if cortex.regions is not None or cortex.cortex is not None:
@@ -152,10 +150,10 @@ def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
     if cortex.cortex is not None:
         _write_label(folder / "label" / f"{hemi}.cortex.label", cortex)
     for name, values in m.maps.items():
-        write_morph(folder / "maps" / f"{hemi}.{file_word(name)}", values, nan=0.0)
-        write_gifti_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", values, nan=np.nan, hemi=hemi)
-        if mgh:
-            write_morph(folder / "maps" / f"{hemi}.{file_word(name)}.mgh", values, nan=0.0)
+        path = folder / "maps" / f"{hemi}.{file_word(name)}"
+        write_gifti_map(Path(f"{path}.shape.gii"), values, nan=np.nan, hemi=hemi)
+        for end in ("", ".mgh") if mgh else ("",):
+            write_morph(Path(f"{path}{end}"), values, nan=0.0)
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)
@@ -177,25 +175,13 @@ def read_plain(folder: Path) -> list[Measures]:
 
 
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
-    hemi, surf, label = entry["hemi"], folder / "surf", folder / "label"
-    white, pial = (read_surface(surf / f"{hemi}.{name}") for name in ("white", "pial"))
-    n, regions = len(white.verts), None
-    if entry["annotation"] is not None:
-        regions = read_annotation(label / f"{hemi}.{file_word(entry['annotation'])}.annot")
+    hemi = entry["hemi"]
     return measures_of(
-        entry, tables, white, pial,
-        inflated=read_surface(surf / f"{hemi}.inflated") if entry["inflated"] else None,
-        cortex=read_label(label / f"{hemi}.cortex.label", n) if entry["cortex_label"] else None,
-        regions=regions,
-        came_with={name: read_morph(surf / f"{hemi}.{file_word(name)}") for name in entry["came_with"]},
-        maps={name: sized_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n) for name in entry["maps"]},
-        graph=read_graph(folder / "graph" / f"{hemi}.json", n) if entry.get("graph") else None,
+        entry, tables,
+        surface=lambda kind: read_surface(folder / "surf" / f"{hemi}.{kind}"),
+        mask=lambda n: read_label(folder / "label" / f"{hemi}.cortex.label", n),
+        regions=lambda name, n: read_annotation(folder / "label" / f"{hemi}.{file_word(name)}.annot"),
+        came_with=lambda name, n: read_morph(folder / "surf" / f"{hemi}.{file_word(name)}"),
+        map_of=lambda name, n: sized_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n),
+        graph=lambda n: read_graph(folder / "graph" / f"{hemi}.json", n),
     )  # fmt: skip
-
-
-def sized_map(path: Path, n: int) -> np.ndarray:
-    """A map that must have ``n`` values."""
-    values = read_morph(path)
-    if values.shape != (n,):
-        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
-    return values

@@ -13,8 +13,8 @@ from morphofold.io.json_files import file_word, read_json
 from morphofold.provenance import changed_since, records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
-from morphofold.results.plain import read_plain, sized_map
-from morphofold.results.summary import CURE, Summary
+from morphofold.results.plain import read_plain
+from morphofold.results.summary import CURE, Summary, sized_map
 from morphofold.surface import Cortex, PerVertex, Surface
 
 

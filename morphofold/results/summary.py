@@ -5,22 +5,26 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.forecasts.analysis_cost import cost_of_analysis
+from morphofold.io import read_morph
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
-from morphofold.provenance import records_as_read
+from morphofold.provenance import records_as_read, strict_json
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
 from morphofold.tables import read_table
 
 if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
+
+    from morphofold.timing import Stages
 
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 Page = Callable[..., object]
@@ -42,7 +46,6 @@ COLUMNS = {
 }  # fmt: skip
 RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not measured here
 SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
-OLDEST = {"regions": 9, "crests": 9, "hinges": 10, "arms": 7}           # first columns, which all versions wrote
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
 SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
@@ -83,7 +86,7 @@ class SurfaceSummary(SurfaceRecord):
     came_with: list[FileWord]
     inflated: bool
     cortex_label: bool
-    graph: bool = False
+    graph: bool
     annotation: FileWord | None
     files: list[str]
 
@@ -102,7 +105,7 @@ class Summary(Record):
     morphofold: str
     inputs: list[InputRecord]
     parameters: dict[str, Any]
-    rows: dict[str, Count] = {}                                         # older ones say none
+    rows: dict[str, Count]
     written: dict[str, str] = {}        # digests of surfaces, maps and tables, of the plain layout
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
@@ -153,6 +156,19 @@ def summary_of(
     }  # fmt: skip
 
 
+def write_summary(
+    measures: Sequence[Measures], said: Mapping[str, Any], path: Path, *, page: Path, cost: Path,
+    report: Page | Literal[False], stages: Sequence[Cortex], clock: Stages | None,
+) -> None:  # fmt: skip
+    """The last files of an analysis: its summary, the page if one is drawn, the cost if a clock went along."""
+    path.write_text(strict_json(said), encoding="utf-8")
+    if report:
+        grown = [Measures(cortex, {}, {}) for cortex in stages]
+        report(measures, page, failed=said["failed"], inputs=said["inputs"], stages=grown, clock=clock)
+    if clock is not None:
+        cost.write_text(strict_json(cost_of_analysis(measures, clock).as_dict()), encoding="utf-8")
+
+
 def scalar_rows(measures: Sequence[Measures]) -> list[dict[str, Any]]:
     """Rows of the table of scalars, one for each hemisphere."""
     return [
@@ -175,11 +191,11 @@ def _entry(m: Measures) -> dict[str, Any]:
 
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
-    """The tables of an analysis by their names, each with as many rows as its summary says; older ones say nothing."""
-    counts, tables = summary.get("rows", {}), {}
+    """The tables of an analysis by their names, each with as many rows as its summary says."""
+    tables = {}
     for name, file in files.items():
-        rows = tables[name] = read_table(file, WORDS, counts.get(name), numbers=set(COLUMNS[name]) - WORDS)
-        if rows and (missing := [column for column in COLUMNS[name][: OLDEST[name]] if column not in rows[0]]):
+        rows = tables[name] = read_table(file, WORDS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - WORDS)
+        if rows and (missing := [column for column in COLUMNS[name] if column not in rows[0]]):
             raise ValueError(f"{file}: lacks {', '.join(missing)}. {CURE}")
     return tables
 
@@ -194,28 +210,50 @@ def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def measures_of(
-    entry: Mapping[str, Any],
-    tables: Mapping[str, list[dict[str, Any]]],
-    white: Surface,
-    pial: Surface,
-    *,
-    inflated: Surface | None,
-    cortex: NDArray[np.bool_] | None,
-    regions: Regions | None,
-    came_with: Mapping[str, PerVertex],
-    maps: Mapping[str, PerVertex],
-    graph: nx.MultiGraph | None,
-) -> Measures:
-    """Measures from what the summary says of a surface, the tables of both, and what was read of its own files."""
+    entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], *, surface: Callable[[str], Surface],
+    mask: Callable[[int], NDArray[np.bool_]], regions: Callable[[str, int], Regions],
+    came_with: Callable[[str, int], PerVertex], map_of: Callable[[str, int], PerVertex],
+    graph: Callable[[int], nx.MultiGraph],
+) -> Measures:  # fmt: skip
+    """Measures from what the summary says of a surface, the tables of both, and its own files.
+
+    The callables read those of one layout, from the name of a surface, map or annotation and the number of vertices.
+    """
+    white, pial = surface("white"), surface("pial")
+    n = len(white.verts)
     own = {name: [row for row in rows if row["hemi"] == entry["hemi"]] for name, rows in tables.items()}
     return Measures(
         Cortex(
-            white, pial, entry["hemi"], str(entry["name"]), came_with, cortex, regions, inflated,
+            white, pial, entry["hemi"], str(entry["name"]),
+            {name: came_with(name, n) for name in entry["came_with"]},
+            mask(n) if entry["cortex_label"] else None,
+            None if entry["annotation"] is None else regions(entry["annotation"], n),
+            surface("inflated") if entry["inflated"] else None,
             origin=str(entry["origin"]), units=str(entry["units"]),
             transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
             portion=float(entry["portion"]), info=dict(entry["info"]), files=tuple(map(str, entry["files"])),
             inputs=tuple(entry["inputs"]),
         ),
-        dict(entry["measures"]), maps, own["regions"], own["crests"], own["hinges"], own["arms"],
-        parameters=dict(entry["parameters"]), notes=dict(entry["notes"]), graph=graph,
+        dict(entry["measures"]), {name: map_of(name, n) for name in entry["maps"]},
+        own["regions"], own["crests"], own["hinges"], own["arms"], parameters=dict(entry["parameters"]),
+        notes=dict(entry["notes"]), graph=graph(n) if entry["graph"] else None,
     )  # fmt: skip
+
+
+def sized_map(path: Path, n: int) -> PerVertex:
+    """A map that must have ``n`` values."""
+    values = read_morph(path)
+    check_size(path, values, n)
+    return values
+
+
+def surfaces_of(cortex: Cortex) -> dict[str, Surface]:
+    """The surfaces that a cortex has, by the names of their files."""
+    kinds = {"white": cortex.white, "pial": cortex.pial, "inflated": cortex.inflated}
+    return {kind: surface for kind, surface in kinds.items() if surface is not None}
+
+
+def check_size(path: Path, values: NDArray[Any], n: int) -> None:
+    """Raise ``ValueError`` unless a file has a value for each vertex."""
+    if values.shape != (n,):
+        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")

@@ -20,7 +20,8 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.side_by_side import cautions, numbers, plot_notes, theory_lines
+from morphofold.comparison.remarks import cautions, plot_notes
+from morphofold.comparison.side_by_side import numbers, theory_lines
 from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds
 from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.geometry import vertex_areas

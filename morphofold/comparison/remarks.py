@@ -1,0 +1,79 @@
+"""What a reader of a comparison should know: what was left out of it, and which options differ between surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from morphofold.analysis.measures import Measures
+from morphofold.comparison.thickness import Cloud
+from morphofold.words import listed, number
+
+
+def _mm(length: Any) -> str:
+    return f"{number(float(length), 2)} mm"
+
+
+#: parameters that make numbers differ: how a value is said, and the sentence with all values and who has them
+CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
+    "curvature_scale_mm": (
+        _mm, "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care."),
+    "cortical_thickness_cap_mm": (
+        lambda mm: f"at {mm:g} mm" if mm else "nowhere",
+        "Cortical thickness was capped {}; compare thick cortex with care."),
+    "graph_width_mm": (
+        _mm, "Hinges are those of nets at a gyral width of {}; compare them per square of that width."),
+    "accuracy": (
+        str, "Accuracy was {}; hinges and local gyrification hang on it where meshes are coarse."),
+    "cortex_mask": (
+        lambda mask: f"by '{mask}'",
+        "Cortex was marked out {}; means where nothing marks the medial wall may count it as cortex."),
+}  # fmt: skip
+
+
+def cautions(named: Mapping[str, Measures]) -> list[str]:
+    """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
+    said = []
+    for key, (words, sentence) in CAUTIONS.items():
+        found: dict[str, list[str]] = {}
+        for name, m in named.items():
+            if key in m.parameters:
+                found.setdefault(words(m.parameters[key]), []).append(name)
+        if len(found) > 1:
+            said.append(sentence.format(listed([f"{value} on {listed(names)}" for value, names in found.items()])))
+    return said
+
+
+def notes(named: Mapping[str, Measures]) -> list[str]:
+    """What was left out of the numbers, and why."""
+    return [
+        f"{name}: {what} ({why})"
+        for name, m in named.items()
+        for what, why in sorted(m.notes.items())
+        if m.scalars.get(what) is None
+    ]
+
+
+def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+    """What a reader should know of the points of each surface in the plot of gyral against cortical thickness."""
+    plotted = list(zip(named, named.values(), clouds))
+    said = [
+        f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two."
+        for name, _, cloud in plotted if not cloud.points
+    ]  # fmt: skip
+    if crests := [name for name, m, cloud in plotted if cloud.kind == "crest" and m.regions]:
+        said.append(
+            f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
+            "All measures."
+        )
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        said.append(
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
+            "as further evidence: they are too narrow, and too small."
+        )
+    if whole := [name for name, _, cloud in plotted if cloud.kind == "whole" and cloud.points]:
+        said.append(
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "stand for the surface."
+        )
+    return said
