@@ -10,8 +10,6 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from morphofold.io import sample_path
-from morphofold.io.files import existing_file
 from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.run_files import ANEW
@@ -66,15 +64,8 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
         return {}
     if not isinstance(scene.geometry, MeshFile):
         return {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
-    name = scene.geometry.file
-    path = Path(name)
-    if not path.exists():                                               # then the name of a sample, if anything
-        try:
-            path = sample_path(name)
-        except FileNotFoundError:
-            path = Path(name)
-    path = existing_file(path, "tetrahedral mesh")
-    return {"geometry.file": {"file": name, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
+    path = scene.geometry.path()
+    return {"geometry.file": {"file": scene.geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
