@@ -156,6 +156,12 @@ class Body:
         self.elements.compute_forces(x)
         return self.elements.blocks.nodal_forces() - self.rest
 
+    def all_forces(self, x: Array) -> Array:
+        """:meth:`forces`, and those of the surface filter."""
+        forces = self.forces(x)
+        forces[: self.n_surface] += self.filter.forces(x)
+        return forces
+
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and from them the nodal mass."""
         self.mass = self.elements.measure(x)

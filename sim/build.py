@@ -21,8 +21,9 @@ def build_bilayer(scene: Scene) -> Bilayer:
         if geometry.thickness_spots:
             spots = [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
             thickness = lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)
-        share = geometry.hole_share if isinstance(geometry, Ellipsoid) else geometry.hole_radius / geometry.radius
-        return bilayer_ellipsoid(geometry.semi_axes, thickness, share, geometry.portion, scene.cells, layers)
+        return bilayer_ellipsoid(
+            geometry.semi_axes, thickness, geometry.hole_share, geometry.portion, scene.cells, layers
+        )
     if isinstance(geometry, Patch):
         return bilayer_patch(geometry.size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
     if isinstance(geometry, Strip):

@@ -30,12 +30,11 @@ QUADRATURE = 64         # Gauss points in each layer for the energy
 class RadialRun:
     """One run of a scene whose shape is radial."""
 
-    def __init__(
-        self, scene: Scene, writer: FolderWriter, progress: Progress,
-        interrupted: Callable[[], bool],
-    ):  # fmt: skip
+    def __init__(self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool]):
         self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted
-        self._geometry = cast(Radial, scene.geometry)
+        self._geometry = geometry = cast(Radial, scene.geometry)
+        self._A = geometry.hole_radius / geometry.radius                # radii over that of the sphere, as in the paper
+        self._B = 1 - geometry.cortex_thickness / geometry.radius
         self._effects = build_effects(scene)
         self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)       # that of core growth, if any
 
@@ -75,7 +74,7 @@ class RadialRun:
         geometry, material = self._geometry, self._scene.material
         return radial_equilibrium(
             g, geometry.cortex_thickness / geometry.radius, material.mu_ratio, self._scene.growth.law,
-            material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius, g_core=self._core(g),
+            material.kappa_ratio, A_over_C=self._A, g_core=self._core(g),
         )  # fmt: skip
 
     def _core(self, g: float) -> float:
@@ -85,7 +84,7 @@ class RadialRun:
         """What the health of a stage says, of a sphere: in units of mm and of the core's shear modulus."""
         radius = self._geometry.radius
         white, pial = self._radii(state)
-        grown = 1 - (1 - self._geometry.cortex_thickness / radius) ** 3
+        grown = 1 - self._B**3
         grown *= det_G(g, self._scene.growth.law) * radius**3
         return {
             "strain_energy": self._energy(state, g),
@@ -103,8 +102,7 @@ class RadialRun:
 
     def _radii(self, state: RadialState) -> tuple[float, float]:
         """Deformed radii of the white and the pial surface [mm]."""
-        B = 1 - self._geometry.cortex_thickness / self._geometry.radius
-        white, pial = self._geometry.radius * state.at([B, 1.0], "cortex").r
+        white, pial = self._geometry.radius * state.at([self._B, 1.0], "cortex").r
         return float(white), float(pial)
 
     def _energy(self, state: RadialState, g: float) -> float:
@@ -124,9 +122,7 @@ class RadialRun:
 
     def _ends(self, layer: str) -> tuple[float, float]:
         """Inner and outer radius of a layer over that of the sphere."""
-        geometry = self._geometry
-        B = 1 - geometry.cortex_thickness / geometry.radius
-        return (geometry.hole_radius / geometry.radius, B) if layer == "core" else (B, 1.0)
+        return (self._A, self._B) if layer == "core" else (self._B, 1.0)
 
     def _write_stage(self, g: float, state: RadialState, numbers: dict[str, Any]) -> None:
         verts, faces = icosphere(SPHERE_LEVEL)

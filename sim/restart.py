@@ -13,7 +13,9 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.io.files import decoding, existing_file
 from morphofold.provenance import sha256_of
-from morphofold.sim.output.folder_check import begun_with, read_stage, scene_digest, stage_folder
+from morphofold.sim.output.inputs import begun_with, scene_digest
+from morphofold.sim.output.run_files import stage_folder
+from morphofold.sim.output.stages import read_stage
 from morphofold.sim.output.volume import VOLUME, read_volume, stages_with_volume
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.files import load_scene

@@ -18,17 +18,11 @@ from morphofold.io.locks import alone
 from morphofold.progress import Progress, silent
 from morphofold.sim.effects import own_effects
 from morphofold.sim.interrupt import deferred_interrupt
+from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_arrays, read_log
 from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
-from morphofold.sim.output.folder_check import (
-    ANEW,
-    as_bytes,
-    as_lines,
-    check_reached,
-    read_arrays,
-    read_log,
-    scene_digest,
-    written_stages,
-)
+from morphofold.sim.output.inputs import scene_digest, written_stages
+from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.output.stages import check_reached
 from morphofold.sim.output.volume import write_series, write_volume
 from morphofold.sim.restart import check_mesh, restart_of, state_of
 from morphofold.sim.scene import Radial, Scene, Strip

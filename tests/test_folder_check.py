@@ -15,7 +15,8 @@ from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
 from morphofold.io.locks import LOCK, alone
-from morphofold.sim.output.folder_check import clear_run, files_of_run, is_temporary, read_arrays, sweep
+from morphofold.sim.output.checkpoint import read_arrays
+from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
 from morphofold.simulation import simulate
 
 TINY = [

@@ -13,7 +13,7 @@ from morphofold.cli import main
 from morphofold.forecasts.richardson import estimate_error
 from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
-from morphofold.sim.output.folder_check import scene_digest
+from morphofold.sim.output.inputs import scene_digest
 from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
 

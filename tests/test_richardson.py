@@ -19,7 +19,7 @@ from morphofold.forecasts.table import STUDIED, called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import NEAR, UnstableError
-from morphofold.sim.output.folder_check import is_temporary
+from morphofold.sim.output.run_files import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface

@@ -12,7 +12,7 @@ import pytest
 import morphofold as mf
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLOW
-from morphofold.sim.output.folder_check import as_bytes, as_lines
+from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
 from morphofold.timing import peak_memory

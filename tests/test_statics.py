@@ -11,7 +11,7 @@ from test_tangent import make_body, split
 
 from morphofold.sim import theory
 from morphofold.sim.body import Body
-from morphofold.sim.equilibrium import statics
+from morphofold.sim.equilibrium import path, statics
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh import bilayer as shapes
 from morphofold.sim.mesh.bilayer import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
@@ -105,7 +105,7 @@ def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
     apart = []
     for n in (4, 8):
         body = make_body(n=n)
-        even = statics._Path(body, body.X, statics._levels(body)).grown(1.1).x
+        even = path.Equilibrium(body, body.X, path.even_levels(body)).grown(1.1).x
         apart.append(np.sqrt(np.mean((even - statics.equilibrium(body, 1.1)) ** 2)))
     assert apart[1] < 0.4 * apart[0] < 0.01                             # of 1.7 mm that the surface moves
 
@@ -121,18 +121,18 @@ def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
 )
 def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even):
     body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    levels = statics._levels(body)
+    levels = path.even_levels(body)
     assert (levels is not None) == even
     if even:
         assert levels.shape[1] * body.n_surface == len(body.X)
     body.pattern = np.linspace(0, 1, body.elements.n_cortex)            # regional growth
-    assert statics._levels(body) is None
+    assert path.even_levels(body) is None
 
 
 def test_a_path_that_ends_carries_its_last_state(monkeypatch):
     body = patch()
     x = statics.equilibrium(body, 1.1)
-    monkeypatch.setattr(statics, "ITERATIONS", 0)
+    monkeypatch.setattr(path, "ITERATIONS", 0)
     with pytest.raises(statics.ConvergenceError, match=r"beyond g = 1\.1: Newton's method has not converged") as caught:
         statics.equilibrium(body, 1.2, x)
     assert caught.value.growth == body.growth == 1.1
@@ -141,7 +141,7 @@ def test_a_path_that_ends_carries_its_last_state(monkeypatch):
 
 def test_increments_shrink_where_newton_fails(monkeypatch):
     body, sizes = patch(size=(1.0, 1.0)), []
-    once = statics._Path._newton
+    once = path.Equilibrium._newton
 
     def reluctant(self, x):
         sizes.append(self.growth - self._before[0])
@@ -150,7 +150,7 @@ def test_increments_shrink_where_newton_fails(monkeypatch):
         return once(self, x)
 
     want = statics.equilibrium(body, 1.2)
-    monkeypatch.setattr(statics._Path, "_newton", reluctant)
+    monkeypatch.setattr(path.Equilibrium, "_newton", reluctant)
     np.testing.assert_allclose(statics.equilibrium(body, 1.2), want, atol=1e-8)
     assert sizes[:3] == pytest.approx([0.2, 0.1, 0.05])
 
@@ -162,7 +162,7 @@ def test_increments_shrink_where_newton_fails(monkeypatch):
 def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, length, stable):
     """Far beyond the onset there are many negative eigenvalues, and those next to zero are not the lowest."""
     body = patch(mu_ratio=1.0, size=(length, 0.5))
-    x = statics._Path(body, body.X, statics._levels(body)).grown(g).x
+    x = path.Equilibrium(body, body.X, path.even_levels(body)).grown(g).x
     found = statics.stability(body, x)
     rows = np.flatnonzero(body.free)
     K = Tangent(body).at(x).toarray()[np.ix_(rows, rows)]
@@ -276,12 +276,12 @@ def test_each_state_that_was_looked_at_is_told_in_turn():
 @pytest.mark.filterwarnings("error")
 def test_a_newton_step_into_nonsense_is_halved_without_a_word(monkeypatch):
     body = patch(size=(1.0, 1.0))
-    want, once, far = statics.equilibrium(body, 1.1), statics._Path._solve, [1e200]
+    want, once, far = statics.equilibrium(body, 1.1), path.Equilibrium._solve, [1e200]
 
     def solve(self, stiffness, b):
         return (far.pop() if far else 1.0) * once(self, stiffness, b)
 
-    monkeypatch.setattr(statics._Path, "_solve", solve)
+    monkeypatch.setattr(path.Equilibrium, "_solve", solve)
     np.testing.assert_allclose(statics.equilibrium(body, 1.1), want, atol=1e-8)
     assert not far
 

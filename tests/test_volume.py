@@ -10,7 +10,7 @@ import pyvista
 from made_simulations import Stop
 
 from morphofold.cli import main
-from morphofold.sim.output.folder_check import clear_run, files_of_run
+from morphofold.sim.output.run_files import clear_run, files_of_run
 from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
 

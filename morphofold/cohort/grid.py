@@ -15,7 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.sim.output.folder_check import inputs_of
+from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene, toml_value

@@ -20,7 +20,7 @@ from morphofold.cohort.tables import TidyWriter, read_results, refuse_changed, w
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
 from morphofold.progress import Progress, silent
-from morphofold.sim.output.folder_check import read_health
+from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.sim.scene.geometries import Geometry
 from morphofold.tables import write_table

@@ -11,7 +11,8 @@ from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
 from morphofold.results.summary import Page
-from morphofold.sim.output.folder_check import clear_run, files_of_run, inputs_of
+from morphofold.sim.output.inputs import inputs_of
+from morphofold.sim.output.run_files import clear_run, files_of_run
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere
 from morphofold.sim.scene.files import to_toml
 from morphofold.words import in_one_line

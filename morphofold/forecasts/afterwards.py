@@ -113,7 +113,7 @@ def _counted(effect: str) -> str:
 
 def cost_beside(stage: Path) -> Cost | None:
     """Cost of the run that wrote a ``stage.json``; None if its folder is not whole, or isn't there any more."""
-    from morphofold.sim.output.folder_check import read_health
+    from morphofold.sim.output.stages import read_health
     from morphofold.sim.scene.files import load_scene
 
     folder = stage.parent.parent.parent

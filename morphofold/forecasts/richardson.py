@@ -193,7 +193,8 @@ def estimate_error(
     """
     from morphofold.io.locks import alone
     from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.output.folder_check import begun_with, sweep
+    from morphofold.sim.output.inputs import begun_with
+    from morphofold.sim.output.run_files import sweep
     from morphofold.sim.run import Simulation, simulate
 
     check_kind(run, Simulation, "estimate_error: run")

@@ -81,9 +81,9 @@ def grown_volume(scene: Scene, axes: Array) -> float:
     core = scene.effects["core_growth"].final if "core_growth" in scene.effects else 1.0
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Ellipsoid)
-    hollow = geometry.hole_share if isinstance(geometry, Ellipsoid) else geometry.hole_radius / geometry.radius
+    hollow = geometry.hole_share**3 * whole
     swelling = volume(scene.growth.final, scene.growth.law)
-    return float(swelling * (whole - inside) + core**3 * (inside - hollow**3 * whole) + hollow**3 * whole)
+    return float(swelling * (whole - inside) + core**3 * (inside - hollow) + hollow)
 
 
 class Enclosure(Effect):

@@ -142,7 +142,7 @@ def softest(body: Body) -> float:
             for k, field in enumerate(mine):
                 step = np.zeros_like(X)
                 step[:, r] = SMALL * size * field
-                pull = (_forces(body, X - step) - _forces(body, X + step)) / (2 * SMALL * size)
+                pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * SMALL * size)
                 K[10 * r + k] = (fields @ (pull * free)).T.ravel()
         body.grow(1.0 + SMALL)
         load = (fields @ (body.forces(X) * free)).T.ravel() / SMALL
@@ -157,13 +157,6 @@ def softest(body: Body) -> float:
     if growth == 1:
         body.find_rest()
     return float(np.min(w2 * body.crossing**2, where=bends, initial=np.inf))
-
-
-def _forces(body: Body, x: Array) -> Array:
-    """Of elements and surface filter (N, 3)."""
-    forces = body.forces(x)
-    forces[: body.n_surface] += body.filter.forces(x)
-    return forces
 
 
 @njit(cache=True)

@@ -5,6 +5,22 @@ eliminated after both halves. Eliminating a set of nodes is then work on one den
 runs at the speed of LAPACK (Duff and Reid 1983, ACM TOMS 9, 302; George 1973, SIAM J. Numer. Anal. 10, 345). Fronts
 that are positive definite take Cholesky's factor, others the one of Bunch and Kaufman; the negative eigenvalues of the
 whole are those of all fronts together (Sylvester, Haynsworth).
+
+scipy's ``splu`` would do it, too: with ``permc_spec="MMD_AT_PLUS_A"``, ``diag_pivot_thresh=0`` and ``SymmetricMode``
+its pivots stay on the diagonal, and the negative ones of U count the same. But nothing tells it where the nodes are,
+nor that L is U's transpose. Seconds of one thread for a plan and a factor here, and for ``splu``, and memory [MB]:
+
+==============================  ======  ============  =====  ===========  ==============
+matrix of the tangent           rows    plan, factor  splu   memory here  memory of splu
+==============================  ======  ============  =====  ===========  ==============
+``strip``                       8,320   0.33, 0.03    0.04   0            0
+octant of ``demo``, edge 3.5    7,992   0.20, 0.24    0.46   36           27
+octant of ``demo``              21,960  0.60, 1.33    3.10   274          256
+``patch`` at draft              34,153  0.94, 2.58    10.5   433          583
+octant of ``fig5`` at draft     69,300  2.25, 10.9    47.7   1,037        1,536
+==============================  ======  ============  =====  ===========  ==============
+
+A path of equilibria plans once. COLAMD takes 0.78 s where MMD takes 0.46.
 """
 
 from __future__ import annotations
@@ -264,5 +280,6 @@ class _Indefinite:
 
     def backward(self, y: Array, later: Array) -> Array:
         return self._solve(y) - self.X @ later
+
 
 _Pivot = _Definite | _Indefinite

@@ -10,63 +10,25 @@ smooth path by itself: Newton's method follows it, stable or not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
 from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
-from morphofold.sim.equilibrium.tangent import Tangent
+from morphofold.sim.equilibrium.path import EVEN, ConvergenceError, Equilibrium, Stability, even_levels
 from morphofold.sim.scene import Scene, in_double
-from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
+
+__all__ = [
+    "BodyBifurcation", "ConvergenceError", "Look", "Stability", "bifurcation_of_body", "bifurcation_of_scene",
+    "equilibrium", "stability",
+]  # fmt: skip
 
 Look = Callable[[float, float], None]
 
-SMALLEST = 1e-4         # increment of growth at which to give up
-FURTHEST = 5.0          # extrapolation of the path, over the last increment
-CLOSE = 1e-6            # change of position, over the surface edge, that counts as none: the next is its square
-TOLERANCE = 1e-8        # of linear solves, relative
-PATIENCE = 30           # iterations of such a solve with an old factor, before a new one is made
-ITERATIONS = 15         # of Newton's method
-HALVINGS = 6            # of a Newton step
-ROUND_OFF = 1e-13       # of forces, over the largest of any element
-MODES = 12              # eigenvalues to look for at most
 PRECISION = 1e-5        # of the critical growth
-EVEN = 1e-9             # unevenness of a level, over the surface edge, or of radii, that is round-off
 NEAR = 2e-3             # distance to the critical growth within which a line is good enough
-
-
-class ConvergenceError(NoState):
-    """No equilibrium was found; ``x`` (N, 3) and ``growth`` are the last one."""
-
-    def __init__(self, message: str, x: Array, growth: float):
-        super().__init__(message)
-        self.x, self.growth = x, growth
-
-
-@dataclass(frozen=True)
-class Stability:
-    """How stable an equilibrium is.
-
-    Attributes
-    ----------
-    eigenvalue : float
-        Lowest eigenvalue of the stiffness over the nodal volumes of the reference body [Pa/mm^2]: the mesh does not
-        enter its unit. Its sign does not depend on the volumes. NaN if more than ten are negative.
-    mode : (N, 3) float64
-        Its displacement, the largest of a node 1.
-    negative : int
-        How many eigenvalues are negative, 0 if the equilibrium is stable.
-    """
-
-    eigenvalue: float
-    mode: Array
-    negative: int
 
 
 @dataclass(frozen=True)
@@ -124,7 +86,7 @@ def equilibrium(body: Body, g: float, x: Array | None = None) -> Array:
     if x is None:
         body.grow(1.0)
         x = body.X
-    return _Path(body, x).grown(g).x
+    return Equilibrium(body, x).grown(g).x
 
 
 def stability(body: Body, x: Array) -> Stability:
@@ -132,7 +94,7 @@ def stability(body: Body, x: Array) -> Stability:
 
     By inverse iteration on an exact factor, whose inertia gives the count of negative ones.
     """
-    return _Path(body, x).stability()
+    return Equilibrium(body, x).stability()
 
 
 def bifurcation_of_body(
@@ -177,7 +139,7 @@ def bifurcation_of_body(
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise ValueError(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
-    stable, high, g = _Path(body, body.X, _levels(body)).grown(g_min), np.inf, g_min + step
+    stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
     seen: list[tuple[float, float]] = []
     while high - stable.growth > PRECISION and stable.growth < g_max:
@@ -274,149 +236,3 @@ def _wave_number(body: Body, mode: Array) -> float:
     slope = np.einsum("tc,tci->ti", height, sides)                      # turned by a right angle, times twice the area
     square = (height**2).sum(axis=1) + height.sum(axis=1) ** 2
     return float(np.sqrt(np.sum(slope**2, axis=1) @ (1 / twice) / (twice @ square / 12)))
-
-
-def _levels(body: Body) -> sparse.csr_matrix | None:
-    """One displacement along the thickness for each level of nodes, as (3 N, levels); None where levels are not even.
-
-    They are even if all nodes of a level are alike but for a turn or a shift, on a sphere about the origin or flat, and
-    all grow alike.
-    """
-    bilayer, X = body.bilayer, body.X
-    if np.ptp(body.pattern) > 0:
-        return None
-    n, count = len(X), -(-len(X) // body.n_surface)
-    level = np.arange(n) // body.n_surface
-    height = np.einsum("ij,ij->i", X, bilayer.radial)
-    aside = np.linalg.norm(X - height[:, None] * bilayer.radial, axis=1)
-    first = height[::body.n_surface]
-    if count * body.n_surface != n or np.abs(height - first[level]).max() > EVEN * bilayer.edge:
-        return None
-    if np.ptp(bilayer.radial, axis=0).max() > EVEN and aside.max() > EVEN * bilayer.edge:
-        return None
-    return sparse.csr_matrix((bilayer.radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, count))
-
-
-class _Path:
-    """A state of a body at rest, and the way from it to others; ``levels`` as from :func:`_levels`, or None."""
-
-    def __init__(self, body: Body, x: Array, levels: sparse.csr_matrix | None = None):
-        if body.free.all():
-            raise ValueError(
-                "nothing holds the body: it floats away at no cost in energy, so its stability can't be told. Hold its "
-                "inner surface (geometry.held), or cut it by symmetry planes."
-            )
-        if body.single:
-            raise ValueError(
-                "the forces of the body are of single precision, too rough to tell a state at rest. Build it with "
-                'accuracy.precision = "double".'
-            )
-        self.body, self.x, self.growth = body, x, body.growth
-        self._before: tuple[float, Array] | None = None                 # the equilibrium that it came from
-        self._rows = np.flatnonzero(body.free)
-        self._tangent = Tangent(body)
-        self._dissection = Dissection(body.X, self._tangent.graph(), self._rows, self._stiffness(x))
-        self._factor: list[Factor] = []                                 # the last one, shared along the path
-        self._volume = np.repeat(body.nodal_volumes(), 3)[self._rows]
-        self._levels = None
-        if levels is not None:
-            moving = levels[self._rows]
-            self._levels = sparse.csr_matrix(moving[:, np.flatnonzero(moving.getnnz(axis=0))])
-
-    def grown(self, g: float) -> _Path:
-        """The equilibrium at growth ``g`` of the cortex; increments halve when Newton's method fails."""
-        here, step = self, g - self.growth
-        while here.growth != g:
-            step = np.sign(step) * min(abs(step), abs(g - here.growth))
-            try:
-                here = here._next(g if step == g - here.growth else here.growth + step)
-            except FloatingPointError as error:
-                step /= 2
-                if abs(step) < SMALLEST:
-                    self.body.grow(here.growth)
-                    raise ConvergenceError(
-                        f"no equilibrium found beyond g = {here.growth:.6g}: {error}. The smooth path may end there: "
-                        "look at the stability of the last state.",
-                        here.x, here.growth,
-                    ) from None
-        self.body.grow(g)
-        return here
-
-    def _next(self, g: float) -> _Path:
-        path = copy(self)
-        x = self.x
-        if self._before is not None and abs(g - self.growth) < FURTHEST * abs(self.growth - self._before[0]):
-            x = x + (g - self.growth) / (self.growth - self._before[0]) * (x - self._before[1])
-        path.body.grow(g)
-        path._before, path.growth = (self.growth, self.x), g
-        path.x = path._newton(x)
-        return path
-
-    def _newton(self, x: Array) -> Array:
-        residual = self._residual(x)
-        for _ in range(ITERATIONS):
-            change = np.zeros(x.shape)
-            change.ravel()[self._rows] = self._solve(self._stiffness(x), residual)
-            size = np.abs(change).max()
-            x, residual = self._damped(x, change, residual)
-            if size < CLOSE * self.body.bilayer.edge:
-                return x
-        raise FloatingPointError(f"Newton's method has not converged in {ITERATIONS} steps")
-
-    def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
-        """The first of the whole step, half of it, ... that makes the residual smaller; round-off counts as smaller."""
-        floor = ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
-        for share in 0.5 ** np.arange(HALVINGS):
-            trial = x + share * change
-            with np.errstate(over="ignore", invalid="ignore"):          # far off it is infinite, and so not smaller
-                after = self._residual(trial)
-                size = np.linalg.norm(after)
-            if size < max(np.linalg.norm(residual), floor):
-                return trial, after
-        raise FloatingPointError("no part of a Newton step brings the body closer to rest")
-
-    def _residual(self, x: Array) -> Array:
-        forces = self.body.forces(x)
-        forces[: self.body.n_surface] += self.body.filter.forces(x)
-        free = forces.ravel()[self._rows]
-        return free if self._levels is None else self._levels.T @ free
-
-    def _stiffness(self, x: Array) -> sparse.csr_matrix:
-        stiffness = self._tangent.at(x)
-        return sparse.csr_matrix(stiffness[self._rows][:, self._rows])
-
-    def _solve(self, stiffness: sparse.csr_matrix, b: Array) -> Array:
-        """By conjugate gradients with the last factor, as long as that is close enough; else with a new one.
-
-        Where levels are even the work is as good as done: their stiffness is a small matrix.
-        """
-        if self._levels is not None:
-            return self._levels @ np.linalg.solve((self._levels.T @ (stiffness @ self._levels)).toarray(), b)
-        if self._factor and not self._factor[0].negative:
-            inverse = LinearOperator(stiffness.shape, matvec=self._factor[0].solve)
-            x, failed = cg(stiffness, b, rtol=TOLERANCE, maxiter=PATIENCE, M=inverse)
-            if not failed:
-                return x
-        return self._factorise(stiffness).solve(b)
-
-    def _factorise(self, stiffness: sparse.csr_matrix) -> Factor:
-        self._factor[:] = []                                            # two would not fit a large body
-        self._factor.append(Factor(self._dissection, stiffness))
-        return self._factor[0]
-
-    def stability(self) -> Stability:
-        """Of this equilibrium."""
-        stiffness = self._stiffness(self.x)
-        factor = self._factorise(stiffness)
-        negative = min(factor.negative, MODES)                          # 1/eigenvalue is what eigsh sorts
-        values, vectors = eigsh(
-            stiffness, max(negative, 1), sparse.diags(self._volume), sigma=0.0, which="SA" if negative else "LA",
-            tol=1e-6, v0=np.cos(np.arange(len(self._rows)) ** 2.0),
-            OPinv=LinearOperator(stiffness.shape, matvec=factor.solve),
-        )  # fmt: skip
-        lowest = int(np.argmin(values))
-        eigenvalue = float(values[lowest]) if negative == factor.negative else float("nan")
-        mode = np.zeros(self.x.shape)
-        mode.ravel()[self._rows] = vectors[:, lowest]
-        mode /= np.linalg.norm(mode, axis=1).max()
-        return Stability(eigenvalue, mode, factor.negative)

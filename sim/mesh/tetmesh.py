@@ -13,8 +13,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.io import sample_path
-from morphofold.io.files import decoding, existing_file, looks_like_text
+from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
@@ -119,11 +118,7 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     import meshio
 
     name = geometry.file
-    path = Path(name)
-    if not path.exists():
-        with contextlib.suppress(FileNotFoundError):
-            path = sample_path(name)
-    path = existing_file(path, "tetrahedral mesh")
+    path = geometry.path()
     if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
         raise ValueError(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())

@@ -19,21 +19,10 @@ from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, 
 from morphofold.io.files import decoding
 from morphofold.io.locks import LOCK
 from morphofold.provenance import digests
-from morphofold.sim.output.folder_check import (
-    ANEW,
-    as_lines,
-    check_begun,
-    check_finished,
-    check_inputs,
-    check_stages,
-    inputs_of,
-    is_temporary,
-    read_health,
-    read_stage,
-    scene_digest,
-    stage_folder,
-    sweep,
-)
+from morphofold.sim.output.checkpoint import as_lines
+from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest
+from morphofold.sim.output.run_files import ANEW, is_temporary, stage_folder, sweep
+from morphofold.sim.output.stages import check_finished, check_stages, read_health, read_stage
 from morphofold.sim.output.volume import check_series, write_series
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names

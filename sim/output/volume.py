@@ -9,7 +9,7 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.io import atomic_file
-from morphofold.sim.output.folder_check import stage_folder
+from morphofold.sim.output.run_files import stage_folder
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body

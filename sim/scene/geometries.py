@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag, model_validator
 
 from morphofold.sim.scene.tables import Direction, Length, Spot, Table, key
+
+# keys that several bodies have
+Radius = Annotated[Length, key("of the outer (pial) surface", "mm")]
+HoleRadius = Annotated[Length, key("of the hole in the middle, whose wall is held fixed; inside the core", "mm")]
+Depth = Annotated[Length, key("of cortex and core together; the base is held fixed", "mm")]
+Portion = Annotated[
+    Literal["full", "half", "quarter", "octant"],
+    key("part that is simulated, cut by symmetry planes; output is mirrored to the whole"),
+]
+ThicknessSpots = Annotated[
+    tuple[Spot, ...], key("regions of another thickness, factors times `cortex_thickness`", strict=False)
+]
 
 
 class Layers(Table):
@@ -22,17 +36,10 @@ class Sphere(Layers):
     """
 
     shape: Annotated[Literal["sphere"], key("which body")] = "sphere"
-    radius: Annotated[Length, key("of the outer (pial) surface", "mm")] = 50.0
-    hole_radius: Annotated[
-        Length, key("of the hole in the middle, whose wall is held fixed; inside the core", "mm")
-    ] = 25.0
-    portion: Annotated[
-        Literal["full", "half", "quarter", "octant"],
-        key("part that is simulated, cut by symmetry planes; output is mirrored to the whole"),
-    ] = "half"
-    thickness_spots: Annotated[
-        tuple[Spot, ...], key("regions of another thickness, factors times `cortex_thickness`", strict=False)
-    ] = ()
+    radius: Radius = 50.0
+    hole_radius: HoleRadius = 25.0
+    portion: Portion = "half"
+    thickness_spots: ThicknessSpots = ()
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Sphere:
@@ -43,6 +50,11 @@ class Sphere(Layers):
     def semi_axes(self) -> Direction:
         return (self.radius, self.radius, self.radius)
 
+    @property
+    def hole_share(self) -> float:
+        """Size of the hole over that of the outer surface."""
+        return self.hole_radius / self.radius
+
 
 class Ellipsoid(Layers):
     """Bilayer ellipsoid; ``semi_axes`` of the pial surface [mm], the hole a copy of it, ``hole_share`` as large."""
@@ -52,13 +64,8 @@ class Ellipsoid(Layers):
         tuple[Length, Length, Length], key("of the outer (pial) surface, along x, y and z", "mm", strict=False)
     ] = (60.0, 45.0, 40.0)
     hole_share: Annotated[float, key("size of the hole over that of the outer surface", gt=0, lt=1)] = 0.5
-    portion: Annotated[
-        Literal["full", "half", "quarter", "octant"],
-        key("part that is simulated, cut by symmetry planes; output is mirrored to the whole"),
-    ] = "half"
-    thickness_spots: Annotated[
-        tuple[Spot, ...], key("regions of another thickness, factors times `cortex_thickness`", strict=False)
-    ] = ()
+    portion: Portion = "half"
+    thickness_spots: ThicknessSpots = ()
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Ellipsoid:
@@ -73,7 +80,7 @@ class Patch(Layers):
     size: Annotated[
         tuple[Length, Length], key("along x and y; the sides are symmetry planes", "mm", strict=False)
     ] = (40.0, 40.0)
-    depth: Annotated[Length, key("of cortex and core together; the base is held fixed", "mm")] = 25.0
+    depth: Depth = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Patch:
@@ -86,7 +93,7 @@ class Strip(Layers):
 
     shape: Annotated[Literal["strip"], key("which body")]
     length: Annotated[Length, key("along x; plane strain across", "mm")] = 80.0
-    depth: Annotated[Length, key("of cortex and core together; the base is held fixed", "mm")] = 25.0
+    depth: Depth = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Strip:
@@ -98,10 +105,8 @@ class Radial(Layers):
     """The sphere in one dimension: it stays a sphere, whether stable or not. Names as in the sphere [mm]."""
 
     shape: Annotated[Literal["radial"], key("which body")]
-    radius: Annotated[Length, key("of the outer (pial) surface", "mm")] = 50.0
-    hole_radius: Annotated[
-        Length, key("of the hole in the middle, whose wall is held fixed; inside the core", "mm")
-    ] = 25.0
+    radius: Radius = 50.0
+    hole_radius: HoleRadius = 25.0
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Radial:
@@ -133,6 +138,23 @@ class MeshFile(Layers):
         Literal["inner", "nothing"], key("what never moves: the inner surface (a ventricle), or nothing")
     ] = "nothing"
 
+    def path(self) -> Path:
+        """Where the file is: as named, or else the sample of that name.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            If it is neither, or no file.
+        """
+        from morphofold.io import sample_path
+        from morphofold.io.files import existing_file
+
+        path = Path(self.file)
+        if not path.exists():
+            with suppress(FileNotFoundError):
+                path = sample_path(self.file)
+        return existing_file(path, "tetrahedral mesh")
+
 
 def _check_layers(radius: float, thickness: float, hole: float) -> None:
     if thickness >= radius:
@@ -159,4 +181,4 @@ Geometry = Annotated[
     Annotated[Sphere, Tag("sphere")] | Annotated[Ellipsoid, Tag("ellipsoid")] | Annotated[Patch, Tag("patch")]
     | Annotated[Strip, Tag("strip")] | Annotated[Radial, Tag("radial")] | Annotated[MeshFile, Tag("mesh")],
     Discriminator(_shape, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"),
-]  # fmt: skip  # fmt: skip
+]  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 from morphofold import analysis
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent
-from morphofold.sim.output.folder_check import ANEW
+from morphofold.sim.output.run_files import ANEW
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import Bifurcation, bifurcation

@@ -33,8 +33,8 @@ from morphofold.io.gifti import read_gifti_regions, write_gifti_regions
 from morphofold.results import read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh.tetmesh import read_tets
+from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_arrays, read_log
 from morphofold.sim.output.folder import is_finished
-from morphofold.sim.output.folder_check import as_bytes, as_lines, read_arrays, read_log
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Regions, Surface

@@ -16,7 +16,7 @@ from made_surfaces import FORMATS
 from morphofold.io import freesurfer, gifti, read_surface, surfaces, trimesh_files, vtk_files
 from morphofold.results import summary
 from morphofold.sim.mesh import tetmesh
-from morphofold.sim.output import folder_check
+from morphofold.sim.output import checkpoint, stages
 from morphofold.sim.scene import MeshFile
 
 LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
@@ -182,7 +182,7 @@ def unguarded_libraries(patch):
     def as_it_comes(*args):
         yield
 
-    for module in (freesurfer, gifti, trimesh_files, vtk_files, tetmesh, folder_check):
+    for module in (freesurfer, gifti, trimesh_files, vtk_files, tetmesh, checkpoint, stages):
         patch.setattr(module, "decoding", as_it_comes)
 
 

@@ -30,7 +30,7 @@ from morphofold.io import (
 )
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.mesh.tetmesh import read_tets
-from morphofold.sim.output.folder_check import read_arrays
+from morphofold.sim.output.checkpoint import read_arrays
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene import files as scene_file
 from morphofold.sim.scene.files import load_scene

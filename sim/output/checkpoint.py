@@ -1,0 +1,97 @@
+"""The checkpoint and the log of a run, read back to go on from: as that run left them, or refused with the cure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.io.files import decoding, existing_file
+from morphofold.sim.output.run_files import ANEW
+
+
+def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Arrays by name from an .npz file, of the names, shapes and kinds of ``like``, finite.
+
+    Raises
+    ------
+    ValueError
+        If the file is anything else; by its checksums a single changed byte is found.
+    """
+    with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
+        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
+            names = set(file.files)
+            if names != like.keys():
+                raise ValueError(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
+            for entry in file.zip.infolist():                           # before anything is unpacked
+                name = entry.filename.removesuffix(".npy")
+                if entry.file_size > 4 * like[name].nbytes + 4096:
+                    raise ValueError(f"{name} unpacks to {entry.file_size:,} bytes, needs {like[name].nbytes:,}")
+            found = {name: np.asarray(file[name]) for name in file.files}
+        for name, array in found.items():
+            shape, kind = like[name].shape, like[name].dtype.kind
+            if array.shape != shape or array.dtype.kind != kind:
+                raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}, needs {shape} of '{kind}'")
+            if kind == "f" and not np.isfinite(array).all():
+                raise ValueError(f"{name} has {np.count_nonzero(~np.isfinite(array))} values that are not finite")
+    return found
+
+
+def as_lines(log: Sequence[Mapping[str, Any]]) -> str:
+    """The text of ``log.jsonl``."""
+    return "".join(json.dumps(line, allow_nan=False) + "\n" for line in log)
+
+
+def as_bytes(text: str) -> NDArray[np.uint8]:
+    """SHA-256 of a text, as a checkpoint holds it: (32,) uint8."""
+    return np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+
+
+def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
+    """The lines of ``log.jsonl`` up to ``step``, of which there must be ``lines``, of this ``digest``.
+
+    Raises
+    ------
+    ValueError
+        If they can't be had: the log isn't as the run left it beside its checkpoint.
+    """
+    path = out / "log.jsonl"
+    with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {ANEW}."):
+        kept = []
+        for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
+            line = _object(text, f"line {number}")
+            if not isinstance(line.get("step"), int):
+                raise ValueError(f"line {number} has no step")
+            if line["step"] <= step:
+                _check_line(line, number)
+                kept.append(line)
+        if len(kept) != lines:
+            raise ValueError(f"it has {len(kept)} lines up to step {step}, had {lines}")
+        if not np.array_equal(as_bytes(as_lines(kept)), digest):
+            raise ValueError("its lines are not those of this checkpoint")
+    return kept
+
+
+def _check_line(line: Mapping[str, Any], number: int) -> None:
+    seconds = line.get("seconds")
+    values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
+    if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
+        raise ValueError(f"line {number} lacks growth, elapsed or seconds")
+
+
+def _object(text: str, what: str) -> dict[str, Any]:
+    """A JSON object, without NaN or infinity."""
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{what} holds {constant}")
+
+    content = json.loads(text, parse_constant=refuse)
+    if not isinstance(content, dict):
+        raise ValueError(f"{what} is no JSON object")
+    return content

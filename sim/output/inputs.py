@@ -1,0 +1,127 @@
+"""What a run began with beside its scene: the mesh that the scene only names, effects of its caller's, a state."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from morphofold.io.json_files import Count, Length, Record, read_json
+from morphofold.provenance import sha256_of
+from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.scene import MeshFile, Radial, Scene
+
+
+class MeshBytes(Record):
+    """The file of a mesh."""
+
+    file: str
+    sha256: str
+    bytes: Count
+
+
+class MeshSize(Record):
+    """What a level of accuracy stood for."""
+
+    edge: Length
+    elements_through_cortex: Count
+
+
+class Restart(Record):
+    """The state of another run that one began at: its file, that run's :func:`scene_digest`, the growth."""
+
+    file: str
+    sha256: str
+    scene_sha256: str
+    growth: Annotated[float, Field(ge=1, le=1000)]
+
+
+class Inputs(Record):
+    """``inputs.json``: either of the first two is there; with names of effects that a scene can't name."""
+
+    geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
+    accuracy: MeshSize | None = None
+    effects: list[str] = []
+    restart: Restart | None = None
+
+
+def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
+    """What a scene only names, as it is now: its mesh, and so that of its run.
+
+    ``{"geometry.file": {"file", "sha256", "bytes"}}`` with a mesh file, ``{"accuracy": {"edge",
+    "elements_through_cortex"}}`` of bricks, which its level stands for [mm]; nothing in one dimension.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or it can't be a mesh.
+    """
+    if isinstance(scene.geometry, Radial):
+        return {}
+    if not isinstance(scene.geometry, MeshFile):
+        return {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
+    path = scene.geometry.path()
+    return {"geometry.file": {"file": scene.geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
+
+
+def check_inputs(folder: Path, scene: Scene) -> None:
+    """Refuse a scene whose mesh is not the one that the run in ``folder`` began with: a file byte for byte."""
+    now = inputs_of(scene)
+    if not now:
+        return
+    (what, mine), = now.items()
+    path = folder / "inputs.json"
+    began = read_json(path, Inputs, f"Delete {folder} {ANEW}, or choose another folder.").get(what)
+    if began is None:
+        raise ValueError(f"{path}: has no {what}. Delete {folder} {ANEW}, or choose another folder.")
+    if what == "accuracy" and began != mine:
+        raise ValueError(
+            f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
+            f"elements through the cortex; accuracy.level = {scene.accuracy.level!r} stands for {mine['edge']:g} mm "
+            f"and {mine['elements_through_cortex']} now. Choose another folder."
+        )
+    if what == "geometry.file" and began["sha256"] != mine["sha256"]:
+        raise ValueError(
+            f"{mine['file']}: has changed since the run in {folder} began (sha256 {began['sha256'][:12]}... then, "
+            f"{mine['sha256'][:12]}... now). Put the old file back, or choose another folder."
+        )
+
+
+def begun_with(folder: Path) -> dict[str, Any]:
+    """``inputs.json`` of the run in a folder; empty where none has begun, or it has none."""
+    if not ((folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()):
+        return {}
+    return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {ANEW}, or choose another folder.")
+
+
+def check_begun(folder: Path, own: Sequence[str], restart_from: str | Path | None) -> None:
+    """Refuse to go on with a run that began with other effects of its caller's, or elsewhere."""
+    begun = begun_with(folder)
+    had, state = begun.get("effects", []), begun.get("restart", {}).get("file")
+    if had != list(own):
+        raise FileExistsError(
+            f"{folder}: its run has effects beside those of its scene: {', '.join(had) or 'none'}; given are "
+            f"{', '.join(own) or 'none'}. Go on in Python, mf.simulate(..., effects=[...], resume=True), with the same "
+            "in their order, or choose another folder."
+        )
+    if restart_from is not None and not (state and Path(state).is_relative_to(os.path.abspath(restart_from))):
+        raise FileExistsError(
+            f"{folder}: its run began {f'at {state}' if state else 'ungrown'}, not at {restart_from}; choose another "
+            "folder."
+        )
+
+
+def written_stages(folder: Path, scene: Scene) -> tuple[float, ...]:
+    """Growth of the stages that the run in a folder writes: those of its scene but for those before it began."""
+    start = begun_with(folder).get("restart")
+    return tuple(g for g in scene.stages if start is None or g >= start["growth"])
+
+
+def scene_digest(folder: Path) -> str:
+    """SHA-256 of the scene of the run in a folder and of what it only names, as the run wrote both when it began."""
+    found = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
+    return hashlib.sha256(b"\0".join(found)).hexdigest()

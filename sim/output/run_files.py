@@ -1,0 +1,77 @@
+"""Which files of a folder are a run's: found, swept where a killed one left them half-written, cleared."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+from pydantic import RootModel
+
+from morphofold.io import files_of
+from morphofold.io.folders import MARKER
+from morphofold.io.json_files import read_json
+from morphofold.io.locks import LOCK
+
+ANEW = "to grow anew from the start"
+_KEPT = (
+    "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
+    "stages.pvd",
+)  # fmt: skip
+_TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
+
+
+class Digests(RootModel[dict[str, str]]):
+    """``files.json`` of a stage."""
+
+
+def stage_folder(out: Path, g: float) -> Path:
+    return out / "stages" / f"g{g:.2f}"
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a name is one under which a run writes what is not whole yet."""
+    return _TEMPORARY.fullmatch(path.name) is not None
+
+
+def sweep(folder: Path) -> None:
+    """Remove what a killed run had not finished writing; only names of our own making."""
+    for place in (folder, folder / "stages"):
+        for path in place.iterdir() if place.is_dir() else ():
+            if not is_temporary(path):
+                continue
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+
+
+def files_of_run(folder: Path) -> dict[str, Path]:
+    """What a run wrote in its folder, by paths from there."""
+    found = {name: folder / name for name in _KEPT}
+    for stage in sorted((folder / "stages").glob("g*")):
+        found |= {f"stages/{stage.name}/{name}": path for name, path in files_of(stage).items()}
+    return {name: path for name, path in found.items() if path.is_file()}
+
+
+def clear_run(folder: Path) -> None:
+    """Remove what a run wrote in its folder, and nothing else.
+
+    Raises
+    ------
+    FileExistsError
+        If something else is there, so that no other run can be written there; all stays then.
+    """
+    sweep(folder)
+    ours = {folder / name for name in (*_KEPT, LOCK)}
+    for stage in (folder / "stages").glob("g*"):
+        with suppress(OSError, ValueError):                             # of one that is damaged, or older than lists
+            ours |= {stage / name for name in read_json(stage / "files.json", Digests, ANEW)}
+        ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
+    there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
+    if others := [path for path in there if path not in ours]:
+        raise FileExistsError(f"{others[0]}: no run wrote this, so {folder} can't be cleared. Move it away.")
+    for path in there:
+        path.unlink()
+    shutil.rmtree(folder)                                               # of empty folders
