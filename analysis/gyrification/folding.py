@@ -87,12 +87,9 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], K integrated over it; 0 on a border and where no face is."""
-    corner = verts[faces]
-    angle, known = np.zeros(faces.shape), np.zeros(faces.shape, dtype=bool)
-    for k in range(3):
-        a, b = corner[:, k - 2] - corner[:, k], corner[:, k - 1] - corner[:, k]
-        angle[:, k] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
-        known[:, k] = a.any(axis=1) & b.any(axis=1)
+    ahead, back = geometry.sides(verts, faces)
+    angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
+    known = ahead.any(axis=2) & back.any(axis=2)
     rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)   # at an edge of no length: what is left
     angle = np.where(known, angle, rest[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))

@@ -83,7 +83,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     if weights == "area":
         share = np.ones((len(faces), 3))
     elif weights in ("angle", "sine", "max"):
-        ahead, back = _sides(verts, faces)
+        ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
             angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))   # atan2, not acos: exact for slivers too
@@ -97,8 +97,8 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     return unit(_sum_corners(vector, share, faces, len(verts)))
 
 
-def _sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
-    """From each corner of a triangle to the next one and to the one before, (M, 3, 3) each."""
+def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
+    """From each corner of a triangle to the next one and to the one before [mm], (M, 3 corners, 3) each."""
     corner = verts[faces]
     ahead = np.roll(corner, -1, axis=1) - corner
     return ahead, -np.roll(ahead, 1, axis=1)
@@ -237,7 +237,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     With ``clip`` the cotangents are first bounded to it; a lower bound of 0 makes every weight non-negative (a maximum
     principle on needle triangles) at the price of consistency there.
     """
-    ahead, back = _sides(verts, faces)
+    ahead, back = sides(verts, faces)
     doubled = 2 * face_areas(verts, faces)[:, None]
     dots = np.sum(ahead * back, axis=2)
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
