@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import Curvature, curvature
 from morphofold.analysis.graph.net import paths
 from morphofold.analysis.relief import diffused
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import vertex_normals
+from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
 CALM = 0.6              # scales over which extremality is smoothed
@@ -144,9 +143,8 @@ def _trace(
     points = verts[low] + share[:, None] * (verts[high] - verts[low])
     bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
     lacks = _lacks(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
-    one, two = links.reshape(-1, 2).T
-    rows, columns = np.r_[one, two], np.r_[two, one]
-    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=2 * (len(points),))
+    links = links.reshape(-1, 2)
+    graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     for path in paths(graph, np.zeros(0, dtype=np.int64)):              # no junctions: an edge has two triangles
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)

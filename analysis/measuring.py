@@ -8,16 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold import geometry
+from morphofold.analysis import notes, regions, resampling
+from morphofold.analysis.curvatures import check_scale, curvature, largest_scale
+from morphofold.analysis.graph.tables import gyral_tables
+from morphofold.analysis.gyrification import hull
+from morphofold.analysis.gyrification.folding import folding_indices
+from morphofold.analysis.gyrification.local import CLOSING, local_gyrification_index
+from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import LINE, SCALARS, Measures
+from morphofold.analysis.mesh_quality import checks, defects, plausibility
+from morphofold.analysis.mesh_quality import repair as mending
+from morphofold.analysis.thickness.gyral import GyralThickness
+from morphofold.analysis.thickness.robust_slope import Line, through_regions
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
-
-    from morphofold.analysis.thickness.gyral import GyralThickness
-    from morphofold.analysis.thickness.robust_slope import Line
 
 CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
 COARSE = 2.5            # mean edges that the curvature scale has at least
@@ -119,10 +128,7 @@ def measure(
 
 class _Measuring:
     """One cortex on its way through the measures: its maps, numbers and notes so far, a method for each step."""
-
     def __init__(self, accuracy: str):
-        from morphofold.analysis import resampling
-
         self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
         self.maps: dict[str, PerVertex] = {}
         self.scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
@@ -135,12 +141,6 @@ class _Measuring:
 
     def begin(self, given: Cortex, repair: bool) -> None:
         """Mend the surfaces and look at them as they are: mask, areas, volumes, and the maps of surfaces alone."""
-        from morphofold import geometry
-        from morphofold.analysis import notes, regions
-        from morphofold.analysis.maps import each_map
-        from morphofold.analysis.mesh_quality import checks, defects, plausibility
-        from morphofold.analysis.mesh_quality import repair as mending
-
         self.mended = mending.measurable(given, repair=repair)
         self.cortex = cortex = self.mended.cortex
         self.mask = mask = checks.cortex_mask(cortex)
@@ -168,18 +168,12 @@ class _Measuring:
         self._gyrification()
 
     def _gyrification(self) -> None:
-        from morphofold.analysis import notes
-        from morphofold.analysis.gyrification import hull
-
         if self.closed and self.pieces == 1:
             pial = self.cortex.pial
             self.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
         self.notes |= notes.of_gyrification(self.closed, self.pieces)
 
     def cortical_thickness(self, cap: float | None) -> None:
-        from morphofold.analysis import notes, resampling
-        from morphofold.analysis.mesh_quality import defects, plausibility
-
         cortex = self.cortex
         self.copy = resampling.copied(cortex, self._chosen)
         thickness = self._put("cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
@@ -194,10 +188,6 @@ class _Measuring:
 
     def curvature(self, wanted: float | None) -> None:
         """Of pial, and the folding indices of white."""
-        from morphofold.analysis import notes
-        from morphofold.analysis.curvatures import curvature
-        from morphofold.analysis.gyrification.folding import folding_indices
-
         cortex = self.cortex
         scale, remark = scale_of_curvature(cortex, wanted)
         bent = curvature(cortex.pial.verts, cortex.faces, scale)
@@ -214,23 +204,17 @@ class _Measuring:
         self.scales = scale, smooth
 
     def gyral_thickness(self, options: Mapping[str, Any]) -> None:
-        from morphofold.analysis import notes
-
         self.across = across = self.copy.gyral_thickness(**options)
         self._put("gyral_thickness", across.per_vertex)
         self.scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
         self.notes |= notes.of_gyral_thickness(across)
 
     def gyral_graph(self, width: float | None) -> None:
-        from morphofold.analysis import notes
-
         self.graph = self.copy.gyral_graph(width, midway=self.crossed > CROSSED)
         self.scalars["spectral_wavelength_mm"] = _number(self.graph.graph["wavelength"])
         self.notes |= notes.of_gyral_graph(self.graph, self.across)
 
     def local_gyrification(self) -> None:
-        from morphofold.analysis import notes
-
         local, unfit = _local_gyrification(self.cortex, self.closed, self.pieces, self._chosen.voxels)
         if local is not None:
             local = self._put("local_gyrification_index", local)
@@ -240,10 +224,6 @@ class _Measuring:
 
     def measures(self, cap: float | None) -> Measures:
         """All of it, with the tables of regions, crests and hinges, for the vertices that were given."""
-        from morphofold.analysis import notes, regions, resampling
-        from morphofold.analysis.graph.tables import gyral_tables
-        from morphofold.analysis.thickness.robust_slope import through_regions
-
         rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
         tables = gyral_tables(self.cortex, self.graph, self.maps)
         fitted, why = through_regions(rows)
@@ -265,8 +245,6 @@ def _parameters(
     graph: nx.MultiGraph,
 ) -> dict[str, Any]:  # fmt: skip
     """Scales and options that the numbers depend on."""
-    from morphofold.analysis.mesh_quality.checks import cortex_label
-
     scales = graph.graph["scales"]
     return {
         "curvature_scale_mm": scales_of[0],
@@ -275,7 +253,7 @@ def _parameters(
         "folding_index_surface": "white",
         "cortical_thickness_mode": "surface",
         "cortical_thickness_cap_mm": cap,
-        "cortex_mask": ", and ".join(filter(None, (cortex_label(cortex)[1], "white off pial"))),
+        "cortex_mask": ", and ".join(filter(None, (checks.cortex_label(cortex)[1], "white off pial"))),
         "cortex_vertices": int(np.count_nonzero(mask)),
         "gyral_scale_mm": _number(across.scale),
         "gyral_coverage": _number(across.coverage),
@@ -291,13 +269,9 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     ValueError
         If it does not fit the mesh.
     """
-    from morphofold import geometry
-    from morphofold.analysis.curvatures import check_scale, largest_scale
-
     surfaces = (cortex.white, cortex.pial)
     edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
-    area = min(float(geometry.face_areas(s.verts, cortex.faces).sum()) for s in surfaces)
-    size = float(np.sqrt(area / (4 * np.pi)))
+    size = min(geometry.equal_area_radius(s.verts, cortex.faces) for s in surfaces)
     usual = _usual_scale(size)
     most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
     scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
@@ -313,10 +287,8 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
-    from morphofold import geometry
-
     verts, faces = cortex.white.verts, cortex.faces
-    size = float(np.sqrt(geometry.face_areas(verts, faces).sum() / (4 * np.pi)))
+    size = geometry.equal_area_radius(verts, faces)
     return min(scale, max(_usual_scale(size), SMOOTHED * geometry.mean_edge_length(verts, faces)))
 
 
@@ -330,15 +302,12 @@ def _local_gyrification(
     cortex: Cortex, closed: bool, pieces: int, voxels: float
 ) -> tuple[PerVertex | None, str]:
     """The index (N,) of so many voxels in the radius of the closing, or why there is none."""
-    from morphofold.analysis.gyrification.local import CLOSING, local_gyrification_index
-    from morphofold.geometry import face_areas
-
     pial = cortex.pial
     if not closed or pieces != 1:
         return None, "the pial surface is not one closed piece"
     if cortex.units != "mm":
         return None, f"lengths are in {cortex.units!r}, not mm"
-    radius = (float(face_areas(pial.verts, pial.faces).sum()) / (4 * np.pi)) ** 0.5
+    radius = geometry.equal_area_radius(pial.verts, pial.faces)
     if not 1 <= radius / CLOSING <= 20:
         return None, f"a sphere of its area has a radius of {radius:.3g}: not for a ball of {CLOSING:g} mm"
     return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING / voxels), ""

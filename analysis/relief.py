@@ -104,19 +104,11 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
 
     The distance is the shortest path along edges over 1.10, the mean detour of such paths on equilateral triangles.
     """
-    graph = edge_graph(verts, faces)
+    graph = geometry.edge_graph(verts, faces)
     both = np.stack([-values, values])
     order = np.argsort(-both, axis=1, kind="stable")
     highest = _windowed_maxima(graph.indptr, graph.indices, graph.data, both, order, DETOUR * radius)
     return -highest[0], highest[1]
-
-
-def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
-    """(N, N) symmetric matrix of edge lengths [mm]; an edge of no length is kept as 1e-300."""
-    pair = geometry.edges(faces)
-    length = np.maximum(np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1), 1e-300)
-    i, j = np.r_[pair[:, 0], pair[:, 1]], np.r_[pair[:, 1], pair[:, 0]]
-    return sparse.csr_array((np.r_[length, length], (i, j)), shape=(len(verts), len(verts)))
 
 
 @njit(cache=True, parallel=True)

@@ -6,6 +6,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+#: stretches that kernels cut their work into, each with its own scratch: more than threads, and whatever their number
+BLOCKS = 64
+
 
 def set_threads(threads: int | None) -> None:
     """Let numba kernels use ``threads`` threads; None: all cores. Results are bitwise the same for any number.

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from morphofold.geometry import vertex_normals
 from morphofold.sim.body import Body
 from morphofold.sim.effects.contact import (
     APART,
@@ -12,9 +13,7 @@ from morphofold.sim.effects.contact import (
     SEARCH,
     STIFFNESS,
     Contact,
-    _nearest_weights,
     find_facing,
-    node_normals,
     triangles,
 )
 from morphofold.sim.effects.symmetry import Symmetry
@@ -37,9 +36,9 @@ def test_facing_nodes_are_those_of_brute_force():
     n = body.n_surface
     x = pinched(body, 3.0)[:n]
     tri = triangles(body.bilayer.faces)
-    normals = -node_normals(x, tri, n)                                   # inwards: the two sheets face each other
+    normals = -vertex_normals(x, tri)                                   # inwards: the two sheets face each other
     found = np.empty(n, dtype=np.int64)
-    find_facing(x, body.X[:n], node_normals(body.X[:n], tri, n), normals, n, 4.0, 20.0, found)
+    find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, 20.0, found)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
     reference = np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1)
     d[(normals @ normals.T > -0.2) | (reference < 20) | (d >= 4.0)] = np.inf
@@ -49,18 +48,6 @@ def test_facing_nodes_are_those_of_brute_force():
     assert np.array_equal(chosen, best)
     rows = np.flatnonzero(best)
     np.testing.assert_allclose(d[rows, found[rows]], d[rows, want[rows]])
-
-
-def test_weights_name_the_nearest_point_of_the_triangle(rng):
-    grid = np.array([(i, j, 40 - i - j) for i in range(41) for j in range(41 - i)]) / 40
-    for _ in range(50):
-        a, b, c = rng.standard_normal((3, 3))
-        p = 2 * rng.standard_normal(3)
-        w = np.array(_nearest_weights(p, a, b, c))
-        assert w.min() >= 0
-        assert w.sum() == pytest.approx(1)
-        best = np.linalg.norm(grid @ [a, b, c] - p, axis=1).min()
-        assert np.linalg.norm(w @ [a, b, c] - p) <= best + 1e-12
 
 
 def standing(body, x):

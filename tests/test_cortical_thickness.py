@@ -9,7 +9,6 @@ import trimesh
 
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness
-from morphofold.analysis.thickness.cortical import closest_in_triangle
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Surface
@@ -120,21 +119,6 @@ def test_surface_mode_matches_its_readable_twin(rng):
         return zip(points, weights)
 
     np.testing.assert_allclose(cortical_thickness(white, pial, cap=3.0), twin(white, pial, 3.0, search), rtol=1e-6)
-
-
-def test_the_nearest_point_of_a_triangle_is_that_of_trimesh(rng):
-    triangles = rng.normal(size=(500, 3, 3))
-    triangles[:20, 2] = triangles[:20, 1]               # an edge
-    triangles[20:40, 2] = triangles[20:40, :2].mean(axis=1)             # a sliver
-    points = 2 * rng.normal(size=(500, 3))
-    want = np.linalg.norm(trimesh.triangles.closest_point(triangles, points) - points, axis=1)
-    along = np.linspace(0, 1, 2001)[:, None]
-    for k, (corner, p) in enumerate(zip(triangles, points)):
-        s, t = closest_in_triangle(*p, corner, 0, 1, 2)
-        got = np.linalg.norm((1 - s - t) * corner[0] + s * corner[1] + t * corner[2] - p)
-        if k < 20:                                      # not a question for trimesh
-            want[k] = np.linalg.norm(corner[0] + along * (corner[1] - corner[0]) - p, axis=1).min()
-        assert got == pytest.approx(want[k], abs=1e-3 if k < 20 else 1e-6)
 
 
 def test_thickness_is_zero_where_the_surfaces_meet_and_nan_where_no_face_is():

@@ -7,8 +7,9 @@ import pytest
 from made_folds import pressed_sphere, two_spheres
 from reference_signs import displaced, rational_sign
 
+from morphofold import geometry
 from morphofold.intersections.boxes import box_tree
-from morphofold.intersections.intersection import _crossings, _edges, self_intersections
+from morphofold.intersections.intersection import _crossings, self_intersections
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -44,7 +45,7 @@ def brute_force_with_ties(verts, faces):
 
 def crossings(verts, faces):
     """Every crossing with ties decided, those of depth zero included."""
-    edge, face = _crossings(verts, faces, _edges(faces)[0], box_tree(verts, faces))
+    edge, face = _crossings(verts, faces, geometry.edges(faces).copy(), box_tree(verts, faces))
     rows = np.column_stack([edge, face]).tolist()
     assert rows == sorted(rows)
     assert len({*map(tuple, rows)}) == len(rows)

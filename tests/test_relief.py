@@ -9,7 +9,8 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
 from morphofold import geometry
-from morphofold.analysis.relief import COT_CLIP, DETOUR, edge_graph, implicit_smoothing, relief, windowed_range
+from morphofold.analysis.relief import COT_CLIP, DETOUR, implicit_smoothing, relief, windowed_range
+from morphofold.geometry import edge_graph
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 

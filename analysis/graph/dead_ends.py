@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis.geodesics import cheapest_path, shorten
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.graph.net import Arc, Net, Node, resampled
+from morphofold.geometry import way_along
 from morphofold.surface import PerVertex
 
 LOWEST = 0.1            # quantile of the altitudes along the net, below which nothing is a crown
@@ -57,8 +58,7 @@ def add_blind_gyri(
 
 def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
     """A curve without its first so many mm; None if nothing is left."""
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    kept = line[way >= length]
+    kept = line[way_along(line) >= length]
     return kept if len(kept) > 1 else None
 
 

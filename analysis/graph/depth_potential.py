@@ -48,7 +48,7 @@ class Altimeter:
         self.verts, self.faces = verts, faces
         self.normals = geometry.vertex_normals(verts, faces, "max")
         self.pairs = geometry.edges(faces)
-        self.lengths = np.linalg.norm(verts[self.pairs[:, 0]] - verts[self.pairs[:, 1]], axis=1)
+        self.lengths = geometry.edge_lengths(verts, faces)
         self.edge = float(self.lengths.mean())
         ends, twice = self.pairs.ravel(), np.repeat(self.lengths, 2)
         count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
@@ -133,9 +133,8 @@ class Altimeter:
         np.minimum.at(first, i[cut], share * self.lengths[cut])
         np.minimum.at(first, j[cut], (1 - share) * self.lengths[cut])
         start = np.flatnonzero(np.isfinite(first))
-        ways = np.r_[self.lengths, self.lengths, np.maximum(first[start], 1e-12)]
-        rows, columns = np.r_[i, j, np.full(len(start), n)], np.r_[j, i, start]
-        graph = sparse.csr_array((ways, (rows, columns)), shape=(n + 1, n + 1))
+        ends = np.concatenate([self.pairs, np.column_stack([np.full(len(start), n), start])])
+        graph = geometry.symmetric(n + 1, ends, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
         found: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return found
 

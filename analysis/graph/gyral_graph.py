@@ -14,8 +14,8 @@ from morphofold.analysis.graph.crest_net import Fields, Ground, GyralScales
 from morphofold.analysis.graph.depth_potential import persistence
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
-from morphofold.analysis.thickness.cortical import closest_in_triangle
 from morphofold.geometry import incident_faces
+from morphofold.geometry.kernels import closest_in_triangle
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _nearest_places(points, nearest, verts, faces, indptr, indices):
         p, best = points[i], np.inf
         for e in range(indptr[nearest[i]], indptr[nearest[i] + 1]):
             a, b, c = faces[indices[e]]
-            s, t = closest_in_triangle(p[0], p[1], p[2], verts, a, b, c)
+            s, t = closest_in_triangle(p, verts[a], verts[b], verts[c])
             place = (1 - s - t) * verts[a] + s * verts[b] + t * verts[c]
             far = np.sum((place - p) ** 2)
             if far < best:

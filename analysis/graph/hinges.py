@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.analysis.graph.net import at_ways
 from morphofold.analysis.graph.refine import INNER, OUTER, SHARE
 from morphofold.arrays import Array
+from morphofold.geometry import way_along
 from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
@@ -162,10 +164,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
 
 
 def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    outer = min(OUTER * width, SHARE * way[-1])
-    places = np.linspace(min(INNER * width, 0.5 * outer), outer, 9)
-    middle = np.mean([[np.interp(s, way, line[:, k]) for k in range(3)] for s in places], axis=0) - here
+    outer = min(OUTER * width, SHARE * way_along(line)[-1])
+    middle = at_ways(line, np.linspace(min(INNER * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
     return unit

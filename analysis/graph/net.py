@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
+from morphofold.geometry import edges_of_faces, symmetric, way_along
 from morphofold.surface import Faces, Verts
 
 
@@ -171,15 +172,20 @@ def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 def moved(points: Array, start: Array, stop: Array) -> Array:
     """A curve with its ends moved, and what lies between by a share of that, linear along it."""
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    along = way_along(points)
     share = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
     return points + (1 - share) * (start - points[0]) + share * (stop - points[-1])
 
 
 def resampled(points: Array, step: float) -> Array:
     """A curve at equal distances, ``step`` [mm] at most, its ends where they were."""
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    places = np.linspace(0, along[-1], max(int(np.ceil(along[-1] / step)), 2) + 1)
+    length = way_along(points)[-1]
+    return at_ways(points, np.linspace(0, length, max(int(np.ceil(length / step)), 2) + 1))
+
+
+def at_ways(points: Array, places: Array) -> Array:
+    """The points (Q, 3) of a curve at so many mm along it (Q,)."""
+    along = way_along(points)
     return np.stack([np.interp(places, along, points[:, k]) for k in range(3)], axis=1)
 
 
@@ -214,17 +220,14 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
     number = np.full(len(pairs), -1)
     number[crossed] = np.arange(len(crossed))
-    key = pairs[:, 0] * len(verts) + pairs[:, 1]
-    after = np.roll(faces, -1, axis=1)
-    side = number[np.searchsorted(key, np.minimum(faces, after) * len(verts) + np.maximum(faces, after))]   # (M, 3)
+    side = number[edges_of_faces(faces)]                                # (M, 3)
     count = (side >= 0).sum(axis=1)
     two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
     junction = len(crossed) + np.arange(len(three))
     points = np.concatenate([verts[pairs[crossed]].mean(axis=1), verts[faces[three]].mean(axis=1)])
     links = np.concatenate([side[two][side[two] >= 0].reshape(-1, 2),
                             np.column_stack([np.repeat(junction, 3), side[three].ravel()])])  # fmt: skip
-    i, j = np.r_[links[:, 0], links[:, 1]], np.r_[links[:, 1], links[:, 0]]
-    graph = sparse.csr_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(points), len(points)))
+    graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     net, name = Net(), {}
     for path in paths(graph, junction):
         for end in (path[0], path[-1]):

@@ -12,8 +12,9 @@ from morphofold.analysis.curvatures import _reach
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
-from morphofold.geometry import adjacency
+from morphofold.geometry import adjacency, way_along
 from morphofold.surface import PerVertex
+from morphofold.threads import BLOCKS
 
 ROUNDS = 3
 ENOUGH = 1.6            # edges around a point within which there are enough vertices for a fit
@@ -25,7 +26,6 @@ MEETING = (0.3, 1.0)                                    # widths between which i
                                                         # out they bend, and it would be found anew less exactly
 SHIFT, TIE = 0.25, 0.3                                  # a junction's move a round, widths; how it clings to its place
 STRAIGHT = 0.3                                          # of an arm that is made straight at most
-BLOCKS = 64
 
 
 def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
@@ -58,7 +58,7 @@ def _climb(net, meter, D, ring, tree, radius, width):
     points, ahead, free, sizes = [], [], [], []
     for arc in net.arcs.values():
         p = arc.points
-        way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))]
+        way = way_along(p)
         tangent = np.gradient(p, axis=0)
         near_a = way < NEAR * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
         near_b = way[-1] - way < NEAR * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
@@ -137,7 +137,7 @@ def _arms(net, node, names):
 
 def _window(line, width, between):
     """The points of an arm from which its line is taken; None if there are fewer than two."""
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    way = way_along(line)
     outer = min(between[1] * width, SHARE * way[-1])
     inner = min(between[0] * width, 0.5 * outer)
     inside = (way >= inner) & (way <= outer)
@@ -146,7 +146,7 @@ def _window(line, width, between):
 
 def _straightened(line, width):
     """An arm with its first stretch replaced by a chord."""
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    way = way_along(line)
     k = int(np.searchsorted(way, min(INNER * width, STRAIGHT * way[-1])))
     if 0 < k < len(line):
         share = (way[: k + 1] / way[k])[:, None]

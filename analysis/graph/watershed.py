@@ -7,10 +7,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
 
 from morphofold.analysis.graph.prominence import _root
 from morphofold.arrays import Ints
+from morphofold.geometry import connected, symmetric
 from morphofold.surface import PerVertex
 
 
@@ -36,9 +36,7 @@ class Watershed:
     """
 
     def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
-        n = len(values)
-        i, j = np.r_[pairs[:, 0], pairs[:, 1]], np.r_[pairs[:, 1], pairs[:, 0]]
-        graph = sparse.csr_array((np.r_[lengths, lengths], (i, j)), shape=(n, n))
+        graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
         self.finest, self.lowest = _descend(values, order, graph.indptr, graph.indices, graph.data)
         ends = self.finest[pairs]
@@ -64,10 +62,7 @@ class Watershed:
 
     def together(self, persistence: float) -> Ints:
         """For each of the finest basins (B,) the one, numbered from 0, that it then belongs to."""
-        joined = self.joins[self.heights < persistence]
-        links = sparse.coo_array((np.ones(len(joined)), (joined[:, 0], joined[:, 1])), shape=2 * (len(self.lowest),))
-        label: Ints = sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int64)
-        return label
+        return connected(len(self.lowest), self.joins[self.heights < persistence])
 
 
 @njit(cache=True)

@@ -13,9 +13,9 @@ from morphofold.analysis.geodesics import shorten, way_graph
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.threads import BLOCKS
 
 BUNDLE = 16             # planes that are passed over together
-BLOCKS = 64             # of points, each the business of one thread
 
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:

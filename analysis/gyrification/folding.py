@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import Altimeter
@@ -89,19 +87,14 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], K integrated over it; 0 on a border and where no face is."""
-    corner = verts[faces]
-    angle, known = np.zeros(faces.shape), np.zeros(faces.shape, dtype=bool)
-    for k in range(3):
-        a, b = corner[:, k - 2] - corner[:, k], corner[:, k - 1] - corner[:, k]
-        angle[:, k] = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
-        known[:, k] = a.any(axis=1) & b.any(axis=1)
+    ahead, back = geometry.sides(verts, faces)
+    angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
+    known = ahead.any(axis=2) & back.any(axis=2)
     rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)   # at an edge of no length: what is left
     angle = np.where(known, angle, rest[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
-    pair, count = geometry.edges_and_counts(faces)
-    inner = np.zeros(len(verts), dtype=bool)
-    inner[faces] = True
-    inner[pair[count == 1]] = False
+    inner = geometry.used(len(verts), faces)
+    inner[geometry.border_edges(faces)] = False
     return np.where(inner, defect, 0.0)
 
 
@@ -112,7 +105,7 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
     positions, but bounded in triangles of next to no area.
     """
     corner = verts[faces]
-    normal = geometry.unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
+    normal = geometry.face_normals(verts, faces)
     gradient = np.zeros((len(verts), 3))
     for k in range(3):
         pull = 0.5 * np.cross(normal, corner[:, k - 1] - corner[:, k - 2])
@@ -123,10 +116,7 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
 
 def _places(meter: Altimeter) -> NDArray[np.int64]:
     """Number (N,) of the place of each vertex; those that edges of next to no length join have one."""
-    i, j = meter.pairs[meter.lengths < NEAR * meter.edge].T
-    near = sparse.coo_array((np.ones(len(i)), (i, j)), shape=2 * (len(meter.verts),))
-    number: NDArray[np.int64] = csgraph.connected_components(near, directed=False)[1]
-    return number
+    return geometry.connected(len(meter.verts), meter.pairs[meter.lengths < NEAR * meter.edge])
 
 
 def _sums(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:

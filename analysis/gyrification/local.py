@@ -10,7 +10,7 @@ from scipy import ndimage, signal
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array
-from morphofold.geometry import in_use, is_closed, mean_edge_length, split, vertex_areas
+from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 CLOSING, REGION = 15.0, 25.0    # [mm], of Schaer and others 2008
@@ -72,13 +72,11 @@ def local_gyrification_index(
     while mean_edge_length(verts, faces) > COARSEST * region:           # area lies at the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
-    corners = points[triangles]
-    spread = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     bin_ = region / BINS
     low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
     shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
     folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
-    smooth = _within(corners.mean(axis=1), spread, low, shape, bin_, region)
+    smooth = _within(points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region)
     ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
     index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]   # cut triangles keep their corners first
     return index

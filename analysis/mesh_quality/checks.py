@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.arrays import Ints
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
@@ -152,11 +153,11 @@ def check_pair(cortex: Cortex) -> None:
     white, pial = cortex.white, cortex.pial
     step = pial.verts - white.verts
     size = np.linalg.norm(step, axis=1)
-    off = (size > 0) & (np.bincount(cortex.faces.ravel(), minlength=len(size)) > 0)
+    off = (size > 0) & geometry.used(len(size), cortex.faces)
     if not off.any():
         return
     apart = float(np.median(size[off]))
-    radius = float(np.sqrt(geometry.face_areas(white.verts, cortex.faces).sum() / (4 * np.pi)))
+    radius = geometry.equal_area_radius(white.verts, cortex.faces)
     along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if apart < SAME * radius:
         raise ValueError(
@@ -175,8 +176,7 @@ def check_pair(cortex: Cortex) -> None:
 
 def check_open_pieces(cortex: Cortex) -> None:
     """Refuse a piece with a border, which encloses nothing, if white lies outside pial on most of it."""
-    pair, count = geometry.edges_and_counts(cortex.faces)
-    if not len(border := pair[count == 1]):
+    if not len(border := geometry.border_edges(cortex.faces)):
         return
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1        # 0: vertices that no triangle has
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
@@ -201,14 +201,21 @@ def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     The one shift that leaves least, in squares over the area, of what parts vertices i of the two *along* the surface,
     which no thickness does, however uneven. On an open piece it may: from a wall to a crown all go one way.
     """
-    normal = sum(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
     apart = cortex.pial.verts - cortex.white.verts
     along = apart - np.einsum("ij,ij->i", apart, normal)[:, None] * normal
     tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
     found: NDArray[np.float64] = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
     return found
+
+
+def border_twins(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
+    """Vertices on a border of the faces (B,), and of each the first of those that lies there, on white and on pial."""
+    border = np.unique(geometry.border_edges(faces))
+    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
+    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    return border, border[first[inverse.reshape(-1)]]
 
 
 def volume(surface: Surface) -> float:

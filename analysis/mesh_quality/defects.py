@@ -57,12 +57,9 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
             f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
             f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
         )
-    border = np.unique(pair[count == 1])
-    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
-    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    twin = first[inverse.reshape(-1)]
-    if len(torn := np.flatnonzero(twin != np.arange(len(border)))):
-        i, j = border[twin[torn[0]]], border[torn[0]]
+    border, twin = checks.border_twins(cortex, cortex.faces)
+    if len(torn := np.flatnonzero(twin != border)):
+        i, j = twin[torn[0]], border[torn[0]]
         raise ValueError(
             f"{cortex.called}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
             f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
@@ -90,8 +87,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
         most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
         told.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
-    pair, count = geometry.edges_and_counts(cortex.faces)
-    if len(border := pair[count == 1]):
+    if len(border := geometry.border_edges(cortex.faces)):
         told.append(
             f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
             f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."

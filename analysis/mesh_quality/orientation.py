@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from morphofold.arrays import Ints
+from morphofold.geometry import connected
 from morphofold.surface import Faces
 
 
@@ -100,12 +99,12 @@ def fans(faces: Faces, joined: Ints) -> Ints:
     same = corner[one] == corner[other]
     far = after(other)
     i, j = (one, after(one)), (np.where(same, other, far), np.where(same, far, other))
-    return _parts(len(corner), np.concatenate(i), np.concatenate(j))
+    return connected(len(corner), np.column_stack([np.concatenate(i), np.concatenate(j)]))
 
 
 def sheets(faces: Faces, joined: Ints) -> Ints:
     """Number (M,) of the piece that each triangle is of: those that are joined."""
-    return _parts(len(faces), *(joined // 3).T)
+    return connected(len(faces), joined // 3)
 
 
 def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
@@ -120,14 +119,10 @@ def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
         return np.zeros(m, dtype=bool)
     one, other = (joined // 3).T
     shift = np.where(same, m, 0)
-    part = _parts(2 * m, np.concatenate([one, one + m]), np.concatenate([other + shift, other + m - shift]))
+    ways = np.concatenate([one, one + m]), np.concatenate([other + shift, other + m - shift])
+    part = connected(2 * m, np.column_stack(ways))
     as_is, turned = part[:m], part[m:]
     if (as_is == turned).any():
         return None
     votes = np.bincount(as_is, minlength=int(part.max()) + 1)
     return (votes[as_is] < votes[turned]) | ((votes[as_is] == votes[turned]) & (as_is > turned))
-
-
-def _parts(n: int, i: Ints, j: Ints) -> Ints:
-    links = sparse.coo_array((np.ones(len(i), dtype=np.bool_), (i, j)), shape=(n, n))
-    return csgraph.connected_components(links, directed=False)[1].astype(np.int64)

@@ -165,11 +165,8 @@ def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
     """Triangles of three vertices each, none twice, torn seams closed; and the vertex (N,) that each one became."""
     faces, at = cortex.faces, np.arange(cortex.n_vertices)
     flat = _flat(faces)
-    pair, count = geometry.edges_and_counts(faces[~flat] if flat.any() and not flat.all() else faces)
-    border = np.unique(pair[count == 1])
-    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
-    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    at[border] = border[first[inverse.reshape(-1)]]
+    border, twin = checks.border_twins(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
+    at[border] = twin
     if len(moved := np.flatnonzero(at != np.arange(len(at)))):
         done["repaired_seam_vertices"] = len(moved), int(moved[0])
         faces = at[faces]
@@ -198,10 +195,7 @@ def _double(faces: Faces) -> Bools:
     double[order] = np.repeat(copies > 1, copies)
     if double.any():
         one, copies = order[begin[copies > 1]], copies[copies > 1]
-        pair, count = geometry.edges_and_counts(faces)
-        base = int(faces.max()) + 1
-        key = three[one][:, [0, 0, 1]] * base + three[one][:, [1, 2, 2]]
-        others = count[np.searchsorted(pair[:, 0] * base + pair[:, 1], key)] - copies[:, None]
+        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[one]] - copies[:, None]
         double[one[np.any(others % 2 == 1, axis=1)]] = False
     return double
 

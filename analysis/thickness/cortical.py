@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold import geometry
+from morphofold.geometry.kernels import closest_in_triangle
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
-
-BLOCKS = 64     # independent stretches of vertices; each has its own scratch, none depends on the thread count
+from morphofold.threads import BLOCKS
 
 
 def cortical_thickness(
@@ -160,7 +160,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
                         continue
                     tested[f] = i
                     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                    s, t = closest_in_triangle(px, py, pz, target, a, b, c)
+                    s, t = closest_in_triangle((px, py, pz), target[a], target[b], target[c])
                     r = 1.0 - s - t
                     dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
                     dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py
@@ -188,43 +188,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
 
 def _longest(verts: Verts, faces: Faces) -> PerVertex:
     """Longest edge (N,) at each vertex [mm]; 0 where there is none."""
-    pair = geometry.edges(faces)
-    length = np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1)
-    longest = np.zeros(len(verts))
-    for end in pair.T:
+    longest, length = np.zeros(len(verts)), geometry.edge_lengths(verts, faces)
+    for end in geometry.edges(faces).T:
         np.maximum.at(longest, end, length)
     return longest
-
-
-@njit(inline="always")
-def _clamp(x):
-    return min(max(x, 0.0), 1.0)
-
-
-@njit(cache=True)
-def closest_in_triangle(px, py, pz, verts, a, b, c):
-    """Barycentric coordinates (of b, of c) of the point of triangle abc that is nearest to p."""
-    ax, ay, az = verts[a, 0], verts[a, 1], verts[a, 2]
-    ux, uy, uz = verts[b, 0] - ax, verts[b, 1] - ay, verts[b, 2] - az
-    vx, vy, vz = verts[c, 0] - ax, verts[c, 1] - ay, verts[c, 2] - az
-    wx, wy, wz = px - ax, py - ay, pz - az
-    uu, vv, uv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
-    uw, vw = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
-    det = uu * vv - uv * uv                     # 4 x squared area
-    if det > 1e-14 * uu * vv:
-        s, t = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
-        if s >= 0 and t >= 0 and s + t <= 1:
-            return s, t
-    # Outside (or a sliver): the nearest of the three edges' nearest points, compared without constants.
-    s = _clamp(uw / uu) if uu > 0 else 0.0
-    bs, bt, low = s, 0.0, s * s * uu - 2 * s * uw
-    t = _clamp(vw / vv) if vv > 0 else 0.0
-    value = t * t * vv - 2 * t * vw
-    if value < low:
-        bs, bt, low = 0.0, t, value
-    ee = uu + vv - 2 * uv                       # edge from b to c
-    t = _clamp((vw - uw + uu - uv) / ee) if ee > 0 else 0.0
-    value = (1 - t) ** 2 * uu + t * t * vv + 2 * t * (1 - t) * uv - 2 * (1 - t) * uw - 2 * t * vw
-    if value < low:
-        bs, bt = 1 - t, t
-    return bs, bt

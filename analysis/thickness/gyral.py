@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 
 from morphofold import geometry
 from morphofold.analysis.mesh_quality.checks import cortex_mask
-from morphofold.analysis.relief import Relief, edge_graph
+from morphofold.analysis.relief import Relief
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
 from morphofold.analysis.thickness.rays import Scanner
@@ -186,8 +186,7 @@ def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64],
 def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     n = len(surface.verts)
-    inside = np.zeros(n, dtype=bool)
-    inside[surface.faces] = True
+    inside = geometry.used(n, surface.faces)
     if isinstance(cortex, Cortex):
         inside &= cortex_mask(cortex)
     if mask is not None:
@@ -381,7 +380,7 @@ def _carry(
     Too far is beyond half a wavelength, or half of that width farther than the nearest sample of all.
     """
     corners, n = surface.faces[contour.triangle], len(surface.verts)
-    graph = edge_graph(surface.verts, surface.faces)
+    graph = geometry.edge_graph(surface.verts, surface.faces)
     reach = contour.wavelength / 2
     good = np.isfinite(width)
     load = np.repeat(contour.length[good], 3)
@@ -399,22 +398,16 @@ def _carry(
 
 
 def _nothing(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
-    none, nan = np.empty(0), math.nan
+    none: dict[str, Any] = {
+        **dict.fromkeys(("points", "partner"), np.empty((0, 3))),
+        **dict.fromkeys(("width", "weight", "gap"), np.empty(0)),
+        **dict.fromkeys(("median", "lower", "upper", "median_gap", "wavelength", "amplitude"), math.nan),
+    }
     return GyralThickness(
-        points=np.empty((0, 3)),
+        **none,
         triangle=np.empty(0, dtype=np.int64),
-        width=none,
-        partner=np.empty((0, 3)),
-        weight=none,
-        gap=none,
-        per_vertex=np.full(len(surface.verts), nan),
-        median=nan,
-        lower=nan,
-        upper=nan,
-        median_gap=nan,
+        per_vertex=np.full(len(surface.verts), math.nan),
         coverage=0.0,
-        wavelength=nan,
-        amplitude=nan,
         scale=contour.relief.scale,
         white_tested=False,
         relief=contour.relief,

@@ -37,8 +37,7 @@ class Contour:
 def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float | None) -> Contour:
     """The contour where ``inside`` (N,) at the given scale [mm], or at a third of the wavelength it finds itself."""
     whole = np.flatnonzero(inside[surface.faces].all(axis=1))
-    area = float(geometry.face_areas(surface.verts, surface.faces)[whole].sum())
-    size = math.sqrt(area / (4 * math.pi))
+    size = geometry.equal_area_radius(surface.verts, surface.faces[whole])
     edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
         return _at_scale(surface, inside, whole, size, edge, float(scale))
@@ -62,8 +61,7 @@ def _at_scale(
     total = float(length.sum())
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
     reason = ""
-    pair, count = geometry.edges_and_counts(surface.faces)
-    if len(np.unique(pair[count == 1])) == len(np.unique(surface.faces)):
+    if len(np.unique(geometry.border_edges(surface.faces))) == len(np.unique(surface.faces)):
         reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
     elif high < FLAT * scale:
         reason = f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {FLAT:g} of the scale"

@@ -22,6 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from morphofold.geometry import morton_codes
+
 BLOCK = 4               # triangles in a leaf
 
 _PAD = 1e-12            # boxes are wider than their triangles by this share of the largest coordinate: safe to round
@@ -44,7 +46,7 @@ def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
     single = _single_boxes(verts, faces, _PAD * np.abs(verts).max())
     low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
     middle = (single[:, :3] + single[:, 3:]) / 2
-    order = np.argsort(_morton((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
+    order = np.argsort(morton_codes((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
     leaves = 1
     while leaves * BLOCK < len(faces):
         leaves *= 2
@@ -59,18 +61,6 @@ def _single_boxes(verts, faces, pad):
             a, b, c = verts[faces[f, 0], r], verts[faces[f, 1], r], verts[faces[f, 2], r]
             boxes[f, r], boxes[f, 3 + r] = min(a, b, c) - pad, max(a, b, c) + pad
     return boxes
-
-
-@njit(cache=True)
-def _morton(unit):
-    """Place along the curve of points in the unit cube: 20 bits of each axis, interleaved."""
-    code = np.zeros(len(unit), dtype=np.int64)
-    for k in range(len(unit)):
-        for r in range(3):
-            cell = min(int(unit[k, r] * 2**20), 2**20 - 1)
-            for bit in range(20):
-                code[k] |= ((cell >> bit) & 1) << (3 * bit + r)
-    return code
 
 
 @njit(cache=True)

@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from morphofold import geometry
 from morphofold.arrays import Array
+from morphofold.geometry.kernels import area_vector, cross, distance_from_triangle, dot, less
 from morphofold.intersections.boxes import BLOCK, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
 from morphofold.intersections.signs import plane_sign, side
-from morphofold.intersections.vectors import area_vector, cross, dot, less
 from morphofold.surface import Surface
 
 Indices = NDArray[np.int64]
@@ -122,31 +123,18 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     than 60 degrees has no front, and isn't asked.
     """
     verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays here: compiled once
-    edges, closed = _edges(faces)
-    mean_edge = float(np.linalg.norm(verts[edges[:, 0]] - verts[edges[:, 1]], axis=1).mean())
-    tree = box_tree(verts, faces)
+    edges, mean_edge = geometry.edges(surface.faces).copy(), geometry.mean_edge_length(verts, surface.faces)
+    tree, around = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
     edge, face = _crossings(verts, faces, edges, tree)
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
-    _measure(verts, faces, *_rings(faces, len(verts)), edge, face, point, depth)
-    kept = depth > 0
-    asked = closed and vertices
-    behind = _passed(verts, faces, _node_normals(verts, faces), *tree, mean_edge) if asked else np.zeros(len(verts))
+    _measure(verts, faces, around.indptr, around.indices, edge, face, point, depth)
+    kept, behind = depth > 0, np.zeros(len(verts))
+    if vertices and geometry.is_closed(surface.faces):
+        normals = geometry.vertex_normals(verts, faces)
+        _forget_turned(verts, faces, normals)
+        behind = _passed(verts, faces, normals, *tree, mean_edge)
     vertex = np.flatnonzero(behind > 0)
     return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
-
-
-def _edges(faces: Indices) -> tuple[Indices, bool]:
-    """Edges (E, 2), each once, lower number first, ascending; and whether each has two faces."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    n = int(faces.max()) + 1
-    key, count = np.unique(ends.min(axis=1) * n + ends.max(axis=1), return_counts=True)
-    return np.stack(np.divmod(key, n), axis=1), bool((count == 2).all())
-
-
-def _rings(faces: Indices, n: int) -> tuple[Indices, Indices]:
-    """Faces around each of n vertices: where they begin (n + 1,) in the list of all (3 M,)."""
-    corners = faces.ravel()
-    return np.concatenate([[0], np.cumsum(np.bincount(corners, minlength=n))]), np.argsort(corners, kind="stable") // 3
 
 
 def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
@@ -265,27 +253,16 @@ def _elsewhere(n, normal):
 
 
 @njit(cache=True)
-def _node_normals(verts, faces):
-    """Unit area-weighted normals (N, 3); zero where a face around the vertex is turned too far away."""
-    normals, area = np.zeros_like(verts), np.empty_like(faces, dtype=np.float64)
+def _forget_turned(verts, faces, normals):
+    """Make the vertex normals (N, 3) zero where a face around the vertex is turned too far away from its own."""
+    turned = np.zeros(len(verts), dtype=np.bool_)
     for f in range(len(faces)):
         n = area_vector(verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
         for k in range(3):
-            area[f, k] = n[k]
-            for r in range(3):
-                normals[faces[f, k], r] += n[r]
-    for i in range(len(verts)):
-        length = dot(normals[i], normals[i]) ** 0.5
-        for r in range(3):
-            normals[i, r] /= max(length, 1e-300)
-    turned = np.zeros(len(verts), dtype=np.bool_)
-    for f in range(len(faces)):
-        for k in range(3):
-            turned[faces[f, k]] |= _elsewhere(area[f], normals[faces[f, k]])
+            turned[faces[f, k]] |= _elsewhere(n, normals[faces[f, k]])
     for i in np.flatnonzero(turned):
         for r in range(3):
             normals[i, r] = 0.0
-    return normals
 
 
 @njit(parallel=True, cache=True)
@@ -321,20 +298,6 @@ def _wall_behind(verts, faces, normal, bounds, order, single, i, radius):
                     continue
                 a, b, c = verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]
                 if _elsewhere(area_vector(a, b, c), normal) and plane_sign(a, b, c, verts[i], 1.0) <= 0:
-                    nearest = min(nearest, _distance(verts[i], a, b, c))
+                    nearest = min(nearest, distance_from_triangle(verts[i], a, b, c))
         k = following(k)
     return nearest
-
-
-@njit(cache=True)
-def _distance(p, a, b, c):
-    """Distance of p from the triangle abc: from its plane if p lies over it, else from the nearest side."""
-    n, over, nearest = area_vector(a, b, c), True, np.inf
-    for x, y in ((a, b), (b, c), (c, a)):
-        along, to = less(y, x), less(p, x)
-        over &= dot(cross(along, to), n) >= 0.0
-        t = min(max(dot(along, to) / max(dot(along, along), 1e-300), 0.0), 1.0)
-        rest = to[0] - t * along[0], to[1] - t * along[1], to[2] - t * along[2]
-        nearest = min(nearest, dot(rest, rest))
-    square = dot(n, n)
-    return abs(dot(less(p, a), n)) / square**0.5 if over and square > 0.0 else nearest**0.5

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from morphofold.geometry.kernels import cross, dot, less
 from morphofold.intersections.boxes import BLOCK, following, meets_ray
 from morphofold.intersections.signs import ASIDE, plane_sign
-from morphofold.intersections.vectors import cross, dot, less
 
 
 @njit(cache=True)

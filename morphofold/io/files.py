@@ -9,7 +9,7 @@ import os
 import secrets
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -206,6 +206,21 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
         if not named.is_relative_to(ours):                              # as where it is on another drive
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
+
+
+def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[Path], object]) -> None:
+    """Have a library write a file to the name it is given, and look whether the file can be read, whole or not at all.
+
+    Raises
+    ------
+    OSError, ValueError
+        As ``write_by_library`` and ``read_back`` say.
+    """
+    with atomic_file(path) as temporary:
+        with write_by_library(path, temporary):
+            write(os.fspath(temporary))
+        with read_back(path, temporary):
+            read(temporary)
 
 
 @contextmanager

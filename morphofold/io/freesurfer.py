@@ -16,16 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.io.files import (
-    StrPath,
-    atomic_file,
-    beginning,
-    decoding,
-    existing_file,
-    looks_like_text,
-    read_back,
-    write_by_library,
-)
+from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, write_and_look
 from morphofold.io.formats import Format
 from morphofold.io.json_files import LARGEST
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
@@ -107,11 +98,8 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     import nibabel.freesurfer as fs
 
-    with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
-            fs.write_geometry(os.fspath(temporary), surface.verts, surface.faces, _STAMP, surface.geometry)
-        with read_back(path, temporary):
-            read_geometry(temporary)
+    told = surface.verts, surface.faces, _STAMP, surface.geometry
+    write_and_look(path, lambda name: fs.write_geometry(name, *told), read_geometry)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -165,22 +153,15 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as a FreeSurfer "curv" file."""
     import nibabel.freesurfer as fs
 
-    with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
-            fs.write_morph_data(os.fspath(temporary), values)
-        with read_back(path, temporary):
-            read_curv(temporary)
+    write_and_look(path, lambda name: fs.write_morph_data(name, values), read_curv)
 
 
 def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer keeps surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
-    with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
-            MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename(os.fspath(temporary))
-        with read_back(path, temporary):
-            MGHImage.from_filename(os.fspath(temporary)).get_fdata()
+    image = MGHImage(values.reshape(-1, 1, 1), np.eye(4))
+    write_and_look(path, image.to_filename, lambda there: MGHImage.from_filename(os.fspath(there)).get_fdata())
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -283,11 +264,8 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     if (ids == 0).any() and (labels == -1).any():
         raise ValueError(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
-    with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
-            fs.write_annot(os.fspath(temporary), labels, table, list(regions.names), fill_ctab=True)
-        with read_back(path, temporary):
-            read_annotation(temporary)
+    told = labels, table, list(regions.names)
+    write_and_look(path, lambda name: fs.write_annot(name, *told, fill_ctab=True), read_annotation)
 
 
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:

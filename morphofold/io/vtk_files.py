@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.io.files import atomic_file, decoding, read_back, write_by_library
+from morphofold.io.files import atomic_file, decoding, write_and_look
 from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Surface
@@ -67,11 +67,8 @@ def write_unstructured(kind: str, path: Path, surface: Surface) -> None:
     import meshio
 
     mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-    with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
-            importlib.import_module(f"meshio.{kind}").write(os.fspath(temporary), mesh)
-        with read_back(path, temporary):
-            read_unstructured(kind, temporary)
+    write = importlib.import_module(f"meshio.{kind}").write
+    write_and_look(path, lambda name: write(name, mesh), partial(read_unstructured, kind))
 
 
 def write_polygons(path: Path, surface: Surface) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
+from morphofold.geometry import face_vectors, split
 from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 
 
@@ -57,15 +58,8 @@ def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
                       [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]])  # fmt: skip
     for _ in range(level):
         n = len(verts)
-        pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        key, new = np.unique(pairs[:, 0] * n + pairs[:, 1], return_inverse=True)
-        middle = verts[key // n] + verts[key % n]
-        verts = np.concatenate([verts, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-        a, b, c = faces.T
-        ab, bc, ca = (n + new).reshape(3, -1)
-        faces = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
+        verts, faces = split(verts, faces)
+        verts[n:] /= np.linalg.norm(verts[n:], axis=1, keepdims=True)
     return verts * radius, faces.astype(np.int64)
 
 
@@ -101,8 +95,7 @@ def irregular_sphere(
 def spherical_delaunay(verts: Verts) -> Faces:
     """Delaunay triangulation (M, 3) of unit directions (N, 3) all around, counter-clockwise from outside."""
     faces = ConvexHull(verts).simplices.astype(np.int64)
-    a, b, c = verts[faces[:, 0]], verts[faces[:, 1]], verts[faces[:, 2]]
-    inward = np.sum(np.cross(b - a, c - a) * a, axis=1) < 0
+    inward = np.sum(face_vectors(verts, faces) * verts[faces[:, 0]], axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return faces
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import SphericalVoronoi
 
 from morphofold.arrays import Array
+from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts
 
@@ -144,9 +145,7 @@ def ridged_net(
         grown = np.maximum(grown, ridge)
     verts = verts * (radius + grown)[:, None]
     if noise:
-        pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        edge = np.linalg.norm(verts[pairs[:, 0]] - verts[pairs[:, 1]], axis=1).mean()
-        verts = verts + noise * edge * random.standard_normal(verts.shape)
+        verts = verts + noise * mean_edge_length(verts, faces) * random.standard_normal(verts.shape)
     return Surface(verts, faces, name="ridged net")
 
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array
+from morphofold.geometry import incident_faces, vertex_normals
+from morphofold.geometry.kernels import area_vector, nearest_weights
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions
@@ -34,67 +36,12 @@ TIE = 1e-6              # triangles of a flat quad overlap: the first counts, wh
 
 
 @njit(inline="always")
-def _nearest_weights(p, a, b, c):
-    """Barycentric weights of the point of triangle abc nearest to p (Ericson 2005, section 5.1.5)."""
-    ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    ac0, ac1, ac2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    ap0, ap1, ap2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
-    d1, d2 = ab0 * ap0 + ab1 * ap1 + ab2 * ap2, ac0 * ap0 + ac1 * ap1 + ac2 * ap2
-    if d1 <= 0 and d2 <= 0:
-        return 1.0, 0.0, 0.0
-    bp0, bp1, bp2 = p[0] - b[0], p[1] - b[1], p[2] - b[2]
-    d3, d4 = ab0 * bp0 + ab1 * bp1 + ab2 * bp2, ac0 * bp0 + ac1 * bp1 + ac2 * bp2
-    if d3 >= 0 and d4 <= d3:
-        return 0.0, 1.0, 0.0
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0 and d1 >= 0 and d3 <= 0:
-        t = d1 / (d1 - d3)
-        return 1 - t, t, 0.0
-    cp0, cp1, cp2 = p[0] - c[0], p[1] - c[1], p[2] - c[2]
-    d5, d6 = ab0 * cp0 + ab1 * cp1 + ab2 * cp2, ac0 * cp0 + ac1 * cp1 + ac2 * cp2
-    if d6 >= 0 and d5 <= d6:
-        return 0.0, 0.0, 1.0
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0 and d2 >= 0 and d6 <= 0:
-        t = d2 / (d2 - d6)
-        return 1 - t, 0.0, t
-    va = d3 * d6 - d5 * d4
-    if va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
-        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return 0.0, 1 - t, t
-    total = va + vb + vc
-    return va / total, vb / total, vc / total
-
-
-@njit(inline="always")
 def _normal(a, b, c):
-    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    n0, n1, n2 = area_vector(a, b, c)
     length = (n0 * n0 + n1 * n1 + n2 * n2) ** 0.5
     if length == 0.0:
         return 0.0, 0.0, 0.0
     return n0 / length, n1 / length, n2 / length
-
-
-@njit(cache=True)
-def node_normals(x, tri, n_nodes):
-    """Unit area-weighted node normals (S, 3) of the triangles ``tri``."""
-    out = np.zeros((n_nodes, 3))
-    for t in range(len(tri)):
-        a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
-        u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        for k in range(3):
-            i = tri[t, k]
-            out[i, 0] += u1 * v2 - u2 * v1
-            out[i, 1] += u2 * v0 - u0 * v2
-            out[i, 2] += u0 * v1 - u1 * v0
-    for i in range(n_nodes):
-        length = (out[i, 0] ** 2 + out[i, 1] ** 2 + out[i, 2] ** 2) ** 0.5
-        if length > 0:
-            out[i] /= length
-    return out
 
 
 @njit(cache=True)
@@ -177,7 +124,7 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
                         or _surrounds(X, N, i, tri[t, 2], apart)):  # fmt: skip
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
-                wa, wb, wc = _nearest_weights(x[i], a, b, c)
+                wa, wb, wc = nearest_weights(x[i], a, b, c)
                 d = 0.0
                 for r in range(3):
                     d += (x[i, r] - wa * a[r] - wb * b[r] - wc * c[r]) ** 2
@@ -203,7 +150,7 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
         distance = n0 * (x[i, 0] - x[j, 0]) + n1 * (x[i, 1] - x[j, 1]) + n2 * (x[i, 2] - x[j, 2])
         if distance >= gap or distance < -deepest:
             continue
-        wj, wk, wl = _nearest_weights(x[i], x[j], x[k], x[l])
+        wj, wk, wl = nearest_weights(x[i], x[j], x[k], x[l])
         side = 0.0
         for r in range(3):
             side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
@@ -274,10 +221,9 @@ class Contact(Effect):
     def prepare(self, body: Body) -> None:
         n = body.n_surface
         self._tri = triangles(body.bilayer.faces)
-        self._N = node_normals(body.X, self._tri, n)
-        order = np.argsort(self._tri.ravel(), kind="stable")
-        self._ring = order // 3
-        self._ring_first = np.concatenate([[0], np.cumsum(np.bincount(self._tri.ravel(), minlength=n))])
+        self._N = vertex_normals(body.X[:n], self._tri)
+        around = incident_faces(n, self._tri)
+        self._ring_first, self._ring = around.indptr, around.indices
         self._facing = np.full(n, -1)
         self._partner = np.full(n, -1)
         self._paired_at = np.full((n, 3), np.inf)
@@ -293,7 +239,7 @@ class Contact(Effect):
         radius = SEARCH * self._h
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:
-            normals = node_normals(x, self._tri, n)
+            normals = vertex_normals(x[:n], self._tri)
             find_facing(x, body.X, self._N, normals, n, radius, APART * body.bilayer.edge, self._facing)
             self._paired_at = x[:n].copy()
             self.searches += 1

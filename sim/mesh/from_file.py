@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from skfem import MeshTet
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.intersections.boxes import _morton
+from morphofold.geometry import morton_codes
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
@@ -180,8 +180,8 @@ def _order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     below = np.ones(len(body.points), dtype=bool)
     below[surface] = False
     centroid = body.points[body.tets].mean(axis=1)
-    return (np.lexsort((_morton((body.points - low) / size), below)),
-            np.lexsort((_morton((centroid - low) / size), ~cortex)))  # fmt: skip
+    return (np.lexsort((morton_codes((body.points - low) / size), below)),
+            np.lexsort((morton_codes((centroid - low) / size), ~cortex)))  # fmt: skip
 
 
 def _inverse(order: Ints) -> Ints:

@@ -38,7 +38,7 @@ def one_ring(patch):
 def of_no_area(patch):
     """Cotangents of triangles without area as the formula has them: 1/0."""
     def laplacian(verts, faces, **_):
-        ahead, back = geometry._sides(verts, faces)
+        ahead, back = geometry.sides(verts, faces)
         with np.errstate(all="ignore"):
             cot = np.sum(ahead * back, axis=2) / (2 * geometry.face_areas(verts, faces)[:, None])
         i, j, n = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel(), len(verts)

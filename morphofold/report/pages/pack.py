@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.geometry import morton_codes
 from morphofold.report.pages.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
@@ -164,7 +165,9 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     else:
         middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
         ids, faces = _decimated(middle, cortex.faces, max_vertices / n)
-    order = np.argsort(_morton(cortex.pial.verts[ids]), kind="stable")
+    points = cortex.pial.verts[ids]
+    low = points.min(axis=0)
+    order = np.argsort(morton_codes((points - low) / (float((points - low).max()) or 1.0), bits=10), kind="stable")
     place = np.empty(len(ids), dtype=np.int64)
     place[order] = np.arange(len(ids))
     faces = place[faces]
@@ -201,15 +204,3 @@ def distinct(near: NDArray[np.int64]) -> NDArray[np.int64]:
         chosen[rows[first]] = values
         taken[values] = True
     return np.where(chosen < 0, near[:, 0], chosen)
-
-
-def _morton(points: np.ndarray) -> NDArray[np.uint64]:
-    """Place of each point (N, 3) along a Z-order curve through its bounding cube, 10 bits per axis."""
-    low = points.min(axis=0)
-    edge = float((points.max(axis=0) - low).max()) or 1.0
-    cell = np.minimum((points - low) / edge * 1024, 1023).astype(np.uint64)
-    code = np.zeros(len(points), dtype=np.uint64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
-    return code

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold import geometry
 from morphofold.cohort.phases import Found, Phases
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
@@ -154,8 +155,7 @@ def _drawn(run: Found) -> Surface | None:
 def section(pial: Surface, white: Surface) -> Surface:
     """The cortex of a strip, from the side: between the edges of both surfaces that have the least y, x to the right
     and z up, in the plane z = 0."""
-    edges = np.unique(np.sort(np.concatenate([pial.faces[:, [k, k - 1]] for k in range(3)]), axis=1), axis=0)
-    y = pial.verts[:, 1]
+    edges, y = geometry.edges(pial.faces), pial.verts[:, 1]
     a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
     n = len(y)
     faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
@@ -164,8 +164,7 @@ def section(pial: Surface, white: Surface) -> Surface:
     one, other = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
     below = one[:, 0] * other[:, 1] < one[:, 1] * other[:, 0]
     faces[below] = faces[below][:, [0, 2, 1]]                           # all are seen from above
-    used, place = np.unique(faces, return_inverse=True)
-    return Surface(verts[used], place.reshape(faces.shape))
+    return Surface(*geometry.in_use(verts, faces)[1:])
 
 
 def _mosaic(

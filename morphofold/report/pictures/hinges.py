@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from morphofold import geometry
 from morphofold.analysis import Measures
 from morphofold.analysis.graph.hinges import hinge_at
 from morphofold.comparison.hinges import Match, examples
@@ -93,13 +92,9 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
 
 def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
     """The vertices that faces (M, 3) join to one of them, and the faces between those."""
-    names, ends = np.unique(faces, return_inverse=True)
-    faces = ends.reshape(-1, 3)
-    joined = coo_matrix((np.ones(2 * len(faces)), (faces[:, :2].ravel(), faces[:, 1:].ravel())), (len(names),) * 2)
-    part = connected_components(joined)[1]
-    faces = faces[part[faces[:, 0]] == part[np.searchsorted(names, vertex)]]
-    kept, ends = np.unique(faces, return_inverse=True)
-    return names[kept], ends.reshape(-1, 3)
+    piece = geometry.components(int(faces.max()) + 1, faces)[1]
+    kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
+    return kept, ends.reshape(-1, 3)
 
 
 def _carried(

@@ -1,11 +1,14 @@
 """What every measure needs of a triangle mesh: areas, normals, neighbours, the cotangent Laplacian, topology.
 
+What kernels call of it is in :mod:`morphofold.geometry.kernels`.
+
 All sums run in the order of the faces, so results do not depend on the number of threads.
 """
 
 from __future__ import annotations
 
 import weakref
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from morphofold.geometry.kernels import area_vector, morton
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
 Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
@@ -26,25 +30,26 @@ def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):     # compiled code would read on
         raise ValueError(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
-    found: Vectors = _face_vectors(verts, faces)
-    return found
+    return np.asarray(_area_vectors(verts, faces)) / 2
 
 
 @njit(cache=True)
-def _face_vectors(verts, faces):
+def _area_vectors(verts, faces):
     # What np.cross gives, twenty times as fast: nothing is written but the answer.
     found = np.empty((len(faces), 3))
     for t in range(len(faces)):
-        a, b, c = faces[t]
-        ux, uy, uz = verts[b, 0] - verts[a, 0], verts[b, 1] - verts[a, 1], verts[b, 2] - verts[a, 2]
-        wx, wy, wz = verts[c, 0] - verts[a, 0], verts[c, 1] - verts[a, 1], verts[c, 2] - verts[a, 2]
-        found[t] = (uy * wz - uz * wy) / 2, (uz * wx - ux * wz) / 2, (ux * wy - uy * wx) / 2
+        found[t] = area_vector(verts[faces[t, 0]], verts[faces[t, 1]], verts[faces[t, 2]])
     return found
 
 
 def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
     """Areas (M,) [mm^2]."""
     return np.linalg.norm(face_vectors(verts, faces), axis=1)
+
+
+def equal_area_radius(verts: Verts, faces: Faces) -> float:
+    """Radius [mm] of the sphere that has the surface's area."""
+    return float(np.sqrt(face_areas(verts, faces).sum() / (4 * np.pi)))
 
 
 def face_normals(verts: Verts, faces: Faces) -> Vectors:
@@ -78,7 +83,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     if weights == "area":
         share = np.ones((len(faces), 3))
     elif weights in ("angle", "sine", "max"):
-        ahead, back = _sides(verts, faces)
+        ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
             angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))   # atan2, not acos: exact for slivers too
@@ -89,20 +94,25 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
             share = share if weights == "sine" else share**2
     else:
         raise ValueError(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
-    return unit(sum_corners(vector[:, None, :] * share[:, :, None], faces, len(verts)))
+    return unit(_sum_corners(vector, share, faces, len(verts)))
 
 
-def _sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
-    """From each corner of a triangle to the next one and to the one before, (M, 3, 3) each."""
+def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
+    """From each corner of a triangle to the next one and to the one before [mm], (M, 3 corners, 3) each."""
     corner = verts[faces]
     ahead = np.roll(corner, -1, axis=1) - corner
     return ahead, -np.roll(ahead, 1, axis=1)
 
 
-def sum_corners(values: NDArray[np.float64], faces: Faces, n: int) -> Vectors:
-    """Sum vectors given at the corners (M, 3, 3) over the vertices (n, 3)."""
-    flat, at = values.reshape(-1, 3), faces.ravel()
-    return np.stack([np.bincount(at, flat[:, k], n) for k in range(3)], axis=1)
+@njit(cache=True)
+def _sum_corners(vectors, share, faces, n):
+    """Sum over the vertices (n, 3) of the vectors (M, 3) of their triangles, times the corner's share (M, 3)."""
+    total = np.zeros((n, 3))
+    for t in range(len(faces)):
+        for k in range(3):
+            for r in range(3):
+                total[faces[t, k], r] += vectors[t, r] * share[t, k]
+    return total
 
 
 def used(n: int, faces: Faces) -> NDArray[np.bool_]:
@@ -148,10 +158,30 @@ def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return found
 
 
+def border_edges(faces: Faces) -> NDArray[np.int64]:
+    """Those of ``edges`` that one triangle alone has (B, 2)."""
+    pair, count = edges_and_counts(faces)
+    return pair[count == 1]
+
+
+def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
+    """Place in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
+    pair, base = edges(faces), int(faces.max()) + 1
+    start = faces.astype(np.int64)                                      # n^2 needs more than 32 bits
+    stop = np.roll(start, -1, axis=1)
+    key = np.minimum(start, stop) * base + np.maximum(start, stop)
+    return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)         # ascending, as edges are
+
+
+def edge_lengths(verts: Verts, faces: Faces) -> NDArray[np.float64]:
+    """Lengths (E,) of ``edges`` [mm]."""
+    pair = edges(faces)
+    return np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1)
+
+
 def mean_edge_length(verts: Verts, faces: Faces) -> float:
     """Mean length of the edges [mm], each edge once."""
-    pair = edges(faces)
-    return float(np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1).mean())
+    return float(edge_lengths(verts, faces).mean())
 
 
 def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
@@ -163,12 +193,8 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     faces : (4 M, 3) int64
         Triangle i became i, i + M, i + 2 M (its corners, in order) and i + 3 M (its middle).
     """
-    n, pair = len(verts), edges(faces)
-    key = pair[:, 0] * n + pair[:, 1]                                   # ascending, as edges are
-    a, b, c = faces.T.astype(np.int64)
-    ab, bc, ca = (
-        n + np.searchsorted(key, np.minimum(i, j) * n + np.maximum(i, j)) for i, j in ((a, b), (b, c), (c, a))
-    )
+    pair, (a, b, c) = edges(faces), faces.T
+    ab, bc, ca = len(verts) + edges_of_faces(faces).T
     four = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
     return (
         np.concatenate([verts, (verts[pair[:, 0]] + verts[pair[:, 1]]) / 2]),
@@ -179,10 +205,20 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
 def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
     pair = edges(faces)
-    i, j = np.concatenate([pair[:, 0], pair[:, 1]]), np.concatenate([pair[:, 1], pair[:, 0]])
-    matrix = sparse.csr_array((np.ones(len(i), dtype=np.bool_), (i, j)), shape=(n, n))
+    return symmetric(n, pair, np.ones(len(pair), dtype=np.bool_))
+
+
+def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.csr_array:
+    """(n, n) CSR of values (E,) at the places ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
+    (i, j), twice = pairs.T, np.concatenate([values, values])
+    matrix = sparse.csr_array((twice, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
     matrix.sort_indices()
     return matrix
+
+
+def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
+    """(N, N) symmetric CSR of edge lengths [mm]; an edge of no length is kept as 1e-300."""
+    return symmetric(len(verts), edges(faces), np.maximum(edge_lengths(verts, faces), 1e-300))
 
 
 def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
@@ -201,7 +237,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     With ``clip`` the cotangents are first bounded to it; a lower bound of 0 makes every weight non-negative (a maximum
     principle on needle triangles) at the price of consistency there.
     """
-    ahead, back = _sides(verts, faces)
+    ahead, back = sides(verts, faces)
     doubled = 2 * face_areas(verts, faces)[:, None]
     dots = np.sum(ahead * back, axis=2)
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
@@ -226,8 +262,25 @@ def is_closed(faces: Faces) -> bool:
 
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 where no face uses the vertex."""
-    label = csgraph.connected_components(adjacency(n, faces), directed=False)[1]
+    label = connected(n, edges(faces))
     has_faces = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
     names, piece[has_faces] = np.unique(label[has_faces], return_inverse=True)
     return len(names), piece
+
+
+def connected(n: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Connected part (n,), from 0, of each of n things of which ``pairs`` (P, 2) are joined."""
+    links = sparse.coo_array((np.ones(len(pairs), dtype=np.bool_), tuple(pairs.T)), shape=(n, n))
+    return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def way_along(points: Vectors) -> NDArray[np.float64]:
+    """Way (P,) [mm] from the first of the points (P, 3) of a polyline to each of them along it."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+
+
+def morton_codes(points: NDArray[np.float64], bits: int = 20) -> NDArray[np.int64]:
+    """Place (P,) along a Morton curve of points (P, 3) in the unit cube: ``bits`` of each axis, 20 at most."""
+    found: NDArray[np.int64] = morton(points, bits)
+    return found
