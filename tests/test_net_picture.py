@@ -50,6 +50,16 @@ def test_a_doubtful_hinge_is_grey_whatever_its_arms(measures):
     assert [(rgb[v] == bytes_of(DOUBT)).all() for v in vertices] == [node == hinge for node in graph]
 
 
+def test_a_hinge_off_the_vertices_of_a_net_without_width_is_drawn(measures):
+    graph = measures.graph.copy()
+    graph.graph["scales"] = None
+    for _, node in graph.nodes(data=True):
+        node["position"] = node["position"] + 0.1 * graph.graph["edge"]
+    hinges = [data for _, data in graph.nodes(data=True) if data["degree"] > 2]
+    rgb = net_row(replace(measures, graph=graph), "octahedron").rgb
+    assert all((rgb[hinge["vertex"]] == bytes_of(ARMS[hinge["degree"]])).all() for hinge in hinges)
+
+
 def test_a_surface_without_folds_is_bare():
     ball = sphere(3, 50.0)
     cortex = Cortex(ball.surface, Surface(1.05 * ball.verts, ball.faces), name="ball")

@@ -39,10 +39,10 @@ def net_row(measures: Measures, name: str) -> Row:
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
     paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST)
-    tree = cKDTree(verts)
+    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])         # a dot is never less than a vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
-            near = np.array(tree.query_ball_point(node["position"], DISC * width))
+            near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
             colour = ARMS[min(node["degree"], 5)] if counts(node) else DOUBT
             rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
     return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
