@@ -93,7 +93,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
             f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
-        verts = geometry.in_use(surface.verts, surface.faces)[1]
+        verts = surface.verts
         step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
         edge = geometry.mean_edge_length(surface.verts, surface.faces)
         if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):

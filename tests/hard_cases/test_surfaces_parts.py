@@ -12,7 +12,7 @@ from morphofold.analysis import curvatures, measure, vertex_areas
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding, local
-from morphofold.analysis.mesh_quality import checks
+from morphofold.analysis.mesh_quality import checks, repair
 from morphofold.cli import analyze
 from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import icosphere
@@ -20,10 +20,15 @@ from morphofold.shapes.ridges import SOLIDS
 from morphofold.surface import Cortex, Surface
 
 
+def all_of_them(patch):
+    """Vertices that no triangle uses are measured and boxed with the others."""
+    patch.setattr(repair, "_mended", lambda cortex, *_: repair.as_given(cortex))
+    patch.setattr(local, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
+
+
 @pytest.mark.parametrize("first", [False, True])
-@hard_case("surfaces", "unused vertices, a kilometre away", guard="only vertices in use are boxed",
-           without=lambda patch: patch.setattr(local, "in_use", lambda v, f: (np.arange(len(v)), v, f)),
-           fails=(AssertionError, ValueError, MemoryError))  # fmt: skip
+@hard_case("surfaces", "unused vertices, a kilometre away", guard="only vertices in use are measured",
+           without=all_of_them, fails=(AssertionError, ValueError, MemoryError))  # fmt: skip
 def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys, first):
     stray = np.full((5, 3), 1e6) + np.eye(5, 3)
     cortex = clean()[0]
@@ -37,13 +42,8 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
 
 
-def all_of_them(patch):
-    """Of the vertices in use, all are taken for one."""
-    patch.setattr(geometry, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
-
-
 @hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
-           guard="rounding is that of vertices in use")  # fmt: skip
+           guard="only vertices in use are measured")  # fmt: skip
 def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp_path, capsys):
     cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
     status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision

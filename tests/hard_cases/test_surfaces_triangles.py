@@ -9,7 +9,7 @@ from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from scipy import sparse
 
 from morphofold import geometry
-from morphofold.analysis import curvatures, measure
+from morphofold.analysis import curvatures, measure, measuring
 from morphofold.analysis.graph import net
 from morphofold.analysis.mesh_quality import checks, defects, repair
 
@@ -32,7 +32,7 @@ def one_ring(patch):
         apart = np.sqrt(np.maximum(H**2 - K, 0))
         return replace(fitted(verts, faces, scale), k1=H + apart, k2=H - apart)
 
-    patch.setattr(curvatures, "curvature", of_ring)
+    patch.setattr(measuring, "curvature", of_ring)
 
 
 def of_no_area(patch):
