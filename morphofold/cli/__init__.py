@@ -196,5 +196,7 @@ def _show(message: Warning | str, *_: object, **__: object) -> None:
 
 def _fail(command: str, error: object, code: int) -> int:
     told = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
+    if kind := getattr(error, "code", None):
+        told += f" [{kind}]"
     print(f"morphofold {command}".strip() + f": {told}", file=sys.stderr)
     return code
