@@ -119,13 +119,13 @@ class WrongFile(Refusal):
     cure = "Name the file that the message asks for, or convert it."
 
 
-class DoNotBelong(Refusal):
+class Mismatch(Refusal):
     """Files or folders do not belong together: of two subjects, two runs, two versions, or changed since."""
 
     cure = "Take both from one source, put the old file back, or begin in another folder."
 
 
-class Lacks(Refusal):
+class MissingPart(Refusal):
     """What is needed is not there, though the file can be read: regions, a gyral graph, stages, a map."""
 
     cure = "Analyze or grow anew with it, or leave out what needs it."

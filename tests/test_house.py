@@ -26,7 +26,8 @@ ORDER = (
     "cohort", "report", "studies", "cli",
 )  # fmt: skip
 GROUND = (
-    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words", "errors",
+    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words",
+    "errors",
 )  # fmt: skip
 APART = {"sim", "analysis"}                     # they meet in a Cortex
 #: the one arrow that runs back up: Comparison.report() calls the page
