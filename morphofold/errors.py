@@ -63,7 +63,7 @@ class NamedTwice(Refusal):
 
 
 class NotReadable(Refusal):
-    """A text can't be read as what it stands for, such as ``NAME=DIR``, a range, a length of time or TOML."""
+    """A text can't be read as what it stands for, such as `NAME=DIR`, a range, a length of time or TOML."""
 
     cure = "Write it as the example in the message."
 

@@ -11,6 +11,7 @@ import networkx as nx
 import pytest
 
 import morphofold
+from morphofold.errors import Refusal
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {
@@ -156,3 +157,15 @@ def loaded_by(code):
     tail = f"\nimport sys; print('LOADED', *[m for m in {heavy!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code + tail], capture_output=True, text=True, check=True)
     return done.stdout.rpartition("LOADED")[2].strip()
+
+
+@in_a_checkout
+def test_every_refusal_is_of_a_kind_and_every_kind_refuses_something():
+    raised = {
+        node.exc.func.id
+        for _, file in modules()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name)
+    }
+    assert "ValueError" not in raised
+    assert {kind.__name__ for kind in Refusal.__subclasses__()} <= raised

@@ -162,7 +162,7 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
         ))  # fmt: skip
         for key in WARNINGS:
             if key in m.notes:
-                print(one_line(f"warning: {m.notes[key]}"))
+                print(one_line(f"warning: {m.notes[key]} [{key}]"))
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
 

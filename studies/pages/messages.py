@@ -1,4 +1,4 @@
-"""The tables of docs/messages.md: every code of a refusal, with cause and cure.
+"""The tables of docs/messages.md: the codes of refusals, of warnings about surfaces, and of the health of simulations.
 
 ``python -m morphofold.studies.pages.messages docs/messages.md`` puts them between the marks of that page.
 """
@@ -8,8 +8,24 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.errors import Refusal
+from morphofold.sim.health import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import renewed, table, write_texts
+
+#: the numbers that health is judged by, in words
+HEALTH = {
+    "distance_over_T": "distance of the surface from rest, in thicknesses of the cortex",
+    "kinetic_over_strain": "kinetic over strain energy",
+    "overlap": "share of the enclosed length of rays that the surface covers twice",
+    "winding_max": "how often the surface winds around a point inside it, at most",
+    "crossings": "edges and vertices that have passed through the surface",
+    "deepest_crossing": "depth of the deepest of them, in mean edges",
+    "volume_drift": "change of volume that growth does not account for",
+    "bending": "bending of the body as a whole",
+    "unstable_modes": "negative eigenvalues of the stiffness: ways in which the stage would fold further by itself",
+    "lowest_J": "least volume ratio of any Gauss point so far",
+}
 
 
 def refusals() -> str:
@@ -20,9 +36,25 @@ def refusals() -> str:
     ])  # fmt: skip
 
 
+def warnings() -> str:
+    """A row for each warning about surfaces."""
+    return table(("code", "cause", "cure"), [(f"`{code}`", *said) for code, said in WARNINGS.items()])
+
+
+def health() -> str:
+    """A row for each number that the health of a stage is judged by."""
+    bounds = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
+    bounds["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
+    return table(("code", "meaning", "bound", "cure"), [
+        (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
+        for name, (bound, keys) in bounds.items()
+    ])  # fmt: skip
+
+
 def write(page: Path) -> None:
     """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
-    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), {"refusals": [refusals()]})})
+    parts = {"refusals": [refusals()], "warnings": [warnings()], "health": [health()]}
+    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
 
 
 if __name__ == "__main__":
