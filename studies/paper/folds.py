@@ -1,7 +1,7 @@
 """Figs. 5, 6 and 7 of Razavi et al. (2015) from simulations: pictures of the folds, and the table of their numbers.
 
 The paper prints neither the growth of its pictures nor their scale. Ours have one scale per figure, and growths of our
-own, the first at most 0.05 beyond that of the first wrinkles by linear stability.
+own, the first at most 0.06 beyond that of the first wrinkles by linear stability.
 """
 
 from __future__ import annotations
