@@ -45,7 +45,7 @@ def folder_in_place(path):
 
 
 def writers_in_place(patch):
-    for module in ("io.freesurfer", "io.gifti", "io.trimesh_files", "io.vtk_files", "sim.output.folder"):
+    for module in ("io.files", "io.gifti", "io.trimesh_files", "io.vtk_files", "sim.output.folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
 
 
@@ -236,8 +236,7 @@ def test_killed_run(holds, tmp_path):
 
 
 def unread(patch):
-    for module in ("freesurfer", "vtk_files"):
-        patch.setattr(f"morphofold.io.{module}.read_back", lambda path, temporary: suppress(ValueError))
+    patch.setattr("morphofold.io.files.read_back", lambda path, temporary: suppress(ValueError))
 
 
 @contextmanager
@@ -292,7 +291,7 @@ def full_if_unread(path):
 @hard_case(
     "files", "a package that writes, at a disk with room, what can't be read back",
     guard="a full disk is told of where a file can't grow", without=lambda patch: patch.setattr(
-        "morphofold.io.freesurfer.read_back", lambda path, temporary: full_if_unread(path)),
+        "morphofold.io.files.read_back", lambda path, temporary: full_if_unread(path)),
     fails=AssertionError,
 )  # fmt: skip
 def test_not_a_full_disk(holds, tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from morphofold import geometry, shapes
-from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, measure, vertex_areas
+from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, measure, measuring, vertex_areas
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
@@ -153,7 +153,7 @@ def by_edges(patch):
     """Folding indices of curvature smoothed over three edges, whatever scale is asked for."""
     smoothed = folding.folding_indices
     three = lambda verts, faces, scale: smoothed(verts, faces, 3 * geometry.mean_edge_length(verts, faces))
-    patch.setattr(folding, "folding_indices", three)
+    patch.setattr(measuring, "folding_indices", three)
 
 
 @examples(3, 12)
