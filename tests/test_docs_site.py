@@ -33,7 +33,7 @@ NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 RUN = [
     "docs/extending.md",
     *(pytest.param(page, marks=pytest.mark.slow)
-      for page in ("README.md", "docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")),
+      for page in ("docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")),
 ]  # fmt: skip
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
