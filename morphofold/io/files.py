@@ -75,7 +75,7 @@ def _what_is_there(path: Path) -> str:
 
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
-    """Turn whatever a file library raises on a damaged file into one clear ``DamagedFile``.
+    """Turn whatever a file library raises on a damaged file into one clear ``DamagedFile``; a ``WrongFile`` stays one.
 
     Where memory did not suffice for what the file may hold, it may be whole: that is a ``MemoryError``, with its place.
     """
@@ -93,7 +93,8 @@ def decoding(path: Path, what: str, advice: str = "Make it anew from its source.
             ) from error
         told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
         reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
-        raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+        kind = WrongFile if isinstance(error, WrongFile) else DamagedFile
+        raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 
 def _array_wanted(error: BaseException) -> float:

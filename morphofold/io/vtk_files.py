@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.errors import DamagedFile
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import atomic_file, decoding, write_and_look
 from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
 from morphofold.io.vtk_blocks import check_blocks
@@ -28,10 +28,10 @@ def read_unstructured(kind: str, path: Path) -> Read:
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
-            raise DamagedFile(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
+            raise WrongFile(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
         flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
-            raise DamagedFile(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
+            raise WrongFile(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
         verts, faces = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
@@ -49,7 +49,7 @@ def read_polygons(path: Path) -> Read:
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
             raise DamagedFile("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
-            raise DamagedFile("it holds faces that are no triangles; triangulate it first")
+            raise WrongFile("it holds faces that are no triangles; triangulate it first")
         verts, faces = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
