@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import BadMesh, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+
 Verts = NDArray[np.float64]     # (N, 3), mm
 Faces = NDArray[np.int64]       # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = NDArray[np.float64]  # (N,)
@@ -62,7 +64,7 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
         (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
     )
     if flat.size:
-        raise ValueError(
+        raise BadMesh(
             f"{name}: {flat.size} of {len(faces)} faces name a vertex twice; the first is face {flat[0]} = "
             f"{faces[flat[0]].tolist()}. Remove them."
         )
@@ -72,23 +74,23 @@ def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
     """As ``check_mesh``, but faces may name a vertex twice."""
     check_arrays(verts, faces, name)
     if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
-        raise ValueError(
+        raise WrongShape(
             f"{name}: verts must have shape (N, 3) with N > 0, got {verts.shape}. "
             "If the array holds one vertex per column, pass verts.T."
         )
     if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise ValueError(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
+        raise WrongShape(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
     wild = np.flatnonzero(~np.isfinite(verts).all(axis=1))
     if wild.size:
-        raise ValueError(
+        raise NotFinite(
             f"{name}: {wild.size} of {len(verts)} vertices are not finite; the first is vertex {wild[0]} = "
             f"{verts[wild[0]].tolist()}. The file is damaged, or the step that wrote it failed."
         )
     bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
     if bad.size:
-        raise ValueError(
+        raise OutOfRange(
             f"{name}: {bad.size} of {len(faces)} faces name a vertex outside 0..{len(verts) - 1}; "
             f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
             "Were the indices 1-based? Then pass faces - 1."
@@ -245,17 +247,17 @@ class Cortex:
         for what, surface in (("white", self.white), ("pial", self.pial)):
             check_kind(surface, Surface, f"{self.name}: {what}")
         if self.hemi not in ("lh", "rh"):
-            raise ValueError(f"{self.name}: hemi must be 'lh' or 'rh', got {self.hemi!r}.")
+            raise UnknownName(f"{self.name}: hemi must be 'lh' or 'rh', got {self.hemi!r}.")
         n_white, n_pial = len(self.white.verts), len(self.pial.verts)
         if n_white != n_pial:
-            raise ValueError(
+            raise UnlikeSurfaces(
                 f"{self.name}: white ({self.white.name}) has {n_white} vertices and pial ({self.pial.name}) has "
                 f"{n_pial}; vertex i of one must belong to vertex i of the other. Were they taken from two subjects?"
             )
         if np.shape(self.white.faces) != np.shape(self.pial.faces) or not np.array_equal(
             np.sort(self.white.faces, axis=1), np.sort(self.pial.faces, axis=1)
         ):
-            raise ValueError(
+            raise UnlikeSurfaces(
                 f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
                 "but different faces, so vertices cannot be matched. Take both from one reconstruction."
             )
@@ -268,12 +270,12 @@ class Cortex:
             per_vertex["inflated"] = self.inflated.verts[:, 0]
         for name, values in per_vertex.items():
             if np.shape(values) != (n_white,):
-                raise ValueError(
+                raise WrongShape(
                     f"{self.name}: {name} has shape {np.shape(values)}, the surfaces have {n_white} vertices. "
                     "It belongs to another surface."
                 )
             if len(infinite := np.flatnonzero(np.isinf(values))):
-                raise ValueError(
+                raise NotFinite(
                     f"{self.name}: {name} has {len(infinite)} infinite values, the first at vertex {infinite[0]}. Put "
                     "NaN where a value is unknown."
                 )

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.errors import DamagedFile
 from morphofold.provenance import shown
 
 MISSING = "n/a"
@@ -71,7 +72,7 @@ def read_table(
     ------
     FileNotFoundError
         If there is no such file.
-    ValueError
+    DamagedFile
         If it was cut, has another number of rows than ``count``, a line another number of cells than the header, or a
         cell of ``numbers`` no finite number.
     """
@@ -80,21 +81,21 @@ def read_table(
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: is damaged: it is not UTF-8 text. Analyze anew.") from None
+        raise DamagedFile(f"{path}: is damaged: it is not UTF-8 text. Analyze anew.") from None
     if not text.endswith("\n"):
-        raise ValueError(f"{path}: was cut: its last line has no end. Analyze anew.")
+        raise DamagedFile(f"{path}: was cut: its last line has no end. Analyze anew.")
     head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
     columns, rows = list(map(_unguarded, head)), []
     for number, cells in enumerate(lines, start=2):
         if len(cells) != len(columns):
-            raise ValueError(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
+            raise DamagedFile(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
         row = {column: _value(cell, column in words) for column, cell in zip(columns, cells)}
         for column in numbers:
             if isinstance(row.get(column), str):
-                raise ValueError(f"{path}: line {number}: {column} is {row[column]!r:.40}, no number. Analyze anew.")
+                raise DamagedFile(f"{path}: line {number}: {column} is {row[column]!r:.40}, no number. Analyze anew.")
         rows.append(row)
     if count not in (None, len(rows)):
-        raise ValueError(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze anew.")
+        raise DamagedFile(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze anew.")
     return rows
 
 

@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from morphofold.errors import OutOfRange
+
 #: stretches that kernels cut their work into, each with its own scratch: more than threads, and whatever their number
 BLOCKS = 64
 
@@ -15,7 +17,7 @@ def set_threads(threads: int | None) -> None:
 
     Raises
     ------
-    ValueError
+    OutOfRange
         If the number is not between 1 and the cores of this machine.
     """
     import numba
@@ -38,14 +40,14 @@ def using_threads(threads: int | None) -> Iterator[int]:
 
 
 def check_threads(threads: int | None) -> None:
-    """Raise the ``ValueError`` of :func:`set_threads`; sets nothing."""
+    """Raise the ``OutOfRange`` of :func:`set_threads`; sets nothing."""
     if threads is None:
         return
     most = _most()
     if not 1 <= threads <= most:
         variable = "NUMBA_NUM_THREADS"
         why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
-        raise ValueError(f"threads must be 1 to {most} {why}, got {threads}.")
+        raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
 
 
 def _most() -> int:

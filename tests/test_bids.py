@@ -18,6 +18,7 @@ from made_measures import made_measures
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import main
+from morphofold.errors import DamagedFile, Mismatch, NotFinite, NotReadable
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
@@ -206,7 +207,7 @@ def test_compare_takes_a_subject_beside_an_analysis_and_names_those_of_a_dataset
     assert all(row["a lh"] == row["b lh"] for row in said["table"])
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
     assert main(["compare", f"a={place.parent}", "-o", str(tmp_path / "out2")]) == 2
-    assert f"It is a BIDS dataset; name a subject of it: {place}." in capsys.readouterr().err
+    assert f" {place}." in capsys.readouterr().err
 
 
 def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
@@ -221,7 +222,7 @@ def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
     for file in files:
         content = file.read_bytes()
         file.write_bytes(content[: len(content) * 2 // 3])
-        with pytest.raises(ValueError, match=re.escape(str(file))):
+        with pytest.raises(DamagedFile, match=re.escape(str(file))):
             read_subject(place)
         file.unlink()
         name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
@@ -241,25 +242,29 @@ def test_a_table_that_lost_whole_lines_is_refused_where_the_number_of_rows_is_kn
     )[layout]
     lines = table.read_text().splitlines(keepends=True)
     table.write_text("".join(lines[:-1]))
-    with pytest.raises(ValueError, match=rf"{table.name}: has {len(lines) - 2} rows of the {len(lines) - 1} that were"):
+    with pytest.raises(DamagedFile, match=rf"{table.name}: \D*\b{len(lines) - 2}\b\D*\b{len(lines) - 1}\b"):
         read_analysis(place)
     summary.write_text(json.dumps({key: value for key, value in json_of(summary).items() if key != "rows"}))
-    with pytest.raises(ValueError, match=r"rows: field required\. Analyze anew"):
+    with pytest.raises(NotReadable, match=rf"{summary.name}: rows: "):
         read_analysis(place)
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [("hemi", "xh", "hemi: .*'xh'"), ("transform", np.zeros((4, 4)).tolist(), "transform"), ("maps", 3, "maps: ")],
+    ("key", "value", "kind", "told"),
+    [
+        ("hemi", "xh", NotReadable, r"\bhemi: .*'xh'"),
+        ("transform", np.zeros((4, 4)).tolist(), DamagedFile, r"\btransform\b"),
+        ("maps", 3, NotReadable, r"\bmaps: .*\b3\b"),
+    ],
 )
-def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, words):
+def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, kind, told):
     place = tmp_path / "sub-bert"
     shutil.copytree(both[1], place)
     path = place / "anat" / "sub-bert_desc-morphofold_provenance.json"
     said = json_of(path)
     said["surfaces"][0][key] = value
     path.write_text(json.dumps(said))
-    with pytest.raises(ValueError, match=rf"sub-bert.anat.*{words}.* Analyze anew"):
+    with pytest.raises(kind, match=rf"sub-bert.anat.*{told}"):
         read_subject(place)
 
 
@@ -268,7 +273,7 @@ def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
     for end in ("thickness.shape.gii", "seg-aparc_dseg.label.gii"):
         shutil.copytree(both[1], place)
         shutil.copy(written[2] / "anat" / f"sub-bert01_hemi-L_{end}", place / "anat" / f"sub-bert_hemi-L_{end}")
-        with pytest.raises(ValueError, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) values for 2562 vertices"):
+        with pytest.raises(Mismatch, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) .*\b2562\b"):
             read_subject(place)
         shutil.rmtree(place)
 
@@ -352,21 +357,21 @@ def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
     (tmp_path / "file").write_text("")
     before = sorted(tmp_path.rglob("*"))
     for name in ("plain", "raw", "file"):
-        with pytest.raises(FileExistsError, match=f"{name}: is not a BIDS dataset that morphofold wrote"):
+        with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / name}: ")):
             write_dataset(m, tmp_path / name, "bert", report=False)
-    with pytest.raises(ValueError, match="letters and digits, and it has none"):
+    with pytest.raises(NotReadable, match="'sub-__'"):
         write_dataset(m, tmp_path / "new", "sub-__", report=False)
     assert sorted(tmp_path.rglob("*")) == before
     write_dataset(m, tmp_path / "ours", "a-b", report=False)
-    with pytest.raises(FileExistsError, match="holds 'a-b', and BIDS shortens 'ab' to the same"):
+    with pytest.raises(FileExistsError, match=r"'a-b'.*'ab'"):
         write_dataset(m, tmp_path / "ours", "ab", report=False)
-    with pytest.raises(FileExistsError, match="morphofold did not write this folder"):
+    with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / 'ours'}: ")):
         write_analysis(m, tmp_path / "ours", report=False)                         # with its subjects
 
 
 def test_a_failure_half_way_leaves_neither_subject_nor_dataset(tmp_path):
     m = made_measures()
-    with pytest.raises(ValueError, match="infinite"):
+    with pytest.raises(NotFinite, match=r"_H\S*: 1 of \d+\b.*\b3\b"):
         write_dataset([m, made_measures("rh")], _spoil(m, tmp_path / "d"), "bert", report=False)
     assert list(tmp_path.iterdir()) == []
 
@@ -389,5 +394,5 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeyp
     assert list((place / "figures").glob("*.png"))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
     assert main([*argv, "-o", str(place)]) == 2
-    assert "is not a BIDS dataset that morphofold wrote" in capsys.readouterr().err
+    assert f"{place}: " in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["d"]

@@ -93,14 +93,14 @@ def test_core_layers_grow_inwards_and_end_at_the_base():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "numbers"),
     [
-        ((50, 2, 48.5, "half", 8), "make the hole smaller or the cortex thinner"),
-        ((50, 60, 25, "half", 8), "must lie inside the core"),
-        ((50, 2, 25, "half", 7), "even number of cells"),
-        ((50, 2, 25, "third", 8), "portion must be one of full, half, quarter, octant"),
+        ((50, 2, 48.5, "half", 8), r"\b0\.97\b.*\b0\.96\b.*\b2 mm\b"),
+        ((50, 60, 25, "half", 8), r"\b0\.5\b.*\b60 mm\b"),
+        ((50, 2, 25, "half", 7), r"\bn\b.*\b4\b.*\b7\b"),
+        ((50, 2, 25, "third", 8), "portion.*full, half, quarter, octant.*'third'"),
     ],
 )
-def test_impossible_geometry_is_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
+def test_impossible_geometry_is_refused(arguments, numbers):
+    with pytest.raises(ValueError, match=numbers):
         bilayer_sphere(*arguments)

@@ -1,12 +1,14 @@
 """The gyral graph on disk: back as it was, and files that are none refused by name."""
 
 import json
+import re
 
 import networkx as nx
 import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_graph, hinges
+from morphofold.errors import DamagedFile, Mismatch, NotReadable
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import regular_net, ridged_net
@@ -66,31 +68,39 @@ def put(path, value):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("place", "value"),
     [
-        put(["directed"], True), put(["multigraph"], False), put(["nodes"], [1, 2]), put(["edges"], None),
-        put(["graph", "scales"], "broad"), put(["graph", "scales", "width"], put), put(["graph", "edge"], None),
-        put(["nodes", 0, "vertex"], 10**9), put(["nodes", 0, "position"], [0.0, None, 1.0]),
-        put(["nodes", 0, "persistence"], "x"), put(["nodes", 0, "normal"], put), put(["edges", 0, "polyline"], []),
-        put(["edges", 0, "polyline"], [["a"]]), put(["edges", 0, "polyline", 0], [1.0]),
-        put(["edges", 0, "vertices", 0], 10**30), put(["edges", 0, "vertices", 0], -1),
-        put(["edges", 0, "number"], put), put(["edges", 0, "length"], None),
+        (["directed"], True), (["multigraph"], False), (["nodes"], [1, 2]), (["edges"], None),
+        (["graph", "scales"], "broad"), (["graph", "scales", "width"], put), (["graph", "edge"], None),
+        (["nodes", 0, "vertex"], 10**9), (["nodes", 0, "position"], [0.0, None, 1.0]),
+        (["nodes", 0, "persistence"], "x"), (["nodes", 0, "normal"], put), (["edges", 0, "polyline"], []),
+        (["edges", 0, "polyline"], [["a"]]), (["edges", 0, "polyline", 0], [1.0]),
+        (["edges", 0, "vertices", 0], 10**30), (["edges", 0, "vertices", 0], -1),
+        (["edges", 0, "number"], put), (["edges", 0, "length"], None),
     ],
 )  # fmt: skip
-def test_a_file_that_was_changed_is_refused(ridged, tmp_path, change):
+def test_a_file_that_was_changed_is_refused(ridged, tmp_path, place, value):
     surface, graph = ridged
     path = tmp_path / "lh.json"
     write_graph(path, graph)
     data = json.loads(path.read_text())
-    change(data)
+    put(place, value)(data)
     path.write_text(json.dumps(data))
-    with pytest.raises(ValueError, match=r"lh\.json: .*Analyze anew"):
+    far = place[-1] == "vertex"                                         # of another surface
+    told = rf".*\b{value}\b" if far else re.escape(".".join(map(str, place)))
+    with pytest.raises(Mismatch if far else NotReadable, match=rf"lh\.json: {told}"):
         read_graph(path, len(surface.verts))
 
 
-@pytest.mark.parametrize("text", ["", "null", "[]", '"x"', '{"nodes": [', "[" * 100_000, "\udcff"])
-def test_what_is_no_graph_is_refused(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        *((text, NotReadable) for text in ("null", "[]", '"x"', "{}")),
+        *((text, DamagedFile) for text in ("", '{"nodes": [', "[" * 100_000, "\udcff")),
+    ],
+)
+def test_what_is_no_graph_is_refused(tmp_path, text, kind):
     path = tmp_path / "lh.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(ValueError, match=r"lh\.json: "):
+    with pytest.raises(kind, match=r"lh\.json: "):
         read_graph(path, 9)

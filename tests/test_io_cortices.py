@@ -11,6 +11,16 @@ import numpy as np
 import pytest
 
 from morphofold.analysis.measures import Measures
+from morphofold.errors import (
+    DamagedFile,
+    DoesNotApply,
+    Mismatch,
+    NotFinite,
+    NotReadable,
+    OptionsClash,
+    UnlikeSurfaces,
+    WrongFile,
+)
 from morphofold.io import cortices, read_cortex, sample_path, write_morph, write_surface
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
@@ -21,9 +31,9 @@ def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name():
     folder = sample_path("fsaverage5/surf")
     c = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
     assert (c.hemi, c.origin, c.maps) == ("rh", "files", {})
-    with pytest.raises(ValueError, match=r"lh\.white is lh, \S+rh\.pial is rh\. Name two surfaces of one hemisphere"):
+    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"):
         read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
-    with pytest.raises(ValueError, match=r"is named lh, but rh was asked for\. Ask for lh"):
+    with pytest.raises(WrongFile, match=r"lh\.white: .*\blh, .*\brh\b.*\blh\b"):
         read_cortex(white=folder / "lh.white", pial=folder / "lh.pial", hemi="rh")
 
 
@@ -57,39 +67,47 @@ def test_one_stage_of_a_simulation_can_be_named(tmp_path):
 
 def test_a_simulation_without_a_stage_says_so(tmp_path):
     (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
-    with pytest.raises(FileNotFoundError, match=r"no stage .* is written yet"):
+    with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "stages"))):
         read_cortex(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [("{", "not JSON"), ("[]", "no JSON object"), ('{"portion": 0}', "got 0"), ('{"portion": "1"}', "got '1'")],
+    ("text", "kind", "told"),
+    [
+        ("{", DamagedFile, r"stage\.json: "),
+        ("[]", NotReadable, r"stage\.json: "),
+        ('{"portion": 0}', NotReadable, r"stage\.json: portion: .*\b0\b"),
+        ('{"portion": "1"}', NotReadable, r"stage\.json: portion: .*'1'"),
+    ],
 )
-def test_a_damaged_stage_record_is_refused(tmp_path, text, message):
+def test_a_damaged_stage_record_is_refused(tmp_path, text, kind, told):
     stage = simulation(tmp_path) / "stages" / "g1.80"
     (stage / "stage.json").write_text(text)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(kind, match=told):
         read_cortex(stage)
 
 
 @pytest.mark.parametrize(
-    ("name", "write"),
+    ("name", "count", "write"),
     [
-        ("surf/lh.thickness", lambda path: write_morph(path, np.ones(41))),
-        ("surf/lh.inflated", lambda path: write_surface(path, Surface(*icosphere(2)))),
-        ("label/lh.aparc.annot", lambda path: shutil.copy(sample_path(f"fsaverage5/label/{path.name}"), path)),
+        ("surf/lh.thickness", "41", lambda path: write_morph(path, np.ones(41))),
+        ("surf/lh.inflated", "162", lambda path: write_surface(path, Surface(*icosphere(2)))),
+        (
+            "label/lh.aparc.annot", "10,242",
+            lambda path: shutil.copy(sample_path(f"fsaverage5/label/{path.name}"), path),
+        ),
     ],
 )
-def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, write):
+def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, count, write):
     stage = simulation(tmp_path) / "stages" / "g1.80"
     (stage / "label").mkdir()
     write(stage / name)
-    with pytest.raises(ValueError, match=rf"{name} has [0-9,]+ vertices, \S+surf/lh\.white 42: it belongs to another"):
+    with pytest.raises(Mismatch, match=rf"{name} \D*\b{count} .*surf/lh\.white 42\b"):
         read_cortex(stage)
 
 
 def test_white_and_pial_of_two_subjects_are_refused():
-    with pytest.raises(ValueError, match=r"has 10242 vertices and pial .* has 152893"):
+    with pytest.raises(UnlikeSurfaces, match=r"\b10242\b.*\b152893\b"):
         read_cortex(white=sample_path("fsaverage5/surf/lh.white"), pial=sample_path("S1/lh.pial.surf.gii"))
 
 
@@ -100,21 +118,20 @@ def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
 
 
 def test_a_missing_hemisphere_says_what_was_looked_for():
-    with pytest.raises(FileNotFoundError, match=r"rh\.white: no such surface.*tried: rh\.white\.surf\.gii"):
+    with pytest.raises(FileNotFoundError, match=r"rh\.white: .*\brh\.white\.surf\.gii\b"):
         read_cortex(sample_path("S1"), "rh")
 
 
 def test_the_other_hemisphere_is_no_misspelling(tmp_path):
     for name in ("rh.pial", "lh.sulc", "lh.white"):
         shutil.copy(sample_path(f"fsaverage5/surf/{name}"), tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"lh\.pial: no such surface") as error:
+    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):     # all there are
         read_cortex(tmp_path)
-    assert "Close to it" not in str(error.value)
 
 
 def test_a_missing_folder_says_what_is_missing_in_which(tmp_path):
-    with pytest.raises(FileNotFoundError, match=f"There is no no in {re.escape(str(tmp_path))}"):
-        read_cortex(tmp_path / "no" / "such" / "subject")
+    with pytest.raises(FileNotFoundError, match=rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."):
+        read_cortex(tmp_path / "nowhere" / "such" / "subject")
 
 
 def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
@@ -128,7 +145,7 @@ def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
     cortex = read_cortex(tmp_path)
     assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("mine", "simulation", 0.5, {"g": 1.9})
     (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
-    with pytest.raises(ValueError, match=r"summary\.json: surfaces\.0\.portion: .*got 7\. Analyze"):
+    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
         read_cortex(tmp_path)
 
 
@@ -138,7 +155,7 @@ def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path)
     write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
     assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
     (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
-    with pytest.raises(FileNotFoundError, match=r"no label/lh\.aparc\.a2009s\.annot"):
+    with pytest.raises(FileNotFoundError, match=r"label/lh\.aparc\.a2009s\.annot"):
         read_cortex(tmp_path / "out")
 
 
@@ -149,12 +166,12 @@ def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
     write_surface(white, cortex.white)
     write_surface(pial, cortex.pial)
     assert read_cortex(white=white, pial=pial).hemi == "rh"
-    with pytest.raises(ValueError, match="is named rh, but lh was asked for"):
+    with pytest.raises(WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
         read_cortex(white=white, pial=pial, hemi="lh")
 
 
 def test_a_simulation_has_no_right_hemisphere_and_says_so():
-    with pytest.raises(ValueError, match="one closed surface named lh"):
+    with pytest.raises(DoesNotApply, match=r"simulated: .*\blh\b"):
         read_cortex(sample_path("simulated"), hemi="rh")
 
 
@@ -270,7 +287,7 @@ def test_a_parcellation_that_is_named_and_not_there_is_refused(bert, name):
 
 
 def test_a_pair_of_files_has_no_parcellation_to_name(bert):
-    with pytest.raises(ValueError, match="annotation"):
+    with pytest.raises(OptionsClash, match=re.escape(str(bert / "surf" / "lh.white"))):
         read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
 
 
@@ -291,11 +308,11 @@ def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_i
 
     values[7] = np.inf
     write()
-    with pytest.raises(ValueError, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42 values .* vertex 7\."):
+    with pytest.raises(NotFinite, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42\b.*\b7\."):
         read_cortex(tmp_path)
     values[7] = np.nan
     write()
     cortex = read_cortex(tmp_path)
     assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
-    with pytest.raises(ValueError, match=rf"{name} has 1 infinite values, the first at vertex 3\."):
+    with pytest.raises(NotFinite, match=rf"\b{name} \D*\b1\b\D*\b3\."):
         replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_surfaces import FOOTER, FORMATS, NO_SURFACE, one_line
 
+from morphofold.errors import DamagedFile, OutOfRange, TooLarge, WrongFile
 from morphofold.io import read_cortex, read_morph, read_surface, sample_path, write_gifti_map, write_surface
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -16,32 +17,32 @@ from morphofold.surface import Surface
 
 def test_a_missing_surface_is_named_with_what_lies_beside_it():
     folder = sample_path("fsaverage5/surf")
-    with pytest.raises(FileNotFoundError, match=r"surf.lh\.wite: no such surface\. Close to it.*lh\.white"):
+    with pytest.raises(FileNotFoundError, match=r"surf.lh\.wite: .*\blh\.white\b"):
         read_surface(folder / "lh.wite")
 
 
 def test_a_folder_instead_of_a_surface_and_a_file_instead_of_a_folder_are_refused():
-    with pytest.raises(IsADirectoryError, match="is a folder, looked for a surface"):
+    with pytest.raises(IsADirectoryError, match="fsaverage5: "):
         read_surface(sample_path("fsaverage5"))
-    with pytest.raises(NotADirectoryError, match=r"is a file. Name its folder"):
+    with pytest.raises(NotADirectoryError, match=r"lh\.white: "):
         read_cortex(sample_path("fsaverage5/surf/lh.white"))
 
 
 def test_an_empty_file_is_refused(tmp_path):
     (tmp_path / "lh.white").touch()
-    with pytest.raises(ValueError, match=r"is empty \(0 bytes\)"):
+    with pytest.raises(DamagedFile, match=r"lh\.white: .*\b0\b"):
         read_surface(tmp_path / "lh.white")
 
 
 def test_a_file_beyond_the_stated_size_is_refused_unread(tmp_path, monkeypatch):
     with (tmp_path / "lh.white").open("wb") as file:
         file.truncate(3 * 2**30)    # sparse: takes no space
-    with pytest.raises(ValueError, match=r"has 3\.0 GiB; a surface may have 2 GiB at most"):
+    with pytest.raises(TooLarge, match=r"lh\.white: .*\b3\.0 GiB\b.*\b2 GiB\b"):
         read_surface(tmp_path / "lh.white")
 
 
 def test_a_device_is_refused():
-    with pytest.raises(ValueError, match="is not a regular file"):
+    with pytest.raises(WrongFile, match=os.devnull):
         read_surface(os.devnull)
 
 
@@ -49,7 +50,7 @@ def test_a_device_is_refused():
 @pytest.mark.parametrize("content", [NO_SURFACE.encode(), bytes(range(256)) * 8, b"\n"], ids=["a", "b", "c"])
 def test_something_else_than_a_surface_is_refused_in_one_line(tmp_path, capfd, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(ValueError, match=re.escape(name)) as error:
+    with pytest.raises((DamagedFile, WrongFile), match=re.escape(name)) as error:
         read_surface(tmp_path / name)
     one_line(error)
     assert capfd.readouterr() == ("", "")
@@ -61,7 +62,7 @@ def test_a_truncated_surface_is_refused_in_one_line(tmp_path, capfd, rough, name
     write_surface(tmp_path / name, Surface(rough.verts, rough.faces, geometry=FOOTER))
     raw = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(raw[: max(1, int(share * len(raw)))])
-    with pytest.raises(ValueError, match=re.escape(name)) as error:
+    with pytest.raises((DamagedFile, WrongFile), match=re.escape(name)) as error:
         read_surface(tmp_path / name)
     one_line(error)
     assert capfd.readouterr() == ("", "")
@@ -70,7 +71,7 @@ def test_a_truncated_surface_is_refused_in_one_line(tmp_path, capfd, rough, name
 def test_a_truncated_freesurfer_surface_is_told_its_bytes(tmp_path):
     raw = sample_path("fsaverage5/surf/lh.white").read_bytes()
     (tmp_path / "lh.white").write_bytes(raw[:200_000])
-    with pytest.raises(ValueError, match=r"20480 triangles need 3687\d\d bytes, it has 200000"):
+    with pytest.raises(DamagedFile, match=r"\b20480\b.*\b3687\d\d\b.*\b200000\b"):
         read_surface(tmp_path / "lh.white")
 
 
@@ -78,7 +79,7 @@ def test_a_truncated_footer_is_refused_and_a_missing_one_is_not(tmp_path):
     raw = sample_path("fsaverage5/surf/lh.white").read_bytes()
     end = raw.index(struct.pack(">3i", 2, 0, 20))
     (tmp_path / "lh.white").write_bytes(raw[: end + 60])
-    with pytest.raises(ValueError, match="truncated inside its volume-geometry footer"):
+    with pytest.raises(DamagedFile, match=rf"lh\.white: .*\b{end + 60}\b"):
         read_surface(tmp_path / "lh.white")
     (tmp_path / "lh.white").write_bytes(raw[:end])
     assert read_surface(tmp_path / "lh.white").geometry is None
@@ -90,7 +91,7 @@ def test_counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocat
     raw = (tmp_path / "lh.white").read_bytes()
     at = raw.index(b"\n\n") + 2
     (tmp_path / "lh.white").write_bytes(raw[:at] + struct.pack(">2i", *counts) + raw[at + 8 :])
-    with pytest.raises(ValueError, match=r"vertices and -?[0-9]+ triangles"):
+    with pytest.raises(DamagedFile, match=rf"lh\.white: .* {counts[0]}\b.* {counts[1]}\b"):
         read_surface(tmp_path / "lh.white")
 
 
@@ -98,7 +99,7 @@ def test_a_face_out_of_range_is_refused_with_the_path(tmp_path):
     write_surface(tmp_path / "lh.white", Surface(*icosphere(1)))
     raw = (tmp_path / "lh.white").read_bytes()
     (tmp_path / "lh.white").write_bytes(raw[:-4] + struct.pack(">i", 42))
-    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'lh.white'}: 1 of 80 faces name a vertex")):
+    with pytest.raises(OutOfRange, match=re.escape(f"{tmp_path / 'lh.white'}: 1 of 80 ")):
         read_surface(tmp_path / "lh.white")
 
 
@@ -112,7 +113,7 @@ def test_a_face_out_of_range_is_refused_with_the_path(tmp_path):
 )
 def test_a_promise_of_too_many_elements_is_refused(tmp_path, header):
     (tmp_path / "a.x").write_text(header)
-    with pytest.raises(ValueError, match="promises 99999999999 elements"):
+    with pytest.raises(DamagedFile, match=r"\b99999999999\b"):
         read_surface(tmp_path / "a.x")
 
 
@@ -120,14 +121,14 @@ def test_a_gifti_that_unpacks_to_more_than_it_says_is_refused(tmp_path, rough):
     write_surface(tmp_path / "a.gii", rough)
     text = (tmp_path / "a.gii").read_text().replace('Dim0="162"', 'Dim0="161"')
     (tmp_path / "a.gii").write_text(text)
-    with pytest.raises(ValueError, match="161 x 3 values needs 1932 bytes, it unpacks to more"):
+    with pytest.raises(DamagedFile, match=r"\b161 x 3\b.*\b1932\b"):
         read_surface(tmp_path / "a.gii")
 
 
 def test_a_compressed_file_that_unpacks_beyond_the_bound_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("morphofold.io.gifti.MAX_UNPACKED", 2**20)
     (tmp_path / "a.gii.gz").write_bytes(gzip.compress(bytes(2**21)))
-    with pytest.raises(ValueError, match="it unpacks to more than"):
+    with pytest.raises(DamagedFile, match=r"a\.gii\.gz: .*\b1 MiB\b"):
         read_surface(tmp_path / "a.gii.gz")
 
 
@@ -135,20 +136,20 @@ def test_a_gifti_that_keeps_its_data_in_another_file_is_refused(tmp_path, rough)
     write_surface(tmp_path / "a.gii", rough)
     text = (tmp_path / "a.gii").read_text().replace("GZipBase64Binary", "ExternalFileBinary")
     (tmp_path / "a.gii").write_text(text.replace('ExternalFileName=""', 'ExternalFileName="../secret"'))
-    with pytest.raises(ValueError, match="ExternalFileBinary is not supported"):
+    with pytest.raises(DamagedFile, match="ExternalFileBinary"):
         read_surface(tmp_path / "a.gii")
 
 
 def test_a_map_in_place_of_a_surface_and_the_reverse_are_told_apart():
-    with pytest.raises(ValueError, match="holds one value for each of 10242 vertices, not a surface"):
+    with pytest.raises(WrongFile, match=r"lh\.thickness: .*\b10242\b"):
         read_surface(sample_path("fsaverage5/surf/lh.thickness"))
-    with pytest.raises(ValueError, match=r"Is it a surface?"):
+    with pytest.raises(WrongFile, match=r"lh\.white: "):
         read_morph(sample_path("fsaverage5/surf/lh.white"))
-    with pytest.raises(ValueError, match="a map has one array with one value per vertex"):
+    with pytest.raises(WrongFile, match=r"lh\.white\.surf\.gii: .*\bpointset \(152893, 3\)"):
         read_morph(sample_path("S1/lh.white.surf.gii"))
 
 
 def test_a_gifti_map_is_no_surface(tmp_path):
     write_gifti_map(tmp_path / "lh.k.shape.gii", np.ones(10))
-    with pytest.raises(ValueError, match="holds 0 arrays of points and 0 of triangles"):
+    with pytest.raises(WrongFile, match=r"lh\.k\.shape\.gii: \D*\b0\b\D*\b0\b.*\bshape \(10,\)"):
         read_surface(tmp_path / "lh.k.shape.gii")

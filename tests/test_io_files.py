@@ -10,6 +10,7 @@ from xml.parsers.expat import ExpatError
 import pytest
 
 import morphofold.io.folders as folders
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import atomic_file, atomic_folder, remove_folder, sample_path, write_surface
 from morphofold.io.files import decoding, open_own
 from morphofold.shapes import icosphere
@@ -30,7 +31,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 
 
 def test_writing_into_a_folder_that_is_not_there_is_refused(tmp_path, rough):
-    with pytest.raises(FileNotFoundError, match=r"no such folder to write lh.white into"):
+    with pytest.raises(FileNotFoundError, match=r"no: .*\blh\.white\b"):
         write_surface(tmp_path / "no" / "lh.white", rough)
 
 
@@ -48,10 +49,10 @@ def test_a_lack_of_memory_is_no_damage(tmp_path, error):
         except Exception as cause:
             raise RuntimeError("a package's own words") from cause
 
-    with pytest.raises(MemoryError, match=r"a.gii: memory did not suffice to read GIFTI. Close other programs"):
+    with pytest.raises(MemoryError, match=r"a\.gii: .*\bGIFTI\b"):
         with decoding(tmp_path / "a.gii", "GIFTI"):
             reads_within()
-    with pytest.raises(ValueError, match="damaged"), decoding(tmp_path / "a.gii", "GIFTI"):
+    with pytest.raises(DamagedFile, match=r"a\.gii: .*\bGIFTI\b"), decoding(tmp_path / "a.gii", "GIFTI"):
         raise expat_error(3)
 
 
@@ -127,7 +128,7 @@ def test_what_we_did_not_write_is_not_written_over(tmp_path, system, theirs, our
     (out / theirs).parent.mkdir(exist_ok=True)
     (out / theirs).write_text("mine")
     before = tree(out)
-    refused = pytest.raises(FileExistsError, match=rf"{out / theirs}: morphofold did not write")
+    refused = pytest.raises(FileExistsError, match=re.escape(f"{out / theirs}: "))
     with refused, atomic_folder(out) as folder:
         (folder / ours).parent.mkdir(exist_ok=True)
         (folder / ours).write_text("ours")
@@ -189,7 +190,7 @@ def test_a_file_written_in_place_is_one_of_ours(tmp_path, there):
     else:
         path.symlink_to("/dev/null")
     for mode in ("a", "a+"):
-        with pytest.raises(ValueError, match=str(path)):
+        with pytest.raises(WrongFile, match=re.escape(str(path))):
             open_own(path, mode)
     assert victim.read_text() == "mine"
     assert not (tmp_path / "new").exists()
@@ -219,16 +220,16 @@ def test_an_empty_folder_is_replaced(tmp_path):
 @pytest.mark.parametrize("content", ["{}", "[]", "not json", '{"morphofold": 1}', '{"morphofold": "0.1.0"}'])
 def test_a_folder_of_somebody_else_is_never_replaced(tmp_path, content):
     (tmp_path / "summary.json").write_text(content)
-    with pytest.raises(FileExistsError, match=r"morphofold did not write this folder.*summary.json"):
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(tmp_path))}: .*\bsummary\.json\b"):
         write_folder(tmp_path)
     assert (tmp_path / "summary.json").read_text() == content
-    with pytest.raises(FileExistsError, match="is a file; name a folder"):
+    with pytest.raises(FileExistsError, match=r"summary\.json: "):
         write_folder(tmp_path / "summary.json")
 
 
 def test_a_folder_that_somebody_fills_meanwhile_is_not_replaced(tmp_path):
-    out = tmp_path / "out"
-    with pytest.raises(FileExistsError, match="did not write"), atomic_folder(out):
+    out, first = tmp_path / "out", sorted(os.listdir(sample_path("S1")))[0]
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(out))}: .*{first}"), atomic_folder(out):
         shutil.copytree(sample_path("S1"), out)
     assert os.listdir(tmp_path) == ["out"]
     assert sorted(os.listdir(out)) == sorted(os.listdir(sample_path("S1")))
@@ -255,9 +256,8 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
 def test_a_writers_own_error_is_no_fault_of_the_disk(tmp_path):
     path = tmp_path / "lh.white"
     wrong = Surface(*icosphere(1), geometry={"unknown": 1})
-    with pytest.raises(ValueError, match=r"lh\.white: can't be written \(.*unknown") as caught:
+    with pytest.raises(WrongFile, match=r"lh\.white: .*\bunknown\b"):
         write_surface(path, wrong)
-    assert "room" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 

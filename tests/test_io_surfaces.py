@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_surfaces import FOOTER, FORMATS, area, one_line
 
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
 from morphofold.io.gifti import write_gifti_surface
 from morphofold.io.trimesh_files import merge_equal
@@ -33,7 +34,7 @@ def test_formats_that_hold_float64_keep_it(tmp_path, name):
 
 def test_an_stl_gets_its_shared_vertices_back_and_says_so(tmp_path, rough):
     write_surface(tmp_path / "a.stl", rough)
-    with pytest.warns(UserWarning, match="960 corners at exactly equal places were merged to 162 vertices"):
+    with pytest.warns(UserWarning, match=r"a\.stl: .*\b960\b.*\b162\b"):
         again = read_surface(tmp_path / "a.stl")
     assert np.array_equal(again.verts[again.faces], rough.verts[rough.faces])
     assert len(again.verts) == len(rough.verts)
@@ -70,7 +71,7 @@ def test_a_vtk_polygon_file_of_another_writer_is_read(tmp_path):
 def test_faces_that_are_no_triangles_are_refused_in_vtk(tmp_path):
     text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 1 1 0 0 1 0\n"
     (tmp_path / "a.vtk").write_text(text + "POLYGONS 1 5\n4 0 1 2 3\n")
-    with pytest.raises(ValueError, match="faces that are no triangles; triangulate it first") as error:
+    with pytest.raises(WrongFile, match=r"a\.vtk: ") as error:
         read_surface(tmp_path / "a.vtk")
     one_line(error)
 
@@ -82,7 +83,7 @@ def test_a_damaged_vtp_is_refused_in_one_line_and_vtk_keeps_quiet(tmp_path, roug
     pyvista.read(tmp_path / "whole.vtp").save(tmp_path / "a.vtp", binary=False)
     text = (tmp_path / "a.vtp").read_text()
     (tmp_path / "a.vtp").write_text(text.replace('NumberOfPoints="162"', 'NumberOfPoints="170"'))
-    with pytest.raises(ValueError, match=r"a\.vtp: is truncated, damaged, or not a surface in VTK format") as error:
+    with pytest.raises(DamagedFile, match=r"a\.vtp: ") as error:
         read_surface(tmp_path / "a.vtp")
     one_line(error)
     assert capfd.readouterr() == ("", "")
@@ -93,12 +94,12 @@ def test_a_volume_mesh_without_triangles_is_refused(tmp_path):
     import meshio
 
     meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(tmp_path / "a.vtu")
-    with pytest.raises(ValueError, match=r"no triangles but \{'tetra': 1\}; extract its surface first"):
+    with pytest.raises(WrongFile, match=r"a\.vtu: .*'tetra': 1\b"):
         read_surface(tmp_path / "a.vtu")
 
 
 def test_an_ending_that_no_format_has_is_refused_before_anything_is_written(tmp_path, rough):
-    with pytest.raises(ValueError, match=r"no format goes with the ending '\.vkt'"):
+    with pytest.raises(WrongFile, match=r"a\.vkt: .*'\.vkt'"):
         write_surface(tmp_path / "a.vkt", rough)
     assert os.listdir(tmp_path) == []
 

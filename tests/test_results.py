@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 from dataclasses import replace
 
 import nibabel as nib
@@ -12,6 +13,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OptionsClash
 from morphofold.io import read_cortex
 from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
 
@@ -62,7 +64,7 @@ def test_the_gyral_graph_goes_with_an_analysis(tmp_path):
     write_analysis([m], tmp_path / "without", report=False)
     assert read_analysis(tmp_path / "without")[0].graph is None
     (tmp_path / "with" / "graph" / "lh.json").unlink()
-    with pytest.raises(FileNotFoundError, match=r"lh\.json: is missing\. Analyze anew\."):
+    with pytest.raises(FileNotFoundError, match=r"lh\.json: "):
         read_analysis(tmp_path / "with")
 
 
@@ -151,9 +153,9 @@ def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):
 
 
 def test_one_hemisphere_twice_is_refused_and_leaves_nothing(tmp_path):
-    with pytest.raises(ValueError, match="got lh, lh"):
+    with pytest.raises(NamedTwice, match=r"\blh, lh\b"):
         write_analysis([made_measures(), made_measures()], tmp_path / "out")
-    with pytest.raises(ValueError, match="got none"):
+    with pytest.raises(NothingToDo):
         write_analysis([], tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
@@ -168,11 +170,11 @@ def subject(tmp_path):
     return tmp_path / "all" / "bert", replace(made, cortex=replace(made.cortex, files=read.files))
 
 
-@pytest.mark.parametrize(("out", "how"), [(".", "is"), ("..", "holds"), ("surf/..", "is"), ("new/deep", "lies in")])
-def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out, how):
+@pytest.mark.parametrize("out", [".", "..", "surf/..", "new/deep"])
+def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out):
     folder, measures = subject
     before = sorted(folder.parent.rglob("*"))
-    with pytest.raises(ValueError, match=f" {how} the folder of the input .*must go to another folder"):
+    with pytest.raises(OptionsClash, match=rf"^{re.escape(str(folder / out))} .*{re.escape(str(folder))}/"):
         write_analysis([measures], folder / out, report=False)
     assert sorted(folder.parent.rglob("*")) == before
 
@@ -180,7 +182,7 @@ def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out, 
 def test_a_link_to_the_input_is_no_other_folder(subject, tmp_path):
     folder, measures = subject
     (tmp_path / "link").symlink_to(folder, target_is_directory=True)
-    with pytest.raises(ValueError, match="is the folder of the input"):
+    with pytest.raises(OptionsClash, match=re.escape(str(tmp_path / "link"))):
         write_analysis([measures], tmp_path / "link", report=False)
 
 
@@ -192,25 +194,25 @@ def test_an_analysis_may_lie_beside_its_input_or_be_written_again(subject, tmp_p
     loose = tmp_path / "lh.white"
     loose.write_bytes(b"some surface")                               # no subject: its folder may hold the analysis
     write_analysis([made_measures()], tmp_path / "out", inputs=[loose], report=False)
-    with pytest.raises(ValueError, match="is the folder of the input"):
+    with pytest.raises(OptionsClash, match=re.escape(str(loose))):
         write_analysis([made_measures()], tmp_path, inputs=[loose], report=False)
 
 
 def test_a_failure_half_way_leaves_nothing(tmp_path):
     m = made_measures()
     m.maps["../escape"] = m.maps["H"]
-    with pytest.raises(ValueError, match="cannot be part of a file name"):
+    with pytest.raises(NotReadable, match=r"'\.\./escape'"):
         write_analysis([m], tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such folder"):
+    with pytest.raises(FileNotFoundError, match="nowhere"):
         read_analysis(tmp_path / "nowhere")
-    with pytest.raises(FileNotFoundError, match=r"holds no summary\.json"):
+    with pytest.raises(FileNotFoundError, match=r"\bsummary\.json\b"):
         read_analysis(tmp_path)
     (tmp_path / "summary.json").write_text('{"surfaces": 3}')
-    with pytest.raises(ValueError, match=r"summary\.json: morphofold: .* Analyze anew"):
+    with pytest.raises(NotReadable, match=r"summary\.json: morphofold: "):
         read_analysis(tmp_path)
 
 
@@ -220,11 +222,11 @@ def test_a_summary_cannot_lead_outside_its_folder(tmp_path, hemi):
     summary = json.loads((out / "summary.json").read_text())
     summary["surfaces"][0]["hemi"] = hemi
     (out / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match=rf"summary\.json: surfaces\.0\.hemi: .*'{hemi}'"):
+    with pytest.raises(NotReadable, match=rf"summary\.json: surfaces\.0\.hemi: .*'{hemi}'"):
         read_analysis(out)
     summary["surfaces"][0].update(hemi="lh", maps=["../../secret"])
     (out / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match="cannot be part of a file name"):
+    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.maps\.0: '\.\./\.\./secret'"):
         read_analysis(out)
 
 

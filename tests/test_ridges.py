@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from morphofold.errors import NoSolution
 from morphofold.shapes.ridges import SOLIDS, irregular_net, regular_net, ridged_net
 
 DEGREE = {"tetrahedron": 3, "cube": 3, "octahedron": 4, "icosahedron": 5, "dodecahedron": 3}
@@ -31,7 +32,7 @@ def test_irregular_nets_are_of_degree_three_and_their_angles_add_up(cells):
 
 
 def test_an_irregular_net_without_short_arcs_can_be_too_much_to_ask():
-    with pytest.raises(ValueError, match="200 nets of 20 cells have arcs shorter than 1 rad"):
+    with pytest.raises(NoSolution, match=r"\b200\b.*\b20\b.*\b1 rad\b"):
         irregular_net(20, shortest=1.0)
 
 

@@ -5,6 +5,7 @@ import pytest
 from reference import vertex_areas as reference_areas
 
 from morphofold import geometry, shapes
+from morphofold.errors import UnknownName
 from morphofold.geometry import (
     adjacency,
     components,
@@ -113,7 +114,7 @@ def test_max_normals_are_exact_on_an_irregular_sphere():
 
 
 def test_an_unknown_weight_is_refused():
-    with pytest.raises(ValueError, match="'area', 'angle', 'sine' or 'max', got 'voronoi'"):
+    with pytest.raises(UnknownName, match=r"'area'.*'angle'.*'sine'.*'max'.*'voronoi'"):
         vertex_normals(*shapes.icosphere(0), weights="voronoi")
 
 

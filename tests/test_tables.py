@@ -1,6 +1,7 @@
 """Tables written and read back: each value in its cell, and a table cut short refused."""
 
 import csv
+import re
 import tempfile
 from pathlib import Path
 from unicodedata import category
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from morphofold.errors import DamagedFile
 from morphofold.tables import read_table, write_table
 
 
@@ -35,13 +37,13 @@ def test_a_table_cut_short_is_refused(tmp_path):
     for end in range(len(whole)):
         if not whole[:end].endswith("\n"):                              # a line too few is still a table
             table.write_text(whole[:end])
-            with pytest.raises(ValueError, match=r"regions\.tsv: was cut"):
+            with pytest.raises(DamagedFile, match=r"regions\.tsv: \D*$"):
                 read_table(table)
     table.write_text(whole.replace("middle\t1", "middle"))
-    with pytest.raises(ValueError, match=r"regions\.tsv: line 3 has another number of cells"):
+    with pytest.raises(DamagedFile, match=r"regions\.tsv: \D*\b3\b"):
         read_table(table)
     table.unlink()
-    with pytest.raises(FileNotFoundError, match=r"regions\.tsv: missing from the analysis"):
+    with pytest.raises(FileNotFoundError, match=r"regions\.tsv: "):
         read_table(table)
 
 
@@ -76,7 +78,7 @@ def test_a_column_of_numbers_holds_nothing_else(tmp_path):
     for text in ("x", "", "nan", "inf", "1e999", "1_0", "0x1", "True", "'1", " 1", "--1", "1,5"):
         table.write_text(f"a\tb\n1\t{text}\n")
         assert read_table(table, {"b"})[0]["b"] == text
-        with pytest.raises(ValueError, match=r"t\.tsv: line 2: b is"):
+        with pytest.raises(DamagedFile, match=rf"t\.tsv: \D*\b2: b\b.*{re.escape(repr(text))}"):
             read_table(table, numbers={"b"})
     table.write_text("a\tb\nn/a\t-1.5e-3\n")
     assert read_table(table, numbers={"a", "b"}) == [{"a": None, "b": -1.5e-3}]

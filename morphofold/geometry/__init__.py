@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry.kernels import area_vector, morton
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
@@ -25,11 +26,11 @@ Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
 
-    Raises ``ValueError`` if a face names a vertex that is not there.
+    Raises ``OutOfRange`` if a face names a vertex that is not there.
     """
     check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):     # compiled code would read on
-        raise ValueError(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
+        raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     return np.asarray(_area_vectors(verts, faces)) / 2
 
 
@@ -93,7 +94,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
             share = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
             share = share if weights == "sine" else share**2
     else:
-        raise ValueError(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
+        raise UnknownName(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
     return unit(_sum_corners(vector, share, faces, len(verts)))
 
 

@@ -12,6 +12,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from morphofold.errors import (
+    DoesNotApply,
+    Mismatch,
+    MissingPart,
+    OptionsClash,
+    UnknownName,
+    UnlikeSurfaces,
+    WrongFile,
+    WrongShape,
+)
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
@@ -120,12 +130,14 @@ def read_cortex(
         A file changed while it was read.
     """
     if hemi not in ("lh", "rh", None):
-        raise ValueError(f"hemi must be 'lh' or 'rh', got {hemi!r}.")
+        raise UnknownName(f"hemi must be 'lh' or 'rh', got {hemi!r}.")
     if path is None:
         if white is None or pial is None:
             raise TypeError("Pass a folder, or both white= and pial=.")
         if annotation is not None:
-            raise ValueError(f"{white}: an annotation is looked for beside the surfaces of a folder. Pass the folder.")
+            raise OptionsClash(
+                f"{white}: an annotation is looked for beside the surfaces of a folder. Pass the folder."
+            )
         return _pair(Path(white), Path(pial), hemi, name)
     if white is not None or pial is not None:
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
@@ -148,11 +160,11 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
 def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     sides = [side_named(file.name) for file in (white, pial)]
     if None not in sides and sides[0] != sides[1]:
-        raise ValueError(f"{white} is {sides[0]}, {pial} is {sides[1]}. Name two surfaces of one hemisphere.")
+        raise UnlikeSurfaces(f"{white} is {sides[0]}, {pial} is {sides[1]}. Name two surfaces of one hemisphere.")
     for file in (white, pial):
         said = side_named(file.name) or hemi
         if hemi is not None and said != hemi:
-            raise ValueError(
+            raise WrongFile(
                 f"{file}: is named {said}, but {hemi} was asked for. Ask for {said}, or name the other file."
             )
         hemi = said
@@ -206,7 +218,7 @@ def cortex_files(
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
     if staged and hemi == "rh":
-        raise ValueError(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
+        raise DoesNotApply(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
     found = {what: _required(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
@@ -234,7 +246,7 @@ def cortex_files(
 
 def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None) -> Cortex:
     if len(surfaces) != 2:
-        raise ValueError(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+        raise WrongShape(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
     with _reading(list(files.values())) as records:
         cortex = _read(root, hemi, files, name)
@@ -252,7 +264,7 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
             return None
         found = read(files[what])
         if count(found) != len(white.verts):
-            raise ValueError(
+            raise Mismatch(
                 f"{files[what]} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another "
                 "subject. Take it from the same one, or leave it out."
             )
@@ -312,7 +324,7 @@ def _analysed(path: Path, hemi: str) -> dict[str, Any]:
     said = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
     found = next((entry for entry in said if entry["hemi"] == hemi), None)
     if found is None:
-        raise ValueError(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
+        raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
     return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
 
 

@@ -16,6 +16,8 @@ from typing import IO, Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
+from morphofold.errors import DamagedFile, TooLarge, WrongFile
+
 MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
 MOST_PACKED = 2000      # bytes of arrays from one of a file, twice of what zlib can do
 
@@ -44,12 +46,12 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_what_is_there(path)}")
     if not path.is_file():
-        raise ValueError(f"{path}: is not a regular file, looked for a {what}.")
+        raise WrongFile(f"{path}: is not a regular file, looked for a {what}.")
     size = path.stat().st_size
     if size == 0:
-        raise ValueError(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
+        raise DamagedFile(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
     if size > MAX_BYTES:
-        raise ValueError(
+        raise TooLarge(
             f"{path}: has {size / 2**30:.1f} GiB; a {what} may have {MAX_BYTES / 2**30:g} GiB at most."
         )
     return path
@@ -73,7 +75,7 @@ def _what_is_there(path: Path) -> str:
 
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
-    """Turn whatever a file library raises on a damaged file into one clear ``ValueError``.
+    """Turn whatever a file library raises on a damaged file into one clear ``DamagedFile``; a ``WrongFile`` stays one.
 
     Where memory did not suffice for what the file may hold, it may be whole: that is a ``MemoryError``, with its place.
     """
@@ -91,7 +93,8 @@ def decoding(path: Path, what: str, advice: str = "Make it anew from its source.
             ) from error
         told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
         reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
-        raise ValueError(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+        kind = WrongFile if isinstance(error, WrongFile) else DamagedFile
+        raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 
 def _array_wanted(error: BaseException) -> float:
@@ -130,7 +133,7 @@ def check_place(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
     if path.exists() and not path.is_file():                            # which a move would put a file in place of
-        raise ValueError(f"{path}: is a device or a pipe; name a file to write.")
+        raise WrongFile(f"{path}: is a device or a pipe; name a file to write.")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
 
@@ -169,7 +172,7 @@ def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
 
     Raises
     ------
-    ValueError
+    WrongFile
         If a link, a second name of a file, a pipe or a device is there: writing would change what is not ours.
     """
     def opener(name: str, flags: int) -> int:
@@ -179,16 +182,16 @@ def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
         if stat.S_ISREG(there.st_mode) and there.st_nlink <= 1:
             return number
         os.close(number)
-        raise ValueError(refusal)
+        raise WrongFile(refusal)
 
     refusal = f"{path}: is a link, a second name of a file, a pipe or a device, so nothing is written to it. Remove it."
     if os.path.islink(path):
-        raise ValueError(refusal)
+        raise WrongFile(refusal)
     try:
         return open(path, mode, opener=opener, **options)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):     # a link since then; a pipe without a reader
-            raise ValueError(refusal) from error
+            raise WrongFile(refusal) from error
         raise
 
 
@@ -231,13 +234,13 @@ def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
     ------
     OSError
         The system's own, of ``path``, if the file can't grow; else one that says what the library did.
-    ValueError
+    WrongFile
         The library's own, with the place: what was to be written is not as it should be.
     """
     try:
         yield
     except ValueError as error:
-        raise ValueError(f"{path}: can't be written ({_told(error, path, temporary)}). Take another format.") from error
+        raise WrongFile(f"{path}: can't be written ({_told(error, path, temporary)}). Take another format.") from error
     except OSError as error:
         if error.errno is not None:
             raise

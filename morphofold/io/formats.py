@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from morphofold.errors import DamagedFile
 from morphofold.io.files import looks_like_text
 from morphofold.surface import Faces, Surface, Verts
 
@@ -69,7 +70,7 @@ def check_counts(raw: bytes) -> None:
     for match in _COUNTS.finditer(raw):
         for count in filter(None, match.groups()):
             if int(count) > len(raw):
-                raise ValueError(f"its header promises {count.decode()} elements, it has {len(raw)} bytes")
+                raise DamagedFile(f"its header promises {count.decode()} elements, it has {len(raw)} bytes")
 
 
 def warn_of_no_end(path: Path, raw: bytes) -> None:

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from morphofold.errors import DamagedFile, Mismatch, NamedTwice, OutOfRange, WrongFile, WrongShape
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, write_and_look
 from morphofold.io.formats import Format
 from morphofold.io.json_files import LARGEST
@@ -48,7 +49,7 @@ def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
         tail = file.read(4096)
     footer = tail.startswith((struct.pack(">3i", 2, 0, 20), struct.pack(">i", 20)))
     if footer and b"\ncras" not in tail:
-        raise ValueError(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_AGAIN}")
+        raise DamagedFile(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_AGAIN}")
     with decoding(path, "a FreeSurfer surface"):
         if footer:
             verts, faces, geometry = fs.read_geometry(os.fspath(path), read_metadata=True)
@@ -71,7 +72,7 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         head = file.read(6)
         if magic == QUADS and _is_morph(magic + head + file.read(6), size):
             (n,) = struct.unpack(">i", head[:4])
-            raise ValueError(
+            raise WrongFile(
                 f"{path}: holds one value for each of {n} vertices, not a surface. "
                 "Name a surface such as lh.white."
             )
@@ -79,9 +80,9 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         need = 9 + (6 if magic == QUADS else 12) * n + 12 * m
         kind = "quadrangles"
     if n <= 0 or m <= 0:
-        raise ValueError(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
+        raise DamagedFile(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
     if need > size:
-        raise ValueError(
+        raise DamagedFile(
             f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. "
             f"{_AGAIN}"
         )
@@ -91,7 +92,7 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
 def _check_footer(geometry: Mapping[str, Any]) -> None:
     for key in ("xras", "yras", "zras", "cras"):
         if np.shape(geometry[key]) != (3,) or not np.isfinite(geometry[key]).all():
-            raise ValueError(f"{key} in the volume-geometry footer is not three numbers")
+            raise DamagedFile(f"{key} in the volume-geometry footer is not three numbers")
 
 
 def write_geometry(path: StrPath, surface: Surface) -> None:
@@ -131,13 +132,13 @@ def read_curv(path: Path) -> PerVertex:
     if is_geometry(head) and not _is_morph(head, size):
         n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
         if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
-            raise ValueError(
+            raise DamagedFile(
                 f"{path}: is truncated: {n} values need {15 + 4 * n} bytes, it has {size}. {_AGAIN}"
             )
-        raise ValueError(f"{path}: is not a map with one value per vertex. Is it a surface?")
+        raise WrongFile(f"{path}: is not a map with one value per vertex. Is it a surface?")
     old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
-        raise ValueError(f"{path}: is not a FreeSurfer map with one value per vertex ({beginning(head)}).")
+        raise WrongFile(f"{path}: is not a FreeSurfer map with one value per vertex ({beginning(head)}).")
     with decoding(path, "a FreeSurfer map"):
         return np.asarray(fs.read_morph_data(os.fspath(path)), dtype=np.float64)
 
@@ -193,10 +194,10 @@ def read_annotation(path: StrPath) -> Regions:
     with decoding(path, "a FreeSurfer annotation", _AGAIN):
         (n,) = struct.unpack_from(">i", data)
         if n <= 0 or 4 + 8 * n > len(data):
-            raise ValueError(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated?")
+            raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated?")
         vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
         if not np.array_equal(np.sort(vertex), np.arange(n)):
-            raise ValueError(f"its vertices are not 0..{n - 1}, each once")
+            raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
         names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
     kept = np.sort(np.unique(colours @ (1, 256, 65536), return_index=True)[1])
     names, colours = [names[i] for i in kept], colours[kept]
@@ -217,16 +218,16 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
         length = integer()
         raw = file.read(max(length, 0))
         if length < 0 or len(raw) < length:
-            raise ValueError("its colour table is truncated")
+            raise DamagedFile("its colour table is truncated")
         return raw.split(b"\0")[0].decode("utf-8", "replace")
 
     if not file.read(4).endswith(b"\1"):
-        raise ValueError("it has no colour table, so its regions have no names")
+        raise DamagedFile("it has no colour table, so its regions have no names")
     count = integer()
     with_slots = count < 0
     if with_slots:
         if count != -2:
-            raise ValueError(f"its colour table has version {-count}, only 2 is known")
+            raise DamagedFile(f"its colour table has version {-count}, only 2 is known")
         integer()  # highest slot
     text()  # where the table came from
     if with_slots:
@@ -239,7 +240,7 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
         colours.append([integer() for _ in range(4)][:3])
     rgb = np.array(colours, dtype=np.int64).reshape(-1, 3)
     if not names or (rgb < 0).any() or (rgb > 255).any():
-        raise ValueError("its colour table is empty or has colours outside 0..255")
+        raise DamagedFile("its colour table is empty or has colours outside 0..255")
     return names, rgb
 
 
@@ -255,14 +256,14 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     colours = np.asarray(regions.colours, dtype=np.int64)
     labels = np.asarray(regions.labels, dtype=np.int64)
     if colours.shape != (len(regions.names), 3):
-        raise ValueError(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
+        raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     ids = colours @ (1, 256, 65536)
     if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
-        raise ValueError(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{len(ids) - 1}.")
+        raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{len(ids) - 1}.")
     if len(np.unique(ids)) < len(ids):
-        raise ValueError(f"{path}: two regions have the same colour, which an annotation cannot tell apart.")
+        raise NamedTwice(f"{path}: two regions have the same colour, which an annotation cannot tell apart.")
     if (ids == 0).any() and (labels == -1).any():
-        raise ValueError(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
+        raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     told = labels, table, list(regions.names)
     write_and_look(path, lambda name: fs.write_annot(name, *told, fill_ctab=True), read_annotation)
@@ -277,13 +278,13 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     with path.open("rb") as file:
         first, second = file.readline(512), file.readline(512)
     if not first.startswith(b"#") or not second.strip().isdigit():
-        raise ValueError(f"{path}: is not a FreeSurfer label ({beginning(first or second)}).")
+        raise WrongFile(f"{path}: is not a FreeSurfer label ({beginning(first or second)}).")
     with decoding(path, "a FreeSurfer label", _AGAIN):
         vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
         if len(vertices) != int(second):
-            raise ValueError(f"its second line promises {int(second)} vertices, it has {len(vertices)}")
+            raise DamagedFile(f"its second line promises {int(second)} vertices, it has {len(vertices)}")
     if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
-        raise ValueError(
+        raise Mismatch(
             f"{path}: names vertices {vertices.min()}..{vertices.max()}, the surface has 0..{n - 1}. "
             "It belongs to another surface."
         )

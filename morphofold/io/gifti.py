@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import DamagedFile, OutOfRange, WrongFile
 from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
 from morphofold.io.formats import Format
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
@@ -46,7 +47,7 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
     if len(points) != 1 or len(triangles) != 1:
-        raise ValueError(
+        raise WrongFile(
             f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one each. "
             f"It holds {_intents(image)}; pass a .surf.gii."
         )
@@ -59,7 +60,7 @@ def read_gifti_map(path: Path) -> PerVertex:
     image = _load(path, "a GIFTI map")
     values = [a.data for a in image.darrays if np.ndim(np.squeeze(a.data)) == 1]
     if len(image.darrays) != 1 or len(values) != 1:
-        raise ValueError(f"{path}: holds {_intents(image)}; a map has one array with one value per vertex.")
+        raise WrongFile(f"{path}: holds {_intents(image)}; a map has one array with one value per vertex.")
     return np.asarray(values[0], dtype=np.float64).reshape(-1)
 
 
@@ -76,13 +77,13 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     image = _load(existing_file(path, "label file"), "a GIFTI label file")
     arrays = image.get_arrays_from_intent("NIFTI_INTENT_LABEL")
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
-        raise ValueError(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
+        raise WrongFile(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
     with decoding(path, "a GIFTI label file", _SOURCE):                 # keys may be beyond all integers
         keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
-        raise ValueError(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")
+        raise DamagedFile(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")
     shades = [[x or 0.0 for x in (table[k].red, table[k].green, table[k].blue)] for k in keys]
     colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
     names = tuple(getattr(table[k], "label", None) or "" for k in keys)  # nibabel leaves it out where it is empty
@@ -99,7 +100,7 @@ def _load(path: Path, what: str) -> Any:
             with gzip.open(path) as file:
                 raw = file.read(MAX_UNPACKED + 1)
             if len(raw) > MAX_UNPACKED:
-                raise ValueError(f"it unpacks to more than {MAX_UNPACKED / 2**20:g} MiB")
+                raise DamagedFile(f"it unpacks to more than {MAX_UNPACKED / 2**20:g} MiB")
         _check_sizes(raw)
         # from memory: an array kept in an external file, which could be any file, is thereby refused
         return GiftiImage.from_bytes(raw)
@@ -116,19 +117,19 @@ def _check_sizes(raw: bytes) -> None:
             continue
         n = int(element.get("Dimensionality", "1"))
         if not 1 <= n <= 6:
-            raise ValueError(f"an array has {n} dimensions; GIFTI knows 1 to 6")
+            raise DamagedFile(f"an array has {n} dimensions; GIFTI knows 1 to 6")
         dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
         shape = " x ".join(map(str, dims))
         size = math.prod(dims) * np.dtype(data_type_codes.dtype[element.get("DataType", "")]).itemsize  # type: ignore[call-overload]
         left -= size
         if min(dims) <= 0 or left < 0:
-            raise ValueError(f"an array of {shape} values is empty or too large")
+            raise DamagedFile(f"an array of {shape} values is empty or too large")
         if gifti_encoding_codes.label[element.get("Encoding", "")] == "B64GZ":
             packed = base64.b64decode(element.findtext("Data") or "")
             unpacked = len(zlib.decompressobj().decompress(packed, size + 1))
             if unpacked != size:
                 more = "more" if unpacked > size else unpacked
-                raise ValueError(f"an array of {shape} values needs {size} bytes, it unpacks to {more}")
+                raise DamagedFile(f"an array of {shape} values needs {size} bytes, it unpacks to {more}")
         element.clear()
 
 
@@ -205,7 +206,7 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
     labels, count = np.asarray(regions.labels), len(regions.names)
     if labels.ndim != 1 or labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
         said = f"labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}"
-        raise ValueError(f"{path}: {said}. Pass a name for every label.")
+        raise OutOfRange(f"{path}: {said}. Pass a name for every label.")
     table = GiftiLabelTable()
     for key, (name, colour) in enumerate([("???", None), *zip(regions.names, regions.colours.tolist())]):
         rgba = (1.0, 1.0, 1.0, 0.0) if colour is None else (*(x / 255 for x in colour), 1.0)
@@ -225,7 +226,7 @@ def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = 
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
     if not os.fspath(path).endswith((".gii", ".gii.gz")):
-        raise ValueError(f"{path}: a GIFTI file ends in .gii or .gii.gz.")
+        raise WrongFile(f"{path}: a GIFTI file ends in .gii or .gii.gz.")
     raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

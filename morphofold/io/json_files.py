@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import existing_file
 
 MOST = 64 * 2**20       # bytes; the net of a hemisphere of a million vertices has a tenth
@@ -24,7 +25,7 @@ Index = Annotated[int, Field(ge=-(10**12), le=10**12)]
 def file_word(name: str) -> str:
     """A map's or annotation's name, refused if it cannot be part of a file name."""
     if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
-        raise ValueError(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
+        raise NotReadable(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
     return name
 
 
@@ -52,15 +53,15 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
         existing_file(path, "JSON file")                                # says what is there in its place
     size = path.stat().st_size
     if size > most:
-        raise ValueError(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")
+        raise TooLarge(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")
     try:
         content = json.loads(path.read_bytes(), parse_constant=_refused, parse_float=_finite)
     except RecursionError:
-        raise ValueError(f"{path}: is nested too deeply. {cure}") from None
+        raise DamagedFile(f"{path}: is nested too deeply. {cure}") from None
     except ValueError as error:
-        raise ValueError(f"{path}: is not JSON ({error}). {cure}") from None
+        raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: holds no JSON object. {cure}")
+        raise NotReadable(f"{path}: holds no JSON object. {cure}")
     try:
         schema.model_validate(content)
     except ValidationError as error:
@@ -68,16 +69,16 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
         key = ".".join(map(str, problem["loc"])) or "the whole"
         got = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
         words = problem["msg"].removeprefix("Value error, ").removesuffix(".")
-        raise ValueError(f"{path}: {key}: {words[:1].lower()}{words[1:]}{got}. {cure}") from None
+        raise NotReadable(f"{path}: {key}: {words[:1].lower()}{words[1:]}{got}. {cure}") from None
     return content
 
 
 def _refused(constant: str) -> None:
-    raise ValueError(f"it holds {constant}")
+    raise DamagedFile(f"it holds {constant}")
 
 
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"it holds {text:.20}, which is beyond all floats")
+        raise DamagedFile(f"it holds {text:.20}, which is beyond all floats")
     return value

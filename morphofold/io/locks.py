@@ -32,7 +32,7 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
         If another run holds it, in this process or in another.
     NotADirectoryError
         If ``folder`` is a file, or a link to nothing.
-    ValueError
+    WrongFile
         If a link or a device lies in the place of the lock.
     """
     if os.path.lexists(folder) and not folder.is_dir():                 # mkdir's own error reads as a held lock's

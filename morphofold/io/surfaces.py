@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from morphofold.errors import NotFinite, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti
 from morphofold.io.files import StrPath, beginning, existing_file
 from morphofold.io.formats import Format, Read
@@ -66,8 +67,8 @@ def _read(path: Path) -> Read:
     if found is not None:
         return found.read(path)
     if head.startswith(_GZIP):
-        raise ValueError(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
-    raise ValueError(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_known()}.")
+        raise WrongFile(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
+    raise WrongFile(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_known()}.")
 
 
 def _format(path: Path, head: bytes) -> Format | None:
@@ -99,7 +100,7 @@ def write_surface(path: StrPath, surface: Surface) -> None:
 
     Raises
     ------
-    ValueError
+    WrongFile
         The ending is none of these.
 
     Notes
@@ -109,7 +110,7 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     path = Path(path)
     found = next((one for one in FORMATS if one.named(path.name)), None)
     if found is None:
-        raise ValueError(f"{path}: no format goes with the ending {path.suffix.lower()!r}. Known are {_known()}.")
+        raise WrongFile(f"{path}: no format goes with the ending {path.suffix.lower()!r}. Known are {_known()}.")
     found.write(path, surface)
 
 
@@ -164,12 +165,12 @@ def write_gifti_map(
 def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:
-        raise ValueError(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
+        raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
     _refuse_infinite(path, values)
     missing = np.isnan(values)
     if missing.any():
         if nan is None:
-            raise ValueError(
+            raise NotFinite(
                 f"{path}: {missing.sum()} of {len(values)} values are NaN; the first is at vertex "
                 f"{np.flatnonzero(missing)[0]}. Say what to write there, e.g. nan=0.0."
             )
@@ -181,7 +182,7 @@ def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
     with np.errstate(over="ignore"):
         infinite = np.flatnonzero(np.isinf(values.astype(np.float32)))
     if len(infinite):
-        raise ValueError(
+        raise NotFinite(
             f"{path}: {len(infinite)} of {len(values)} values are infinite or beyond float32, the first at vertex "
             f"{infinite[0]}. Mend the file, or leave it out."
         )

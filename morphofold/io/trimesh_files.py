@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from morphofold.errors import DamagedFile
 from morphofold.io.files import atomic_file, decoding
 from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
 from morphofold.surface import Faces, Surface, Verts
@@ -40,7 +41,7 @@ def read(kind: str, path: Path) -> Read:
             mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
-            raise ValueError("it holds no triangles")
+            raise DamagedFile("it holds no triangles")
         if kind == "ply":
             _check_ply(raw, len(verts), len(faces))
     warn_of_no_end(path, raw)
@@ -69,8 +70,8 @@ def _check_stl(raw: bytes) -> None:
     if len(raw) == promised or (raw.lstrip().startswith(b"solid") and b"endsolid" in raw[-1024:]):
         return
     if raw.lstrip().startswith(b"solid") and b"facet" in raw[:1024]:
-        raise ValueError("it has no endsolid, so its end is missing")
-    raise ValueError(f"its header promises {promised} bytes, it has {len(raw)}")
+        raise DamagedFile("it has no endsolid, so its end is missing")
+    raise DamagedFile(f"its header promises {promised} bytes, it has {len(raw)}")
 
 
 def _check_off(raw: bytes) -> None:
@@ -79,14 +80,14 @@ def _check_off(raw: bytes) -> None:
     n, m = (int(match[1]), int(match[2])) if match else (0, 0)
     numbers = len(raw[match.end() :].split()) if match else 0
     if numbers < 3 * n + 4 * m:
-        raise ValueError(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
+        raise DamagedFile(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
 
 
 def _check_ply(raw: bytes, n: int, m: int) -> None:
     """trimesh takes as many faces of a text as there are; a polygon makes one triangle at least."""
     promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
     if n < promised.get("vertex", 0) or m < promised.get("face", 0):
-        raise ValueError(f"its header promises {promised}, it has {n} vertices and {m} triangles")
+        raise DamagedFile(f"its header promises {promised}, it has {n} vertices and {m} triangles")
 
 
 _CHECK = {"stl": _check_stl, "off": _check_off}

@@ -10,6 +10,8 @@ from xml.parsers import expat
 
 import numpy as np
 
+from morphofold.errors import DamagedFile
+
 MAX_UNPACKED = 2**29    # bytes of all arrays together; of their numbers each may take 8
 MAX_COUNT = 2**24       # points and cells: VTK takes about 30 bytes for each
 _ROWS = {"Points": "Points", "PointData": "Points"}     # the count that an array has a row for; else of its own name
@@ -38,14 +40,14 @@ def check_blocks(raw: bytes) -> None:
     room = (1032 if packed else 1) * len(raw)
     counts = [int(n) for tag in tags for key, n in tag.said.items() if _is_count(key)]
     if min(counts, default=0) < 0 or sum(counts) > min(MAX_COUNT, room):
-        raise ValueError(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
+        raise DamagedFile(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
     numbers = sum(_numbers(tags))
     if numbers > min(MAX_UNPACKED // 8, room):
-        raise ValueError(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
+        raise DamagedFile(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
     size = sum(_sizes(raw, tags, packed, file))
     most = MAX_UNPACKED if packed else min(MAX_UNPACKED, len(raw))
     if size > most:
-        raise ValueError(f"its arrays unpack to {size} bytes, at most {most}")
+        raise DamagedFile(f"its arrays unpack to {size} bytes, at most {most}")
 
 
 def _is_count(key: str) -> bool:
@@ -89,7 +91,7 @@ def _numbers(tags: list[_Tag]) -> Iterator[int]:
         elif tag.around and "type" in tag.said:                         # whatever its name: VTK asks for the type alone
             width = int(tag.said.get("NumberOfComponents", 1))
             if width < 0:
-                raise ValueError(f"an array has {width} components")
+                raise DamagedFile(f"an array has {width} components")
             rows = counts.get(_ROWS.get(tag.around, tag.around), 0)
             yield width * max(int(tag.said.get("NumberOfTuples", 0)), rows, 1)
 
@@ -112,7 +114,7 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
             return words(at, 1, is_raw)[0]
         blocks, each, last = words(at, 3, is_raw)
         if blocks > len(raw) or sum(words(at, 3 + blocks, is_raw)[3:]) > len(raw):
-            raise ValueError(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
+            raise DamagedFile(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
         return max(blocks * each, last)
 
     for tag in tags:                                                    # VTK goes by the offset, meshio by the format
@@ -125,13 +127,13 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
 def _appended(raw: bytes, data: _Tag, offset: str) -> int:
     """Where an array begins in appended data, whose tag is the last one."""
     if data.name != "AppendedData":
-        raise ValueError("an array has an offset, and there are no appended data")
+        raise DamagedFile("an array has an offset, and there are no appended data")
     if not (offset.isascii() and offset.isdigit()):
-        raise ValueError(f"an array has the offset {offset[:20]!r}, which is no whole number")
+        raise DamagedFile(f"an array has the offset {offset[:20]!r}, which is no whole number")
     end = _end(raw, data)
     text = raw[end : end + _LINE].lstrip()
     if not text.startswith(b"_"):
-        raise ValueError("its appended data do not begin with _")
+        raise DamagedFile("its appended data do not begin with _")
     return end + raw[end : end + _LINE].index(b"_") + 1 + int(offset)
 
 
@@ -139,7 +141,7 @@ def _inline(raw: bytes, tag: _Tag) -> int:
     """Where the text of an array begins: XML says it by the tag's end, VTK takes the first bracket for that."""
     end = _end(raw, tag)
     if tag.text != end:
-        raise ValueError("an array has no numbers right behind its tag")
+        raise DamagedFile("an array has no numbers right behind its tag")
     return end
 
 
@@ -147,5 +149,5 @@ def _end(raw: bytes, tag: _Tag) -> int:
     """Where a tag ends before data: a bracket in an attribute would end it early for some readers."""
     for key, value in tag.said.items():
         if ">" in value:
-            raise ValueError(f"its {tag.name} before data has a > in {key}")
+            raise DamagedFile(f"its {tag.name} before data has a > in {key}")
     return raw.index(b">", tag.at) + 1

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import atomic_file, decoding, write_and_look
 from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
 from morphofold.io.vtk_blocks import check_blocks
@@ -27,10 +28,10 @@ def read_unstructured(kind: str, path: Path) -> Read:
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
-            raise ValueError(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
+            raise WrongFile(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
         flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
-            raise ValueError(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
+            raise WrongFile(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
         verts, faces = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
@@ -46,9 +47,9 @@ def read_polygons(path: Path) -> Read:
         _check(raw)
         mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
-            raise ValueError("it holds no triangles, or is truncated")
+            raise DamagedFile("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
-            raise ValueError("it holds faces that are no triangles; triangulate it first")
+            raise WrongFile("it holds faces that are no triangles; triangulate it first")
         verts, faces = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
@@ -59,7 +60,7 @@ def _check(raw: bytes) -> None:
     if raw.startswith(b"# vtk"):
         return
     if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
-        raise ValueError("it does not go from <VTKFile> to </VTKFile>")
+        raise DamagedFile("it does not go from <VTKFile> to </VTKFile>")
     check_blocks(raw)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
+from morphofold.errors import NotReadable
 from morphofold.forecasts.analysis_cost import WRITING
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
@@ -187,7 +188,7 @@ def subject_place(dataset: Path, name: str) -> Path:
     """Where in a dataset a subject of this name is written; raises as ``write_dataset`` says."""
     label = "".join(c for c in name.removeprefix("sub-") if c.isascii() and c.isalnum())
     if not label:
-        raise ValueError(f"{name!r}: BIDS names subjects by letters and digits, and it has none. Pass another name.")
+        raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, and it has none. Pass another name.")
     refuse_other_dataset(dataset)
     place = dataset / f"sub-{label}"
     known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)

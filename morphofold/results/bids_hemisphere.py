@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.measures import Measures
+from morphofold.errors import DamagedFile
 from morphofold.io import flip_curvature_sign, read_surface, write_gifti_map
 from morphofold.io.gifti import read_gifti_regions, write_gifti_regions, write_gifti_surface
 from morphofold.provenance import strict_json
@@ -135,7 +136,7 @@ def _inverse(transform: Any, anat: Path) -> np.ndarray:
     try:
         return np.linalg.inv(np.array(transform, dtype=np.float64))
     except np.linalg.LinAlgError as error:
-        raise ValueError(f"{anat}: the transform of its provenance can't be inverted ({error}). {CURE}") from None
+        raise DamagedFile(f"{anat}: the transform of its provenance can't be inverted ({error}). {CURE}") from None
 
 
 def _moved_graph(graph: Any, transform: np.ndarray | None) -> Any:

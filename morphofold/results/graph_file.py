@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from morphofold.analysis.graph.crest_net import GyralScales
+from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
 CURE = "Analyze anew."
@@ -105,10 +106,10 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ids = {node["id"] for node in content["nodes"]}
     for edge in content["edges"]:
         if not ids >= {edge["source"], edge["target"]} or len(edge["vertices"]) != len(edge["polyline"]):
-            raise ValueError(f"{path}: edge {edge['number']} joins no two nodes, or lacks vertices. {CURE}")
+            raise DamagedFile(f"{path}: edge {edge['number']} joins no two nodes, or lacks vertices. {CURE}")
     for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
         if max(place) >= n:
-            raise ValueError(f"{path}: names vertex {max(place)}, the surface has 0..{n - 1}. {CURE}")
+            raise Mismatch(f"{path}: names vertex {max(place)}, the surface has 0..{n - 1}. {CURE}")
     return _graph(content)
 
 

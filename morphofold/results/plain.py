@@ -14,6 +14,7 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
+from morphofold.errors import MissingPart
 from morphofold.forecasts.analysis_cost import WRITING
 from morphofold.io import (
     atomic_folder,
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
 def check_wide(cortices: Sequence[Cortex]) -> None:
     """Refuse a table with a column per region of surfaces that have no regions."""
     if not any(cortex.regions for cortex in cortices):
-        raise ValueError(
+        raise MissingPart(
             f"{cortices[0].name}: regions_wide.tsv has a column per region, and no parcellation (label/?h.aparc.annot) "
             "came with the surfaces. Leave --wide (wide=True) out."
         )

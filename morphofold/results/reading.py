@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.measures import Measures
+from morphofold.errors import WrongFile
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
 from morphofold.io.json_files import file_word, read_json
@@ -77,7 +78,7 @@ def read_stages(folder: str | Path) -> list[Measures]:
     for part in parts:
         found = read_analysis(part)
         if len(found) != 1:
-            raise ValueError(f"{part}: has two hemispheres, so it is no stage of a simulation.")
+            raise WrongFile(f"{part}: has two hemispheres, so it is no stage of a simulation.")
         stages += found
     return stages
 

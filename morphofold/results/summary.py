@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 
 from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
+from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange
 from morphofold.forecasts.analysis_cost import cost_of_analysis
 from morphofold.io import read_morph
 from morphofold.io.cortices import SurfaceRecord
@@ -95,7 +96,7 @@ class SurfaceSummary(SurfaceRecord):
     def _no_negative_amounts(cls, measures: dict[str, float | None]) -> dict[str, float | None]:
         for name, value in measures.items():
             if value is not None and value < 0 and name in SCALARS and name not in SIGNED:
-                raise ValueError(f"{name} is {value:g}, and can't be negative")
+                raise OutOfRange(f"{name} is {value:g}, and can't be negative")
         return measures
 
 
@@ -119,7 +120,7 @@ def checked_inputs(
     """Records of the files that an analysis is of; raises ``ValueError`` as ``write_analysis`` says."""
     hemis = [m.cortex.hemi for m in measures]
     if not hemis or len(set(hemis)) < len(hemis):
-        raise ValueError(
+        raise (NamedTwice if hemis else NothingToDo)(
             f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
             "Write each subject to a folder of its own."
         )
@@ -139,7 +140,9 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
         place = subject or folder
         if place.is_relative_to(there) or (subject is not None and there.is_relative_to(subject)):
             how = "is" if there == place else "holds" if place.is_relative_to(there) else "lies in"
-            raise ValueError(f"{out} {how} the folder of the input {file}, so the analysis must go to another folder.")
+            raise OptionsClash(
+                f"{out} {how} the folder of the input {file}, so the analysis must go to another folder."
+            )
 
 
 def summary_of(
@@ -196,7 +199,7 @@ def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
     for name, file in files.items():
         rows = tables[name] = read_table(file, WORDS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - WORDS)
         if rows and (missing := [column for column in COLUMNS[name] if column not in rows[0]]):
-            raise ValueError(f"{file}: lacks {', '.join(missing)}. {CURE}")
+            raise MissingPart(f"{file}: lacks {', '.join(missing)}. {CURE}")
     return tables
 
 
@@ -254,6 +257,6 @@ def surfaces_of(cortex: Cortex) -> dict[str, Surface]:
 
 
 def check_size(path: Path, values: NDArray[Any], n: int) -> None:
-    """Raise ``ValueError`` unless a file has a value for each vertex."""
+    """Raise ``Mismatch`` unless a file has a value for each vertex."""
     if values.shape != (n,):
-        raise ValueError(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
+        raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")

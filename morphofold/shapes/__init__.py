@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
+from morphofold.errors import OutOfRange
 from morphofold.geometry import face_vectors, split
 from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 
@@ -193,7 +194,7 @@ def torus(
     row, column = np.meshgrid(np.arange(n_around), np.arange(n_tube), indexing="ij")
     grid = np.stack([row + 0.5 * (column % 2), column], axis=-1).reshape(-1, 2).astype(float)
     if n_tube % 2:
-        raise ValueError(f"n_tube must be even (every second row is shifted by half a step), got {n_tube}.")
+        raise OutOfRange(f"n_tube must be even (every second row is shifted by half a step), got {n_tube}.")
     if rng is not None:
         grid += np.random.default_rng(rng).uniform(-0.45, 0.45, grid.shape)
     faces = _periodic_delaunay(grid, (n_around, n_tube), (2 * np.pi * major / n_around, 2 * np.pi * minor / n_tube))

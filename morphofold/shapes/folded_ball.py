@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_normals
 from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
@@ -20,11 +21,11 @@ def folded_ball(n: int, net: SphericalNet | None = None) -> Cortex:
 
     Raises
     ------
-    ValueError
+    OutOfRange
         If there are fewer than 1,000 vertices.
     """
     if n < 1000:
-        raise ValueError(f"the folded ball needs 1,000 vertices at least, got {n:,}.")
+        raise OutOfRange(f"the folded ball needs 1,000 vertices at least, got {n:,}.")
     verts = even_directions(n)
     verts = verts[np.lexsort((verts[:, 2], *np.round(RADIUS * verts[:, :2].T)))]
     faces = spherical_delaunay(verts)

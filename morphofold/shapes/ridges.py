@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import SphericalVoronoi
 
 from morphofold.arrays import Array
+from morphofold.errors import NoSolution
 from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts
@@ -82,7 +83,7 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
 
     Raises
     ------
-    ValueError
+    NoSolution
         If 200 seeds have a shorter arc each.
     """
     for trial in range(200):
@@ -96,7 +97,7 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
         net = SphericalNet(found.vertices, np.array(sorted(sides)))
         if net.lengths.min() >= shortest:
             return net
-    raise ValueError(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; ask for less.")
+    raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; ask for less.")
 
 
 def ridged_net(

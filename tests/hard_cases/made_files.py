@@ -18,6 +18,7 @@ from made_simulations import made_simulation
 from made_surfaces import FOOTER, FORMATS
 
 from morphofold.analysis import gyral_graph
+from morphofold.errors import Refusal
 from morphofold.io import (
     read_annotation,
     read_cortex,
@@ -250,7 +251,8 @@ def needs_linux() -> None:
 
 
 def verdict(sample: Sample) -> str:
-    """What a reader says of a file: "" if it reads it, or its refusal, seen to be one line. Anything else is raised.
+    """What a reader says of a file: "" if it reads it, or its refusal, seen to be one line, with its kind as commands
+    tell it, ``[damaged-file]``. Anything else is raised.
 
     A refusal for want of memory is none: the reader had taken all there was.
     """
@@ -264,7 +266,7 @@ def verdict(sample: Sample) -> str:
         scene = sample.path.suffix == ".toml"                           # of which each problem is told on its line
         if isinstance(error, UnicodeError) or len(lines) > (21 if scene else 1) or len(told) > 600 * len(lines):
             raise AssertionError(f"{sample.path.name}: no clear line: {told[:300]!r}") from error
-        return told
+        return f"{told} [{error.code}]" if isinstance(error, Refusal) else told
     return ""
 
 

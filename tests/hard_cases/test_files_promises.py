@@ -28,6 +28,7 @@ from morphofold.io import (
     trimesh_files,
     vtk_files,
 )
+from morphofold.io.vtk_blocks import MAX_UNPACKED
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.checkpoint import read_arrays
@@ -46,10 +47,10 @@ def known(tmp_path_factory):
 
 
 def refused(holds, what, path, raw, read, *words):
-    """Within a child's means: a refusal in one line, and little memory."""
+    """Within a child's means: the file is damaged, told in one line with these numbers, and little memory."""
     path.write_bytes(raw)
     told, taken = in_child(lambda: verdict(Sample(path, lambda: read(path))))
-    holds.says(what, told.replace(str(path), path.name), path.name, *words)
+    holds.says(what, told.replace(str(path), path.name), path.name, *words, "[damaged-file]")
     holds(f"{what}: memory taken", taken / 2**20, at_most=LIGHT / 2**20, unit="MiB")
 
 
@@ -69,13 +70,13 @@ def test_freesurfer(kind, known, holds, tmp_path):
     raw = known["lh.white"].path.read_bytes()
     at = raw.index(b"\n\n") + 2
     much = struct.pack(">i", MANY)
-    name, damaged, read, word = {
-        "surface": ("lh.white", raw[:at] + much + much + raw[at + 8 :], read_surface, "need"),
-        "map": ("lh.k", b"\xff\xff\xff" + struct.pack(">3i", MANY, 1, 1) + raw, read_morph, "need"),
-        "annotation": ("a.annot", much + raw, read_annotation, "vertices need"),
-        "label": ("a.label", f"#!ascii\n{MANY}\n0 1 2 3 4\n".encode(), lambda path: read_label(path, 42), "promises"),
+    name, damaged, read = {
+        "surface": ("lh.white", raw[:at] + much + much + raw[at + 8 :], read_surface),
+        "map": ("lh.k", b"\xff\xff\xff" + struct.pack(">3i", MANY, 1, 1) + raw, read_morph),
+        "annotation": ("a.annot", much + raw, read_annotation),
+        "label": ("a.label", f"#!ascii\n{MANY}\n0 1 2 3 4\n".encode(), lambda path: read_label(path, 42)),
     }[kind]
-    refused(holds, kind, tmp_path / name, damaged, read, word)
+    refused(holds, kind, tmp_path / name, damaged, read, str(MANY))
 
 
 LEGACY = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET {}\nPOINTS\t{} float\n0 0 0 1 0 0 0 1 0\n{}\t{} {}\n3 0 1 2\n"
@@ -88,53 +89,53 @@ polygons_promise = hard_case(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "word"), [
-    ("Points", "promises 21474836"), ("Polys", "promises 21474836"), ("Components", "numbers, it has")
-])  # fmt: skip
+@pytest.mark.parametrize("name", ["Points", "Polys", "Components"])
 @polygons_promise
-def test_vtp(name, word, known, holds, tmp_path):
+def test_vtp(name, known, holds, tmp_path):
     raw = known["a.vtp"].path.read_bytes()
     much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
-    refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, word)
+    told = [] if name == "Components" else ["21474836"]                 # with the others 2^31 and more
+    refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, *told, str(len(much)))
 
 
 @pytest.mark.parametrize(("n", "m", "size"), [(MANY, 1, 4), (3, MANY, 4), (3, 1, MANY)])
 @polygons_promise
 def test_legacy_vtk(n, m, size, holds, tmp_path):
     text = LEGACY.format("POLYDATA", n, "POLYGONS", m, size).encode()
-    refused(holds, f"POINTS {n}, POLYGONS {m} {size}", tmp_path / "a.vtk", text, read_surface, f"promises {MANY}")
+    refused(holds, f"POINTS {n}, POLYGONS {m} {size}", tmp_path / "a.vtk", text, read_surface, str(MANY))
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
 @polygons_promise
 def test_ply(form, holds, tmp_path):
     text = PLY.format(form, MANY) + "property list uchar int vertex_indices\nend_header\n0 0 0\n"
-    refused(holds, f"element vertex, {form}", tmp_path / "a.ply", text.encode(), read_surface, f"promises {MANY}")
+    refused(holds, f"element vertex, {form}", tmp_path / "a.ply", text.encode(), read_surface, str(MANY))
 
 
-@pytest.mark.parametrize(("word", "what"), [(2, "unpack to"), (3, "larger than the file")])
+@pytest.mark.parametrize("word", [2, 3])
 @hard_case(
     "files", "a VTP whose array has a block of 2 GiB, packed or not (found by fuzzing)",
     peers="VTK: ends the process (measured)", guard="sizes of blocks held against the file",
     without=lambda patch: patch.setattr(vtk_files, "check_blocks", lambda raw: None),
 )  # fmt: skip
-def test_vtk_blocks(word, what, known, holds, tmp_path):
+def test_vtk_blocks(word, known, holds, tmp_path):
     """The third word of an array is the size of its last block, the fourth that of its first one packed."""
     raw = known["a.vtp"].path.read_bytes()
     at = raw.index(b"AQAAAA")                                           # of a single block
     words = list(struct.unpack("<4I", base64.b64decode(raw[at : at + 24])))
     words[word] = 2**31
     damaged = raw[:at] + base64.b64encode(struct.pack("<4I", *words)) + raw[at + 24 :]
-    refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, what)
+    most = MAX_UNPACKED if word == 2 else len(damaged)
+    refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, str(most))
 
 
 BLOCK = base64.b64encode(struct.pack("<4I", 1, 2**31, 2**31, 20))       # of 2 GiB
 HIDDEN = {
-    "offset, format ascii": (b'<DataArray type="Float32" format="ascii" offset="0"/>', "unpack to"),
-    "offset, no format": (b'<DataArray type="Float32" offset="0"/>', "unpack to"),
-    "an Array": (b'<Array type="Float32" format="appended" offset="0"/>', "unpack to"),
+    "offset, format ascii": (b'<DataArray type="Float32" format="ascii" offset="0"/>', str(2**31)),
+    "offset, no format": (b'<DataArray type="Float32" offset="0"/>', str(2**31)),
+    "an Array": (b'<Array type="Float32" format="appended" offset="0"/>', str(2**31)),
     "bracket in an attribute": (b'<DataArray type="Float32" format="binary" Note="a>%s">AAAA</DataArray>' % BLOCK,
-                                "has a > in Note"),
+                                "Note"),
 }  # fmt: skip
 
 
@@ -197,10 +198,10 @@ def _spaces(n=2**29):
     return gzip.compress(b"<GIFTI>" + bytes(2**20)) + _zeros(n, zlib.compressobj(wbits=31))
 
 
-UNPACKS = "its arrays unpack to 1073741824 bytes"
+UNPACKS = str(2**30)
 BOMBS = {
-    "GIFTI": ("a.shape.gii", _gifti_bomb, read_morph, "of 134217728 values is empty or too large"),
-    "compressed GIFTI": ("a.gii.gz", _spaces, read_morph, "unpacks to more than 256 MiB"),
+    "GIFTI": ("a.shape.gii", _gifti_bomb, read_morph, str(2**27)),
+    "compressed GIFTI": ("a.gii.gz", _spaces, read_morph, "256 MiB"),
     "VTU": ("a.vtu", lambda: _vtk_bomb("UnstructuredGrid"), read_surface, UNPACKS),
     "VTU of tetrahedra": ("a.vtu", lambda: _vtk_bomb("UnstructuredGrid"), tetrahedra, UNPACKS),
     "VTP": ("a.vtp", lambda: _vtk_bomb("PolyData"), read_surface, UNPACKS),
@@ -225,7 +226,7 @@ def test_bombs(kind, holds, tmp_path):
 )  # fmt: skip
 def test_dimensions(holds, tmp_path):
     raw = _gifti(zlib.compress(bytes(12)), f'Dimensionality="{10**11}" Dim0="3"')
-    refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000 dimensions")
+    refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000")
 
 
 @hard_case(
@@ -238,7 +239,7 @@ def test_little_memory(holds, tmp_path):
     with pytest.raises(AssertionError) as caught:
         in_child(lambda: verdict(Sample(path, lambda: read_morph(path))), memory=2**26)
     told = str(caught.value).replace(str(path), path.name)
-    holds.says("error", told, "MemoryError: lh.thickness: memory did not suffice", "Close other programs")
+    holds.says("error", told, "MemoryError: lh.thickness: ")
 
 
 @pytest.mark.slow
@@ -254,7 +255,7 @@ def test_checkpoint(n, zeros, holds, tmp_path):
         for _ in range(0, zeros, 2**24):
             x.write(bytes(2**24))
     read = lambda path: read_arrays(path, like)
-    refused(holds, f"{n:,} numbers", tmp_path / "a.npz", out.getvalue(), read, "needs 240")
+    refused(holds, f"{n:,} numbers", tmp_path / "a.npz", out.getvalue(), read, "240")
 
 
 @hard_case(
@@ -322,7 +323,9 @@ def test_json(known, holds):
         for text in changed[: 1 + (changed[1] != raw)]:
             try:
                 sample.path.write_bytes(text)
-                holds.says(name, verdict(sample).replace(str(sample.path.parent), ""), sample.path.name)
+                told = verdict(sample).replace(str(sample.path.parent), "")
+                kind = "[damaged-file]" if text is changed[0] else "[not-readable]"
+                holds.says(name, told, sample.path.name, kind)
             finally:
                 sample.path.write_bytes(raw)
     assert json.loads(known["stage.json"].path.read_text())
