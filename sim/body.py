@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from skfem import MeshHex
 
 from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
 from morphofold.sim.elements.blocks import Blocks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
@@ -85,7 +86,7 @@ class Body:
     ):  # fmt: skip
         check_law(law)
         if not kappa_ratio > 2:
-            raise ValueError(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
+            raise OutOfRange(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
         self.bilayer, self.law = bilayer, law
         mesh = bilayer.mesh
         self.single = single and isinstance(mesh, MeshHex)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.bilayer import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
@@ -14,7 +15,7 @@ from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Stri
 
 
 def build_bilayer(scene: Scene) -> Bilayer:
-    """The mesh of a scene's body; ``ValueError`` for one that has none (a radial scene)."""
+    """The mesh of a scene's body; ``DoesNotApply`` for one that has none (a radial scene)."""
     geometry, layers = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
         thickness: Any = geometry.cortex_thickness
@@ -32,7 +33,7 @@ def build_bilayer(scene: Scene) -> Bilayer:
         from morphofold.sim.mesh.from_file import bilayer_from_file
 
         return bilayer_from_file(geometry)
-    raise ValueError(f"{scene.name}: a {geometry.shape} scene has no mesh.")
+    raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene has no mesh.")
 
 
 def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:

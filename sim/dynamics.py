@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import brick_kernels
@@ -147,13 +148,13 @@ class Dynamics:
 
         Raises
         ------
-        ValueError
+        OutOfRange
             If the cortex would have no size left (g not a positive number).
         UnstableError
             If a position stops being finite, an element has no volume left, or one of its points bursts.
         """
         if not 0 < g < math.inf:
-            raise ValueError(f"the growth stretch must be a positive number, got {g:g}.")
+            raise OutOfRange(f"the growth stretch must be a positive number, got {g:g}.")
         if self.state.growth == g:
             return
         self.state.relaxed = 0

@@ -7,17 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import UnknownName
+
 LAWS = ("isotropic", "tangential")
 
 
 def check_law(law: str) -> None:
-    """Raise ``ValueError`` for what is no growth law."""
+    """Raise ``UnknownName`` for what is no growth law."""
     if law not in LAWS:
-        raise ValueError(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+        raise UnknownName(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
 
 
 def volume(g: Any, law: str) -> Any:
-    """det G of growth g, float or array: g^3 if isotropic, g^2 if tangential; ``ValueError`` for another law."""
+    """det G of growth g, float or array: g^3 if isotropic, g^2 if tangential; ``UnknownName`` for another law."""
     check_law(law)
     return g**3 if law == "isotropic" else g**2
 
@@ -40,7 +42,7 @@ def growth_tensor(g: NDArray[np.float64] | float, radial: NDArray[np.float64], l
 
     Raises
     ------
-    ValueError
+    UnknownName
         For another law.
     """
     check_law(law)

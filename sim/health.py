@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold.arrays import Array
+from morphofold.errors import InsideOut, OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import self_intersections
 from morphofold.intersections.rays import ray_hits
@@ -113,12 +114,12 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
     tree = box_tree(verts, faces)
     twice, once, most, centre = _along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
     if (centre != centre[0]).any():
-        raise ValueError(
+        raise OpenSurface(
             f"{surface.name}: isn't closed: it winds {centre.min()} to {centre.max()} times around its centroid, "
             "depending on the direction in which that is counted. Close its holes."
         )
     if once.sum() == 0:
-        raise ValueError(
+        raise InsideOut(
             f"{surface.name}: none of {rays} rays from its centroid runs inside it. Turn its faces: seen from outside "
             "they run counter-clockwise."
         )

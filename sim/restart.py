@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.errors import DamagedFile, Mismatch, MissingPart, OutOfRange
 from morphofold.io.files import decoding, existing_file
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.inputs import begun_with, scene_digest
@@ -52,13 +53,13 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
     if place == run and (run / "checkpoint.npz").is_file():
         found.append((_read(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
     if not found:
-        raise ValueError(
+        raise MissingPart(
             f"{place}: holds no state to restart from, which is a checkpoint or a stage with {VOLUME}. A scene with "
             "output.volume = false writes no volume, and one in one dimension has none."
         )
     growth, file = max(found, key=lambda state: state[0])               # the first of equals: a stage
     if growth > scene.growth.final:
-        raise ValueError(
+        raise OutOfRange(
             f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Grow "
             "further, or restart from the folder of an earlier stage."
         )
@@ -79,7 +80,7 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
 
     file = existing_file(restart["file"], "state to restart from")
     if (now := sha256_of(file)) != restart["sha256"]:
-        raise ValueError(
+        raise Mismatch(
             f"{file}: has changed since a run began at it (sha256 {restart['sha256'][:12]}... then, {now[:12]}... "
             "now). Put the old file back, or choose another folder."
         )
@@ -98,7 +99,7 @@ def check_mesh(file: Path, X: Array, mine: Array, scene: Scene) -> None:
         if apart.max() <= ROUND_OFF * np.ptp(mine, axis=0).max():
             return
         told = f"has node {apart.argmax()} {apart.max():.3g} mm from where it is in the body of {scene.name}"
-    raise ValueError(
+    raise Mismatch(
         f"{file}: {told} before growth. Geometry, mesh and imperfection must be those of the run to go on from"
         f"{_same_wavelength(file, scene)}."
     )
@@ -114,14 +115,14 @@ def _read(file: Path) -> tuple[Array, Array, Array, float]:
         else:
             with np.load(existing_file(file), allow_pickle=False) as arrays:
                 if sum(entry.file_size for entry in arrays.zip.infolist()) > file.stat().st_size:
-                    raise ValueError("it is packed")                    # no run packs it
+                    raise DamagedFile("it is packed")                    # no run packs it
                 x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
                 v *= "inertia.dt" not in arrays.files                   # real ones are per step of its own length
                 growth = float(arrays["growth"].item())
         if not (x.ndim == 2 and x.shape[1] == 3 and x.shape == v.shape == X.shape):
-            raise ValueError(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")
+            raise DamagedFile(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")
         if not (growth >= 1 and all(np.isfinite(array).all() for array in (x, v, X, growth))):
-            raise ValueError("it has numbers that are not finite, or a growth below 1")
+            raise DamagedFile("it has numbers that are not finite, or a growth below 1")
     return np.ascontiguousarray(x, np.float64), v, X, growth
 
 

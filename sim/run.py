@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
+from morphofold.errors import DamagedFile, DoesNotApply, Mismatch
 from morphofold.io.files import decoding
 from morphofold.io.locks import alone
 from morphofold.progress import Progress, silent
@@ -113,7 +114,7 @@ def simulate(
     own = own_effects(effects)
     names = [effect.name for effect in own]
     if isinstance(scene.geometry, Radial) and (own or after or restart_from):
-        raise ValueError(f"{scene.name}: one dimension has no steps; drop effects, after and restart_from.")
+        raise DoesNotApply(f"{scene.name}: one dimension has no steps; drop effects, after and restart_from.")
     with deferred_interrupt() as interrupted:
         set_threads(threads)
         if is_finished(folder, scene, resume, names, restart_from):
@@ -258,12 +259,12 @@ class _Run:
         arrays = read_arrays(path, {**self.dynamics.save(), **mine})
         for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
             if not np.array_equal(arrays[name], mine[name]):
-                raise ValueError(f"{path}: is of a run with {what}. Delete it {ANEW}.")
+                raise Mismatch(f"{path}: is of a run with {what}. Delete it {ANEW}.")
         check_mesh(path, arrays["reference"], self.body.X, self.scene)  # effects of one's own may give it another shape
         growth, final = arrays["growth"].item(), self.scene.growth.final
         with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
             if not 1 <= growth <= final:
-                raise ValueError(f"g = {growth:g} is not within 1 and {final:g}")
+                raise DamagedFile(f"g = {growth:g} is not within 1 and {final:g}")
             self.dynamics.load(arrays)                                  # a state out of its bounds was never saved
         check_reached(out, self.scene, growth)
         self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item(), arrays["log"])

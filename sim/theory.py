@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphofold.arrays import Array
+from morphofold.errors import ImpossibleBody, OptionsClash, OutOfRange, UnknownName
 from morphofold.sim.growth import check_law, volume
 from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
 from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
@@ -86,7 +87,7 @@ def deformed_radius(
     hole = _hole(A_bar, outer, core)
     R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
     if not np.all((R >= hole) & (R <= outer)):
-        raise ValueError(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
+        raise OutOfRange(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
     in_core = hole**3 + core**3 * (np.minimum(R, 1) ** 3 - hole**3)
     return np.cbrt(in_core + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
 
@@ -152,15 +153,15 @@ def stresses(
     """
     hole = C / 2 if A is None else A
     if not (np.isfinite([B, C, hole]).all() and 0 <= hole < B < C):
-        raise ValueError(f"radii must be ordered 0 <= A < B < C, got A = {hole:g}, B = {B:g}, C = {C:g}.")
+        raise ImpossibleBody(f"radii must be ordered 0 <= A < B < C, got A = {hole:g}, B = {B:g}, C = {C:g}.")
     if not (np.isfinite([mu_cortex, mu_core]).all() and mu_cortex > 0 and mu_core > 0):
-        raise ValueError(f"shear moduli must be positive, got mu_cortex = {mu_cortex:g}, mu_core = {mu_core:g}.")
+        raise OutOfRange(f"shear moduli must be positive, got mu_cortex = {mu_cortex:g}, mu_core = {mu_core:g}.")
     if n < 2:
-        raise ValueError(f"n must be at least 2 points, got {n}.")
+        raise OutOfRange(f"n must be at least 2 points, got {n}.")
     if part not in ("cortex", "core"):
-        raise ValueError(f"part must be cortex or core, got {part!r}.")
+        raise UnknownName(f"part must be cortex or core, got {part!r}.")
     if part == "core" and hole == 0 and g_core != 1:
-        raise ValueError("a growing core with no hole (A = 0) has no finite stress at its centre: give A > 0.")
+        raise OutOfRange("a growing core with no hole (A = 0) has no finite stress at its centre: give A > 0.")
 
     def layer(R: Array, growth: float, kind: str, mu: float) -> tuple[Array, Array, Array]:
         r = B * deformed_radius(g, C / B, law, R_bar=R / B, g_core=g_core, A_bar=hole / B)
@@ -223,7 +224,7 @@ def critical_growth(
     """
     outer, core = _outer(C_bar), _growth(g_core, "g_core")
     if not 1 < ratio < np.inf:
-        raise ValueError(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
+        raise OutOfRange(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
     b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer, core) ** 3)
     check_law(law)
     if law == "isotropic":
@@ -253,21 +254,21 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
 def _growth(g: ArrayLike, name: str) -> Array:
     g = np.asarray(g, dtype=np.float64)
     if not np.all((g > 0) & np.isfinite(g)):
-        raise ValueError(f"{name} is a ratio of lengths and must be positive, got {g}.")
+        raise OutOfRange(f"{name} is a ratio of lengths and must be positive, got {g}.")
     return g
 
 
 def _outer(C_bar: ArrayLike) -> Array:
     C_bar = np.asarray(C_bar, dtype=np.float64)
     if not np.all((C_bar > 1) & np.isfinite(C_bar)):
-        raise ValueError(f"C_bar is the outer radius over the interface's and must be above 1, got {C_bar}.")
+        raise OutOfRange(f"C_bar is the outer radius over the interface's and must be above 1, got {C_bar}.")
     return C_bar
 
 
 def _hole(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
     if A_bar is None and np.any((outer >= 2) & (core != 1)):
-        raise ValueError(f"half of C_bar = {outer.max():g} is no radius inside the core: give A_bar, below 1.")
+        raise OptionsClash(f"half of C_bar = {outer.max():g} is no radius inside the core: give A_bar, below 1.")
     hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
     if not np.all((hole >= 0) & (hole <= 1)):
-        raise ValueError(f"A_bar is the hole's radius over the interface's, from 0 to 1, got {hole}.")
+        raise OutOfRange(f"A_bar is the hole's radius over the interface's, from 0 to 1, got {hole}.")
     return hole

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.errors import ImpossibleBody, OutOfRange
 from morphofold.sim import theory
 from morphofold.sim.scene.geometries import Sphere
 
@@ -162,7 +163,9 @@ def critical_rows(
     """Growth at which the outer surface can crease, Eqs. (12) and (13), and at which it is unstable by Biot."""
     C_bar = np.asarray(list(C_bar), dtype=np.float64)
     if g_core != 1 and not 0 <= A_over_C * C_bar.max() <= 1:
-        raise ValueError(f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}.")
+        raise ImpossibleBody(
+            f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}."
+        )
     hole = A_over_C * C_bar if g_core != 1 else None            # it matters only if the core grows
     rows: list[Row] = []
     for law in laws:
@@ -267,9 +270,9 @@ def _theory_of(scene: Scene) -> tuple[float, float, str]:
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
     """C/B of a cortex of thickness T = C - B; ``ValueError`` unless 0 < T < C and the hole is inside the interface."""
     if not (np.isfinite(radius) and 0 < thickness < radius):
-        raise ValueError(f"thickness must lie between 0 and the outer radius {radius:g} mm, got {thickness:g} mm.")
+        raise OutOfRange(f"thickness must lie between 0 and the outer radius {radius:g} mm, got {thickness:g} mm.")
     if not 0 <= A_over_C < 1 - thickness / radius:
-        raise ValueError(
+        raise ImpossibleBody(
             f"the fixed hole must lie inside the interface B = {radius - thickness:g} mm: its radius is {A_over_C:g} C "
             f"= {A_over_C * radius:g} mm. Give a thinner cortex or a smaller hole."
         )

@@ -240,7 +240,7 @@ def test_the_imperfection_is_a_function_of_position_and_seed_alone():
 def test_a_node_that_is_not_finite_stops_the_run_and_is_named():
     run = make_run(n=8)
     run.state.x[17, 1] = np.nan
-    with pytest.raises(UnstableError, match=r"not finite at g = .* the first is node"):
+    with pytest.raises(UnstableError, match=rf"\bof {len(run.body.X)} .*\bg = 1\.\d+\b.*\bnode 17\b"):
         run.grow_to(1.1)
 
 
@@ -249,7 +249,7 @@ def test_an_element_turned_inside_out_stops_the_run_and_is_named():
     corner = run.body.bilayer.mesh.t[:, 5]
     centre = run.state.x[corner].mean(axis=0)
     run.state.x[corner] = centre - 3 * (run.state.x[corner] - centre)
-    with pytest.raises(UnstableError, match="have no volume left"):
+    with pytest.raises(UnstableError, match=rf"\bof {run.body.elements.n} .*\bv/V = -"):
         run._measure()
 
 
@@ -320,5 +320,5 @@ def test_a_gauss_point_that_bursts_stops_the_run_though_its_element_has_volume()
     node = inner_node(run)
     sink(run, node, -8.0)                                               # J near 6
     assert 5 < run.state.record["max_J"] < run.body.elements.LARGEST_J
-    with pytest.raises(UnstableError, match=r"3 of .* elements have no volume left or burst .* with v/V = 4\."):
+    with pytest.raises(UnstableError, match=rf"^3 of {run.body.elements.n} .*\bv/V = 4\."):
         sink(run, node, -14.0)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from made_folds import joined, pressed_sphere
 
+from morphofold.errors import InsideOut, OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
 from morphofold.sim.effects.contact import GAP
@@ -65,7 +66,7 @@ def test_each_bound_is_told_with_its_value_and_a_cure(name):
     told = broken_bounds({**SOUND, name: BEYOND[name]})
     assert len(told) == 1
     shown = BEYOND[name] if isinstance(BEYOND[name], int) else f"{BEYOND[name]:.2g}"
-    assert f"{name} {shown} at g = 1.50 exceeds {BOUNDS[name][0]:g}" in told[0]
+    assert re.match(rf"{name} {re.escape(str(shown))} .*\bg = 1\.50 .* {re.escape(f'{BOUNDS[name][0]:g}')}:", told[0])
     assert all(cures()[key] in told[0] for key in BOUNDS[name][1])
     assert len(broken_bounds({**SOUND, name: float("nan")})) == 1
 
@@ -119,7 +120,7 @@ def test_a_value_at_its_bound_is_sound():
 
 
 def test_a_crushed_element_is_told_even_if_it_recovered():
-    assert "lowest J" in broken_bounds({**SOUND, "lowest_J": 0.5 * LEAST_J})[0]
+    assert broken_bounds({**SOUND, "lowest_J": 0.5 * LEAST_J})[0].startswith(f"lowest J {0.5 * LEAST_J:g} ")
 
 
 def test_kinetic_energy_of_early_growth_is_held_against_the_strain_energy_to_come():
@@ -213,9 +214,9 @@ def test_a_ray_within_a_face_or_along_an_edge_keeps_the_winding_number(aside):
 
 def test_a_surface_with_a_hole_or_turned_inside_out_is_refused():
     verts, faces = icosphere(3)
-    with pytest.raises(ValueError, match="isn't closed: it winds 0 to 1 times"):
+    with pytest.raises(OpenSurface, match=r"\b0 to 1\b"):
         cover(Surface(verts, faces[5:]))
-    with pytest.raises(ValueError, match="none of 100 rays"):
+    with pytest.raises(InsideOut, match=r"\b100\b"):
         cover(Surface(verts, faces[:, ::-1]), rays=100)
 
 

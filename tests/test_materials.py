@@ -3,6 +3,7 @@ import pytest
 from scipy.optimize import brentq
 from test_tangent import split
 
+from morphofold.errors import DoesNotApply, OutOfRange, UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
@@ -132,20 +133,20 @@ def test_a_scene_names_its_material_and_theory_is_told_of_none_but_its_own():
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "kind", "named"),
     [
-        (["material.model=rubber"], r"material\.model: must be 'neo-hookean' or 'mooney-rivlin'"),
-        (["material.second_share=0.5"], r"unknown key material\.second_share"),
-        (["material.model=mooney-rivlin", "material.second_share=1.5"], r"material\.second_share: must be less than"),
-        (["material.model=mooney-rivlin", "material.second=0.5"], r"material\.second\. Did you mean second_share"),
-        (["material.mu_ratio=0"], r"material\.mu_ratio: must be greater than"),
+        (["material.model=rubber"], UnknownName, r"material\.model: .*'neo-hookean'.*'mooney-rivlin'.*'rubber'"),
+        (["material.second_share=0.5"], UnknownName, r"\bmaterial\.second_share\."),
+        (["material.model=mooney-rivlin", "material.second_share=1.5"], OutOfRange, r"second_share: .*\b1\.5\b"),
+        (["material.model=mooney-rivlin", "material.second=0.5"], UnknownName, r"\bsecond\. .*\bsecond_share\b"),
+        (["material.mu_ratio=0"], OutOfRange, r"material\.mu_ratio: .*\b0\.0001\b"),
     ],
 )
-def test_what_a_material_is_not_is_refused(settings, words):
-    with pytest.raises(ValueError, match=words):
+def test_what_a_material_is_not_is_refused(settings, kind, named):
+    with pytest.raises(kind, match=named):
         load_scene("demo", settings)
 
 
 def test_a_radial_scene_is_neo_hookean():
-    with pytest.raises(ValueError, match="radial"):
+    with pytest.raises(DoesNotApply, match=r"\bmaterial\.model\b.*'radial'"):
         load_scene("radial", ["material.model=mooney-rivlin"])

@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 
+from morphofold.errors import DoesNotApply, NotReadable, OutOfRange, WrongShape
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
@@ -64,17 +65,19 @@ def test_a_notch_of_a_strip_runs_across_it():
 
 
 @pytest.mark.parametrize(
-    "notch", ["{}", "{at = []}", "{at = [[0, 0]]}", "{at = [[9, 0, 0]], depth = 2}", "{at = [[9, 0, 0]], line = true}"]
-)
-def test_a_notch_that_makes_no_sense_is_refused(notch):
-    with pytest.raises(ValueError, match=r"effects\.notch"):
+    ("notch", "kind", "named"),
+    [("{}", NotReadable, "at"), ("{at = []}", WrongShape, "at"), ("{at = [[0, 0]]}", NotReadable, "at"),
+     ("{at = [[9, 0, 0]], depth = 2}", OutOfRange, "depth"), ("{at = [[9, 0, 0]], line = true}", DoesNotApply, "line")],
+)  # fmt: skip
+def test_a_notch_that_makes_no_sense_is_refused(notch, kind, named):
+    with pytest.raises(kind, match=rf"effects\.notch\.{named}\b"):
         load_scene("patch", [f"effects.notch={notch}"])
 
 
 def test_a_line_in_a_strip_and_a_point_off_the_surface_are_refused():
-    with pytest.raises(ValueError, match=r"effects\.notch\.line"):
+    with pytest.raises(DoesNotApply, match=r"effects\.notch\.line\b"):
         load_scene("strip", ["effects.notch={at = [[10, 0, 0], [20, 0, 0]], line = true}"])
-    with pytest.raises(ValueError, match=r"effects\.notch\.at"):
+    with pytest.raises(OutOfRange, match=r"effects\.notch\.at: \[0\.0, 0\.0, 30\.0\]"):
         Notch([[0.0, 0.0, 30.0]], 0.3, 3.0).reshape(SPHERE, SPHERE.mesh.p.T)
 
 

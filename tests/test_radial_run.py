@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 
@@ -132,7 +133,7 @@ def test_a_stopped_radial_run_goes_on_with_the_stages_left(fig3, tmp_path):
     assert again.health["stages"] == fig3.health["stages"]
     lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
     assert [line["growth"] for line in lines] == [1.2, 1.5, 2.0]
-    with pytest.raises(FileExistsError, match="ask to resume"):
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(out))}: .*\bresume\b"):
         simulate("fig3", out, settings=settings)
 
 

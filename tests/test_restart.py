@@ -10,6 +10,7 @@ from made_simulations import Stop
 
 import morphofold as mf
 from morphofold.cli import main
+from morphofold.errors import Mismatch
 from morphofold.forecasts.richardson import estimate_error
 from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
@@ -136,7 +137,7 @@ def test_without_a_checkpoint_the_same_state_is_begun_at_again_or_none(other, tm
     file = moved / "stages" / "g1.15" / "volume.vtu"
     raw = file.read_bytes()
     file.write_bytes((other / "stages" / "g1.10" / "volume.vtu").read_bytes())
-    with pytest.raises(ValueError, match=sha256_of(file)[:12]):
+    with pytest.raises(Mismatch, match=sha256_of(file)[:12]):
         simulate("demo", out, settings=FURTHER, resume=True)
     file.unlink()
     with pytest.raises(FileNotFoundError, match=r"volume\.vtu"):
@@ -165,10 +166,10 @@ def refused(capsys, *words, settings=FURTHER, scene="demo"):
 @pytest.mark.parametrize(
     ("settings", "numbers"),
     [
-        (["accuracy.edge=6.55"], ["427 nodes", "889"]),
-        (["geometry.hole_radius=24.9"], ["0.1 mm"]),
-        (["effects.perturbation.seed=1"], [" mm "]),
-        (["growth.final=1.12", "output.stages=[]"], ["g = 1.15", "1.12"]),
+        (["accuracy.edge=6.55"], ["427", "889", "[mismatch]"]),
+        (["geometry.hole_radius=24.9"], ["0.1 mm", "[mismatch]"]),
+        (["effects.perturbation.seed=1"], [" mm ", "[mismatch]"]),
+        (["growth.final=1.12", "output.stages=[]"], ["g = 1.15", "1.12", "[out-of-range]"]),
     ],
     ids=lambda value: value[0],
 )
@@ -197,8 +198,12 @@ def test_where_there_is_no_state_it_is_said(other, here, capsys):
     simulate("fig3", "radial", settings=["output.stages=[]", "growth.final=1.1"])
     simulate("demo", "bare", settings=[*TINY, "output.volume=false"])
     for name in ("radial", "bare", "bare/stages/g1.10"):
-        assert f"{name}: " in refused(capsys, "--restart-from", name)
-    assert "fig3" in refused(capsys, "--restart-from", str(other), settings=[], scene="fig3")
+        told = refused(capsys, "--restart-from", name)
+        assert f"{name}: " in told
+        assert "[missing-part]" in told
+    told = refused(capsys, "--restart-from", str(other), settings=[], scene="fig3")
+    assert "fig3" in told
+    assert "[does-not-apply]" in told
     assert not (here / "run").exists()
 
 

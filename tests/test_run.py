@@ -1,5 +1,6 @@
 import errno
 import json
+import re
 import subprocess
 import sys
 import time
@@ -187,7 +188,7 @@ def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path
         step(self, steps, growth)
 
     monkeypatch.setattr(Dynamics, "_run", break_down)
-    with pytest.raises(UnstableError, match="not finite at g = "):
+    with pytest.raises(UnstableError, match=r"\bnode 7\b"):
         simulate("demo", tmp_path / "x", settings=SMALL)
     with np.load(tmp_path / "x" / "last-sound-state.npz", allow_pickle=False) as sound:
         assert np.isfinite(sound["x"]).all()
@@ -244,12 +245,12 @@ def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(f
 
 
 def test_folders_of_others_are_left_alone(folder, tmp_path):
-    with pytest.raises(FileExistsError, match="ask to resume it"):
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(folder))}: .*\bresume\b"):
         simulate("demo", folder, settings=SMALL)
-    with pytest.raises(FileExistsError, match="another scene"):
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(folder))}: (?!.*\bresume\b)"):
         simulate("fig5", folder, resume=True)
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(FileExistsError, match="holds no simulation"):
+    with pytest.raises(FileExistsError, match=rf"{re.escape(str(tmp_path))}: (?!.*\bresume\b)"):
         simulate("demo", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
@@ -271,7 +272,7 @@ def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
 
 
 def test_too_many_threads_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="threads must be 1 to"):
+    with pytest.raises(ValueError, match=r"\bthreads\b.*\b10000\b"):
         simulate("demo", tmp_path / "x", threads=10_000)
     assert not (tmp_path / "x").exists()
 
@@ -305,7 +306,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_written(tmp_path, monkeypatch):
 
     monkeypatch.setattr(type(out), "write_bytes", full)
     often = [*SMALL, "output.checkpoint_minutes=1e-6"]
-    with pytest.raises(OSError, match=r"the disk is full at g = 1\.0.*free some space and go on with --resume"):
+    with pytest.raises(OSError, match=r"\bg = 1\.0.*--resume\b"):
         simulate("demo", out, settings=often)
     with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
         assert np.isfinite(checkpoint["x"]).all()

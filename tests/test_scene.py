@@ -7,6 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from morphofold.errors import (
+    DoesNotApply,
+    ImpossibleBody,
+    NamedTwice,
+    NotFinite,
+    NotReadable,
+    OutOfRange,
+    TooLarge,
+    UnknownName,
+    WrongFile,
+    WrongShape,
+)
 from morphofold.sim.scene import LEVELS, SHAPES, Scene
 from morphofold.sim.scene.effects import effect_names, effects_of
 from morphofold.sim.scene.files import load_scene, scene_names, to_toml, toml_value
@@ -53,9 +65,9 @@ def test_only_the_effects_named_are_there(tmp_path):
 def test_settings_change_single_values(tmp_path):
     scene = load_scene(write(tmp_path, GOOD), ["growth.law=tangential", "geometry.cortex_thickness=2"])
     assert (scene.growth.law, scene.geometry.cortex_thickness) == ("tangential", 2.0)
-    with pytest.raises(ValueError, match=r"must read table\.key=value"):
+    with pytest.raises(NotReadable, match=r"'growth\.law'"):
         load_scene(write(tmp_path, GOOD), ["growth.law"])
-    with pytest.raises(ValueError, match="'name' is a value, not a table"):
+    with pytest.raises(NotReadable, match=r"'name\.law=1': 'name'"):
         load_scene(write(tmp_path, GOOD), ["name.law=1"])
 
 
@@ -77,30 +89,33 @@ def test_finer_levels_have_more_cells():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "kind", "named"),
     [
-        (("final = 1.8", "finale = 1.8"), r"mine.toml, line 7: unknown key growth.finale. Did you mean final\?"),
-        (("[effects.contact]", "[effects.contct]"), r"line 8: unknown key effects.contct. Did you mean contact\?"),
-        (("hole_radius = 25.0", "hole_radius = 60.0"), r"line 5: geometry: hole_radius 60 .* core of radius 47"),
-        (("cortex_thickness = 3.0", "cortex_thickness = 70.0"), r"line 4: geometry: .* 70 leaves no core"),
-        (("final = 1.8", "final = -1"), r"line 7: growth.final: .*greater than or equal to 1 \(got -1\)"),
-        (("final = 1.8", "final = nan"), r"line 7: growth.final"),
-        (("final = 1.8", 'law = "radial"'), r"line 7: growth.law: .*'isotropic' or 'tangential' \(got 'radial'\)"),
-        (("stages = [1.5]", "stages = [1.9]"), r"line 10: .*1.9 lies beyond growth.final = 1.8"),
-        (("stages = [1.5]", "stages = [1.501, 1.504]"), r"must differ by 0.01"),
-        (('name = "mine"', 'name = "../mine"'), r"line 2: name"),
-        (('name = "mine"', 'name = "mine'), r"mine.toml: not a TOML file"),
-        (("[growth]", "[accuracy]\nedge = 0\n[growth]"), r"line 7: accuracy.edge: .*greater than 0"),
-        (("[growth]", "[accuracy]\nedge = 0.01\n[growth]"), r"more than 5e\+06"),
-        (("[geometry]", '[geometry]\nshape = "cube"'), r"line 4: geometry.shape: must be one of .* \(got .cube.\)"),
-        (("[geometry]", '[geometry]\nshape = "patch"'), r"line 6: unknown key geometry.hole_radius"),
-        (("hole_radius = 25.0", 'shape = "radial"'), r"line 8: .*effects.contact makes no sense with .*'radial'"),
+        (("final = 1.8", "finale = 1.8"), UnknownName, r"mine\.toml, line 7: .*growth\.finale\b.* final\b"),
+        (("[effects.contact]", "[effects.contct]"), UnknownName, r"line 8: .*effects\.contct\b.* contact\b"),
+        (("hole_radius = 25.0", "hole_radius = 60.0"), ImpossibleBody, r"line 5: geometry: hole_radius 60\b.*\b47\b"),
+        (("cortex_thickness = 3.0", "cortex_thickness = 70.0"), ImpossibleBody, r"line 4: geometry: .* 70\b"),
+        (("final = 1.8", "final = -1"), OutOfRange, r"line 7: growth\.final: .*\b1 .*-1\b"),
+        (("final = 1.8", "final = nan"), NotFinite, r"line 7: growth\.final"),
+        (
+            ("final = 1.8", 'law = "radial"'), UnknownName,
+            r"line 7: growth\.law: .*'isotropic'.*'tangential'.*'radial'",
+        ),
+        (("stages = [1.5]", "stages = [1.9]"), OutOfRange, r"line 10: .*\b1\.9\b.*growth\.final = 1\.8\b"),
+        (("stages = [1.5]", "stages = [1.501, 1.504]"), NamedTwice, r"output\.stages\b.*\b0\.01\b"),
+        (('name = "mine"', 'name = "../mine"'), NotReadable, r"line 2: name: .*'\.\./mine'"),
+        (('name = "mine"', 'name = "mine'), NotReadable, r"mine\.toml: .*\bline 2\b"),
+        (("[growth]", "[accuracy]\nedge = 0\n[growth]"), OutOfRange, r"line 7: accuracy\.edge: .*\b0\b"),
+        (("[growth]", "[accuracy]\nedge = 0.01\n[growth]"), TooLarge, r"\b0\.01 mm\b.*\b5e\+06\b"),
+        (("[geometry]", '[geometry]\nshape = "cube"'), UnknownName, r"line 4: geometry\.shape: .*\bpatch\b.*'cube'"),
+        (("[geometry]", '[geometry]\nshape = "patch"'), UnknownName, r"line 6: .*\bgeometry\.hole_radius\b"),
+        (("hole_radius = 25.0", 'shape = "radial"'), DoesNotApply, r"line 8: .*\beffects\.contact\b.*'radial'"),
     ],
-)
-def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, message):
+)  # fmt: skip
+def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, kind, named):
     text = GOOD.replace(*change)
     assert text != GOOD
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(kind, match=named):
         load_scene(write(tmp_path, text))
 
 
@@ -115,30 +130,30 @@ def test_a_level_that_is_set_overrules_the_edge_that_was_there(tmp_path):
 
 @pytest.mark.parametrize("setting", ["accuracy.level=draft", "accuracy.edge=1.0"])
 def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
-    with pytest.raises(ValueError, match=r"accuracy makes no sense .* = 'mesh': the mesh is the file's; drop it"):
+    with pytest.raises(DoesNotApply, match=r"\baccuracy\b.*geometry\.shape = 'mesh'"):
         load_scene("mesh", [setting])
     assert load_scene(load_scene("mesh")) == load_scene("mesh")
 
 
 def test_all_problems_are_told_at_once(tmp_path):
     text = GOOD.replace("final = 1.8", 'final = 9\nlaw = "x"\nfoo = 1')
-    with pytest.raises(ValueError) as told:
+    with pytest.raises(UnknownName, match=r"growth\.law\b.*'x'") as told:
         load_scene(write(tmp_path, text))
     assert "\n" not in str(told.value)
     assert len(told.value.__notes__) == 2
 
 
 def test_an_unknown_scene_is_refused_with_the_nearest_name(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"Did you mean fig5\?"):
+    with pytest.raises(FileNotFoundError, match=r"'fig55'.*\bfig5\b"):
         load_scene("fig55")
-    with pytest.raises(FileNotFoundError, match="no scene file"):
+    with pytest.raises(FileNotFoundError, match=r"none\.toml"):
         load_scene(tmp_path / "none.toml")
 
 
 def test_a_binary_file_is_no_scene(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(ValueError, match="not UTF-8 text"):
+    with pytest.raises(NotReadable, match=r"mine\.toml: "):
         load_scene(path)
 
 
@@ -146,43 +161,52 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "kind", "named"),
     [
-        (["accuracy.edge=1e-300"], r"setting accuracy.edge=1e-300: .* more than 5e\+06"),
-        (["geometry.radius=9000", "growth.final=1.5"], r"setting geometry.radius=9000: .* more than 5e\+06"),
-        (["geometry.radius=1e300"], r"geometry.radius: must be less than or equal to 10000 \(got 1e\+300\)"),
-        (["geometry.cortex_thickness=1e-9"], r"must be greater than or equal to 0.001"),
-        (["material.mu_ratio=1e300"], r"material.mu_ratio: must be less than or equal to 10000"),
-        (["effects.enclosure.gap=1e300"], r"effects.enclosure.gap: must be less than or equal to 10000"),
-        (["effects.inertia.duration=1e300"], r"effects.inertia.duration: must be less than or equal to 1000000"),
-        (["growth.rate=1e-300"], r"growth.rate: must be greater than or equal to 0.001"),
-        (["growth.final=1.2", "growth=3"], r"setting growth=3: growth: must be a table of keys \(got 3\)"),
-        (["x=" + "[" * 5000], r"setting 'x=\[.* \.\.\.: lists or tables are nested too deeply"),
-        (["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"], r"^setting geometry.hole_radius=70: "),
-        (["geometry.hole_radius=20", "geometry.radius=1"], r"^setting geometry.radius=1: .* leaves no core"),
-        (["growth.final=9", "growth.final=8"], r"^setting growth.final=8: "),
-        (["growth.final=1.5", "output.stages=[1.2, 1.7]"], r"^setting output.stages=\[1.2, 1.7\]: .* 1.7 lies beyond"),
-        (["geometry.shape=radial"], r"^setting geometry.shape=radial: unknown key geometry.portion"),
-        (["geometry.shape=5"], r"^setting geometry.shape=5: geometry.shape: must be one of sphere, .* \(got 5\)"),
-        (["effects.ramp={}"], r"effects.ramp.shape: is missing; add it, for example shape = "),
-        (["geometry.radius=2020-01-01"], r"geometry.radius: must be a number \(got 2020-01-01\)"),
-        (["name=../mine"], r"name: must begin with a letter or a digit, .* \(got '../mine'\)"),
-        (["growth.final=1.5\nfoo=3"], r"growth.final: must be a number"),
-        (["effects.perturbation.seed=" + "9" * 400], r"seed: must be less than .* more than 60 digits"),
-        ([".=3"], r"setting '.=3' must read table\.key=value"),
-        (["growth..final=3"], r"must read table\.key=value"),
-        (["like=fig5"], r"like stands in a file only"),
+        (["accuracy.edge=1e-300"], TooLarge, r"setting accuracy\.edge=1e-300: .*\b5e\+06\b"),
+        (["geometry.radius=9000", "growth.final=1.5"], TooLarge, r"setting geometry\.radius=9000: .*\b5e\+06\b"),
+        (["geometry.radius=1e300"], OutOfRange, r"geometry\.radius: .*\b10000\b.*\b1e\+300\b"),
+        (["geometry.cortex_thickness=1e-9"], OutOfRange, r"geometry\.cortex_thickness: .*\b0\.001\b.*\b1e-09\b"),
+        (["material.mu_ratio=1e300"], OutOfRange, r"material\.mu_ratio: .*\b10000\b"),
+        (["effects.enclosure.gap=1e300"], OutOfRange, r"effects\.enclosure\.gap: .*\b10000\b"),
+        (["effects.inertia.duration=1e300"], OutOfRange, r"effects\.inertia\.duration: .*\b1000000\b"),
+        (["growth.rate=1e-300"], OutOfRange, r"growth\.rate: .*\b0\.001\b"),
+        (["growth.final=1.2", "growth=3"], NotReadable, r"setting growth=3: growth: .*\b3\b"),
+        (["x=" + "[" * 5000], NotReadable, r"setting 'x=\[.* \.\.\.: "),
         (
-            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
-            r"^setting geometry.thickness_spots=.*: geometry.thickness_spots, item 1, factor: must be less than .* 4 ",
+            ["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"], ImpossibleBody,
+            r"^setting geometry\.hole_radius=70: ",
         ),
-        (["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"], r"spots, item 1, factor: is missing; add it"),
-        (["effects.regional_growth.spots=[]"], r"spots: must hold 1 item at least"),
-        (["geometry.thickness_spots=3"], r"thickness_spots: must be a list"),
+        (["geometry.hole_radius=20", "geometry.radius=1"], ImpossibleBody, r"^setting geometry\.radius=1: .*\b1 mm\b"),
+        (["growth.final=9", "growth.final=8"], OutOfRange, r"^setting growth\.final=8: "),
+        (
+            ["growth.final=1.5", "output.stages=[1.2, 1.7]"], OutOfRange,
+            r"^setting output\.stages=\[1\.2, 1\.7\]: .*\b1\.7\b.*\b1\.5\b",
+        ),
+        (["geometry.shape=radial"], UnknownName, r"^setting geometry\.shape=radial: .*\bgeometry\.portion\b"),
+        (["geometry.shape=5"], UnknownName, r"^setting geometry\.shape=5: geometry\.shape: .*\bsphere, .*\b5\b"),
+        (["effects.ramp={}"], NotReadable, r"effects\.ramp\.shape: .*\bshape = "),
+        (["geometry.radius=2020-01-01"], NotReadable, r"geometry\.radius: .*\b2020-01-01\b"),
+        (["name=../mine"], NotReadable, r"name: .*'\.\./mine'"),
+        (["growth.final=1.5\nfoo=3"], NotReadable, r"growth\.final: .*\\nfoo=3'"),
+        (["effects.perturbation.seed=" + "9" * 400], OutOfRange, r"perturbation\.seed: .*\b60\b"),
+        ([".=3"], NotReadable, r"setting '\.=3'"),
+        (["growth..final=3"], NotReadable, r"setting 'growth\.\.final=3'"),
+        (["like=fig5"], DoesNotApply, r"setting 'like=fig5'"),
+        (
+            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"], OutOfRange,
+            r"^setting geometry\.thickness_spots=.*: geometry\.thickness_spots, item 1, factor: .*\b4 .*\b9\b",
+        ),
+        (
+            ["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"], NotReadable,
+            r"effects\.regional_growth\.spots, item 1, factor: ",
+        ),
+        (["effects.regional_growth.spots=[]"], WrongShape, r"effects\.regional_growth\.spots: .*\b1\b"),
+        (["geometry.thickness_spots=3"], NotReadable, r"geometry\.thickness_spots: .*\b3\b"),
     ],
-)
-def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, message):
-    with pytest.raises(ValueError, match=message) as told:
+)  # fmt: skip
+def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, named):
+    with pytest.raises(kind, match=named) as told:
         load_scene("fig5", settings)
     assert len(str(told.value).splitlines()) == 1
     assert not any(words in str(told.value) for words in PYDANTICS_OWN)
@@ -190,13 +214,13 @@ def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, message):
 
 def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
     path = write(tmp_path, GOOD.replace("hole_radius = 25.0", "hole_radius = 60.0"))
-    with pytest.raises(ValueError, match=r"mine.toml, line 5: geometry: hole_radius 60"):
+    with pytest.raises(ImpossibleBody, match=r"mine\.toml, line 5: geometry: hole_radius 60\b"):
         load_scene(path, ["geometry.portion=octant", "growth.final=1.6"])
 
 
 @pytest.mark.parametrize("text", ["x = " + "[" * 5000, 'name = "x"\ny = ' + "9" * 5000])
 def test_a_file_that_no_parser_likes_is_one_line(tmp_path, text):
-    with pytest.raises(ValueError, match=r"mine.toml: not a") as told:
+    with pytest.raises(NotReadable, match=r"mine\.toml: ") as told:
         load_scene(write(tmp_path, text))
     assert len(str(told.value).splitlines()) == 1
 
@@ -218,37 +242,38 @@ def test_a_lower_final_growth_drops_the_stages_that_it_does_not_reach(tmp_path):
     assert load_scene("fig5", ["growth={final=1.3}"]).output.stages == reached
     like = 'name = "mine"\nlike = "fig5"\n[growth]\nfinal = 1.3\n'
     assert load_scene(write(tmp_path, like)).output.stages == reached
-    with pytest.raises(ValueError, match=r"line 6: .*1.5 lies beyond"):
+    with pytest.raises(OutOfRange, match=r"line 6: .*\b1\.5\b.*\b1\.3\b"):
         load_scene(write(tmp_path, f"{like}[output]\nstages = [1.5]"))
 
 
 @pytest.mark.parametrize(
-    ("base", "message"),
+    ("base", "kind", "named"),
     [
-        (None, r"mine.toml: like = 'base.toml': no scene file"),
-        ("x = [", r"mine.toml: like = 'base.toml': .*base.toml: not a TOML file"),
-        ('like = "fig5"', r"mine.toml: like = 'base.toml': is itself like another scene"),
-        ("[growth]\nfinal = 9", r"base.toml, line 2: growth.final: must be"),
+        (None, FileNotFoundError, r"mine\.toml: like = 'base\.toml': .*base\.toml'"),
+        ("x = [", NotReadable, r"mine\.toml: like = 'base\.toml': .*base\.toml: "),
+        ('like = "fig5"', WrongFile, r"mine\.toml: like = 'base\.toml': "),
+        ("[growth]\nfinal = 9", OutOfRange, r"base\.toml, line 2: growth\.final: .*\b9\b"),
     ],
 )
-def test_a_base_that_is_no_scene_is_named(tmp_path, base, message):
+def test_a_base_that_is_no_scene_is_named(tmp_path, base, kind, named):
     if base is not None:
         (tmp_path / "base.toml").write_text(base)
-    with pytest.raises((ValueError, FileNotFoundError), match=message):
+    with pytest.raises(kind, match=named):
         load_scene(write(tmp_path, 'name = "mine"\nlike = "base.toml"'))
 
 
 def test_what_is_there_but_no_file_is_named_for_what_it_is(tmp_path):
-    with pytest.raises(ValueError, match="is a folder, not a scene; name a TOML file"):
+    with pytest.raises(WrongFile, match=re.escape(f"{tmp_path}: ")) as told:
         load_scene(tmp_path)
+    assert "scene.toml" not in str(told.value)
     (tmp_path / "scene.toml").write_text(GOOD)
-    with pytest.raises(ValueError, match=r"is a folder, not a scene; name .*scene.toml"):
+    with pytest.raises(WrongFile, match=re.escape(f"{tmp_path / 'scene.toml'}")):
         load_scene(tmp_path)
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/null"):
-        with pytest.raises(ValueError, match="is a device or a pipe"):
+        with pytest.raises(WrongFile, match=re.escape(f"{path}: ")):
             load_scene(path)
-    with pytest.raises(ValueError, match="no scene is named"):
+    with pytest.raises(UnknownName, match=r"\bfig5\b"):
         load_scene("")
 
 
@@ -289,7 +314,7 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
     scenes.write(copy)
     assert copy.read_text("utf-8") == PAGE.read_text("utf-8")
     copy.write_text("# Scenes")
-    with pytest.raises(ValueError, match="lacks <!-- tables from here"):
+    with pytest.raises(ValueError, match="<!-- tables from here"):
         scenes.write(copy)
 
 

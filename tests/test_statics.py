@@ -1,5 +1,6 @@
 """Equilibrium, stability and bifurcation of bodies of bricks and tetrahedra, against what is known of them."""
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from test_tangent import make_body, split
 
+from morphofold.errors import DoesNotApply, NoSolution, OutOfRange
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium import path, statics
@@ -133,7 +135,7 @@ def test_a_path_that_ends_carries_its_last_state(monkeypatch):
     body = patch()
     x = statics.equilibrium(body, 1.1)
     monkeypatch.setattr(path, "ITERATIONS", 0)
-    with pytest.raises(statics.ConvergenceError, match=r"beyond g = 1\.1: Newton's method has not converged") as caught:
+    with pytest.raises(statics.ConvergenceError, match=r"\bg = 1\.1:") as caught:
         statics.equilibrium(body, 1.2, x)
     assert caught.value.growth == body.growth == 1.1
     np.testing.assert_array_equal(caught.value.x, x)
@@ -238,13 +240,13 @@ def test_an_ellipsoid_that_bends_into_folds_is_said_to(cells):
 
 def test_growth_out_of_order_is_refused():
     for wrong in ({"g_max": 1.0}, {"g_min": 0.9}, {"g_min": 1.2, "g_max": 1.1}, {"step": 0.0}):
-        with pytest.raises(ValueError, match="need 1 <= g_min < g_max and a positive step"):
+        with pytest.raises(OutOfRange, match=".* ".join(re.escape(str(value)) for value in wrong.values())):
             statics.bifurcation_of_body(patch(size=(1.0, 1.0)), **wrong)
 
 
 def test_a_body_unstable_from_the_start_is_refused(monkeypatch):
     body = wave_strip(monkeypatch, "isotropic", 1.0, 1)
-    with pytest.raises(ValueError, match=r"unstable at g_min = 1\.4 already"):
+    with pytest.raises(NoSolution, match=r"\bg_min = 1\.4\b"):
         statics.bifurcation_of_body(body, g_min=1.4)
 
 
@@ -252,14 +254,14 @@ def test_a_body_that_nothing_holds_is_refused():
     floating = replace(bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5), planes=(), held=np.empty(0, dtype=np.int64))
     body = Body(floating, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     for ask in (lambda: statics.bifurcation_of_body(body), lambda: statics.equilibrium(body, 1.1)):
-        with pytest.raises(ValueError, match="nothing holds the body"):
+        with pytest.raises(NoSolution, match=r"\bgeometry\.held\b"):
             ask()
 
 
 def test_a_body_of_single_precision_is_refused_and_a_scene_is_taken_in_double():
     body = Body(bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0,
                 law="isotropic", single=True)  # fmt: skip
-    with pytest.raises(ValueError, match=r'single precision, too rough .* accuracy.precision = "double"'):
+    with pytest.raises(DoesNotApply, match=r'accuracy\.precision = "double"'):
         statics.equilibrium(body, 1.1)
     scene = load_scene("patch", ["geometry.size=[4, 4]", "accuracy.edge=2", "accuracy.precision=single"])
     double = load_scene(scene, ["accuracy.precision=double"])
@@ -292,5 +294,5 @@ def test_a_scene_is_taken_without_its_effects():
     assert "perturbation" in scene.effects
     found = statics.bifurcation_of_scene(scene, g_min=1.3)
     assert found.g_crit == pytest.approx(flat(scene.growth.law, scene.material.mu_ratio)[0], rel=0.02)
-    with pytest.raises(ValueError, match="has no mesh"):
+    with pytest.raises(DoesNotApply, match=r"\bradial\b"):
         statics.bifurcation_of_scene(load_scene("radial"))

@@ -88,7 +88,7 @@ def test_a_finished_run_with_a_damaged_series_is_refused_and_the_cure_makes_it_w
     told = capsys.readouterr().err
     assert len(told.splitlines()) == 1
     assert "run/stages.pvd: " in told
-    assert "Delete it" in told
+    assert "[damaged-file]" in told
     (run / "stages.pvd").unlink()
     before = (run / "health.json").stat().st_mtime_ns
     assert main(command) == 0

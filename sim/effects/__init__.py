@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array
+from morphofold.errors import NamedTwice, NotReadable
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
@@ -111,8 +112,8 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
         if not isinstance(effect, Effect):
             raise TypeError(f"effects: {effect!r:.60} is no Effect; give instances of a subclass of it.")
         if not (isinstance(effect.name, str) and effect.name.isidentifier()):
-            raise ValueError(f"effects: {type(effect).__name__} has the name {effect.name!r}; give it an identifier.")
+            raise NotReadable(f"effects: {type(effect).__name__} has the name {effect.name!r}; give it an identifier.")
         if effect.name in taken:
-            raise ValueError(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
+            raise NamedTwice(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
         taken.add(effect.name)
     return found

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numba import njit, prange
 
+from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
@@ -106,7 +107,7 @@ class BulkViscosity(Effect):
 
     def prepare(self, body: Body) -> None:
         if not isinstance(body.elements, Bricks):
-            raise ValueError("effects.bulk_viscosity acts on bricks, and this body is of tetrahedra; drop it.")
+            raise DoesNotApply("effects.bulk_viscosity acts on bricks, and this body is of tetrahedra; drop it.")
         self._volume = body.nodal_volumes()
         body.viscosity = self._linear
         self._before = np.empty_like(body.X)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated
 
+from morphofold.errors import DoesNotApply
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
 
@@ -23,7 +24,7 @@ class Options(EffectOptions):
 
     def check(self, scene: Scene) -> None:
         if scene.growth.final == 1:
-            raise ValueError("effects.core_growth needs a cortex that grows: growth.final is 1")
+            raise DoesNotApply("effects.core_growth needs a cortex that grows: growth.final is 1")
 
     def share(self, scene: Scene) -> float:
         """Growth g - 1 of the core over that of the cortex."""

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.optimize import brentq
 
 from morphofold.arrays import Array
+from morphofold.errors import ImpossibleBody
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
@@ -68,7 +69,7 @@ def build(options: Options, scene: Scene) -> Enclosure:
     fills, holds = grown_volume(scene, axes), 4 / 3 * np.pi * float(np.prod(axes + options.gap))
     if fills > holds:
         room = brentq(lambda gap: 4 / 3 * np.pi * float(np.prod(axes + gap)) - fills, 0, 10 * axes.max())
-        raise ValueError(
+        raise ImpossibleBody(
             f"effects.enclosure: at g = {scene.growth.final:g} the body fills {fills:,.0f} mm3, the enclosure holds "
             f"{holds:,.0f}; make gap more than {room:.3g} mm, or growth.final smaller."
         )

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from morphofold.arrays import Array
+from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.scene.tables import EffectOptions, Length, Point, key
@@ -53,7 +54,7 @@ class Options(EffectOptions):
 
     def check(self, scene: Scene) -> None:
         if self.line and (scene.geometry.shape == "strip" or len(self.at) == 1):
-            raise ValueError(
+            raise DoesNotApply(
                 "effects.notch.line joins two points or more; in a strip grooves run across without it: drop it"
             )
 
@@ -81,7 +82,7 @@ class Notch(Effect):
 
     Raises
     ------
-    ValueError
+    OutOfRange
         By ``reshape``, if a point lies farther from the pial surface than a width and an edge.
     """
 
@@ -108,7 +109,7 @@ class Notch(Effect):
         for point in self._at:
             apart = np.linalg.norm(pial - point[self._axes], axis=1)
             if apart.min() > farthest:
-                raise ValueError(
+                raise OutOfRange(
                     f"effects.notch.at: {point.tolist()} lies {apart.min():.3g} mm from the pial surface; give a point "
                     "of the part of it that is simulated (geometry.portion)."
                 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from morphofold.errors import DoesNotApply
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
 
@@ -33,7 +34,7 @@ class Options(EffectOptions):
 
     def check(self, scene: Scene) -> None:
         if scene.growth.final == 1:
-            raise ValueError("effects.ramp needs growth: growth.final is 1")
+            raise DoesNotApply("effects.ramp needs growth: growth.final is 1")
 
 
 def build(options: Options, scene: Scene) -> Ramp:

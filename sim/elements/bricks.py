@@ -8,6 +8,7 @@ from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
 from morphofold.arrays import Array, Bools
+from morphofold.errors import ImpossibleBody
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
 from morphofold.sim.elements.brick_kernels import POINT, WIDTH
@@ -43,7 +44,7 @@ class Bricks:
 
     Raises
     ------
-    ValueError
+    ImpossibleBody
         If bricks are inside out.
     """
 
@@ -80,7 +81,7 @@ class Bricks:
         det = mapping.detDF(GAUSS, tind)                                # (chunk, 8)
         if det.min() <= 0:
             bad = np.flatnonzero(det.min(axis=1) <= 0)
-            raise ValueError(
+            raise ImpossibleBody(
                 f"at least {len(bad)} of {self.n:,} bricks are inside out before anything grows, the first is "
                 f"{tind[bad[0]]}; make effects.perturbation.amplitude or effects.notch.depth smaller."
             )

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from skfem import MeshTet
 
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.errors import BadMesh, OutOfRange
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import Blocks, to_lanes
 from morphofold.sim.elements.brick_kernels import WIDTH
@@ -50,7 +51,7 @@ class Tets:
 
     Raises
     ------
-    ValueError
+    BadMesh
         If tetrahedra are flat at ``X``, or inside out as compared to the mesh's own positions; if the thickness
         directions of one that grows tangentially cancel out.
     """
@@ -95,7 +96,7 @@ class Tets:
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
-            raise ValueError(f"growth stretches must be positive numbers, got {cortex} and {core:g} in the core.")
+            raise OutOfRange(f"growth stretches must be positive numbers, got {cortex} and {core:g} in the core.")
         b, count = self.blocks, self.blocks.count if core != self._core else self._grown
         across = np.full((count, TETS * WIDTH), core)
         along = across.copy()
@@ -136,7 +137,7 @@ def _check_directions(mean: Array, cortex: Ints) -> None:
     length = np.linalg.norm(mean[cortex], axis=1)
     bad = cortex[~(length > 0.1)]
     if bad.size:
-        raise ValueError(
+        raise BadMesh(
             f"the thickness directions at the corners of {len(bad)} of {len(cortex):,} tetrahedra of the cortex cancel "
             f"out; the first is {bad[0]} with mean {mean[bad[0]].round(3).tolist()}. Refine the mesh there, or let it "
             "grow isotropically."
@@ -152,7 +153,7 @@ def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
     bad = np.flatnonzero(~(volume > FLAT * longest**3))
     if bad.size:
-        raise ValueError(
+        raise BadMesh(
             f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before anything grows; the first is "
             f"{bad[0]} with volume {volume[bad[0]]:.3g} and longest edge {longest[bad[0]]:.3g}. Repair the mesh, or "
             "make effects.perturbation.amplitude smaller."

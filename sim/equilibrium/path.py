@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
 from morphofold.arrays import Array
+from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
@@ -64,12 +65,12 @@ class Equilibrium:
 
     def __init__(self, body: Body, x: Array, levels: sparse.csr_matrix | None = None):
         if body.free.all():
-            raise ValueError(
+            raise NoSolution(
                 "nothing holds the body: it floats away at no cost in energy, so its stability can't be told. Hold its "
                 "inner surface (geometry.held), or cut it by symmetry planes."
             )
         if body.single:
-            raise ValueError(
+            raise DoesNotApply(
                 "the forces of the body are of single precision, too rough to tell a state at rest. Build it with "
                 'accuracy.precision = "double".'
             )

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.equilibrium.path import EVEN, ConvergenceError, Equilibrium, Stability, even_levels
@@ -137,7 +138,7 @@ def bifurcation_of_body(
     ellipsoid all modes are of that kind.
     """
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
-        raise ValueError(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
+        raise OutOfRange(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
     stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
@@ -155,7 +156,7 @@ def bifurcation_of_body(
             stable, mode = path, found.mode
         g = _next(np.array(seen), stable.growth, high, stable.growth + step)
     if mode is None:
-        raise ValueError(f"the body is unstable at g_min = {g_min:g} already; begin below.")
+        raise NoSolution(f"the body is unstable at g_min = {g_min:g} already; begin below.")
     g_crit = _zero(np.array(seen)) if high < np.inf else float("nan")
     return _found(body, g_crit, False, mode, np.array(seen), stable.x)
 

@@ -15,6 +15,7 @@ from scipy import sparse
 from skfem import MeshHex, MeshTet
 
 from morphofold.arrays import Array, Ints
+from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 
 #: coordinates that each portion keeps at or above zero
@@ -205,9 +206,9 @@ def bilayer_ellipsoid(
     """
     axes = np.asarray(semi_axes, dtype=np.float64)
     if n < 4 or n % 2:
-        raise ValueError(f"n must be an even number of cells, at least 4, got {n}.")
+        raise OutOfRange(f"n must be an even number of cells, at least 4, got {n}.")
     if portion not in PLANES:
-        raise ValueError(f"portion must be one of {', '.join(PLANES)}, got {portion!r}.")
+        raise UnknownName(f"portion must be one of {', '.join(PLANES)}, got {portion!r}.")
     lattice, quads = _cube_surface(n, PLANES[portion])
     direction = np.tan(lattice * (0.5 * np.pi / n))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -218,7 +219,7 @@ def bilayer_ellipsoid(
     white = pial - t[:, None] * normal
     inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))               # size of the ellipsoid through each point
     if not 0 < hole_share < inside.min() or t.min() <= 0 or t.max() >= axes.min():
-        raise ValueError(
+        raise ImpossibleBody(
             f"the hole ({hole_share:g} of the body) must lie inside the core, which ends at {inside.min():g} of it "
             f"under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
         )
@@ -255,11 +256,13 @@ def bilayer_patch(
 
     Raises
     ------
-    ValueError
+    ImpossibleBody
         If the cortex leaves no core.
     """
     if not 0 < thickness < depth:
-        raise ValueError(f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make it thinner.")
+        raise ImpossibleBody(
+            f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make it thinner."
+        )
     strip = size[1] == 0
     nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
     ny = 1 if strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))

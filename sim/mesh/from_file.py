@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from skfem import MeshTet
 
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.errors import DoesNotApply, ImpossibleBody, NoCortex
 from morphofold.geometry import morton_codes
 from morphofold.sim.mesh.bilayer import Bilayer
 from morphofold.sim.mesh.streamlines import descend
@@ -56,7 +57,7 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     """
     name, body = geometry.file, read_tets(geometry)
     if geometry.held == "inner" and not len(body.inner):
-        raise ValueError(f"{name}: has no hollow to hold (geometry.held = 'inner'); set held to 'nothing'.")
+        raise DoesNotApply(f"{name}: has no hollow to hold (geometry.held = 'inner'); set held to 'nothing'.")
     pial = _Sheet(body.points, body.pial)
     thickness = geometry.cortex_thickness
     layers = _by_depth(name, body, pial, thickness) if body.cortex is None else _by_label(name, body, body.cortex, pial)
@@ -146,13 +147,13 @@ def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layer
     cortex[open_] = pial.nearest(centroid[open_]).distance < thickness
     cure = "or set geometry.scale if lengths aren't in mm."
     if cortex.all():
-        raise ValueError(
+        raise ImpossibleBody(
             f"{name}: a cortex of {thickness:g} mm leaves no core in a body {depth.max():.3g} mm deep; make "
             f"geometry.cortex_thickness smaller, {cure}"
         )
     bare = int((~cortex & ((body.across < 0) & (depth[tets[:, FACES]] == 0).all(axis=2)).any(axis=1)).sum())
     if bare:
-        raise ValueError(
+        raise ImpossibleBody(
             f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thickness:g} mm; "
             f"refine the mesh, make geometry.cortex_thickness larger, {cure}"
         )
@@ -166,7 +167,7 @@ def _by_label(name: str, body: TetMesh, cortex: Bools, pial: _Sheet) -> Layers:
     border, grey = _Sheet(points, tets[:, FACES][inside]), np.unique(tets[cortex])
     under = pial.measure(points, grey)
     if not (under.distance[grey] == 0).any():
-        raise ValueError(f"{name}: the cortex (geometry.cortex_label) lies nowhere at the outer surface; name another.")
+        raise NoCortex(f"{name}: the cortex (geometry.cortex_label) lies nowhere at the outer surface; name another.")
     above = border.measure(points, grey).distance
     level = -above / border.reach
     total = above + under.distance

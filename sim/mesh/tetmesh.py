@@ -13,6 +13,17 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.errors import (
+    BadMesh,
+    DamagedFile,
+    NoCortex,
+    NotFinite,
+    OutOfRange,
+    TooLarge,
+    UnknownName,
+    WrongFile,
+    WrongShape,
+)
 from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
@@ -65,7 +76,7 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     across = _neighbours(name, tets)
     pial, inner, enclosed = _sheets(name, points, tets[:, FACES][across < 0])
     if abs(volume - enclosed) > 1e-6 * volume:                          # neighbours on the same side of their face
-        raise ValueError(
+        raise BadMesh(
             f"{name}: tetrahedra lie over one another: they fill {volume:.6g} mm3, and their surface encloses "
             f"{enclosed:.6g}. Repair the mesh."
         )
@@ -106,7 +117,7 @@ def _meshio(path: Path) -> Any:
     if kinds == ["tetgen"]:
         for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
             if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
-                raise ValueError(f"{part.name} has no line of counts")
+                raise DamagedFile(f"{part.name} has no line of counts")
     if kinds[0] not in ("ansys", "mdpa", "tecplot"):
         return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
     with _Ending(io.FileIO(path)) as file:
@@ -120,7 +131,7 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     name = geometry.file
     path = geometry.path()
     if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
-        raise ValueError(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
+        raise WrongFile(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
         mesh = _meshio(path)
@@ -133,19 +144,20 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *BESIDE) and n}
     if others or not counts.get("tetra"):
         told = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
-        raise ValueError(f"{name}: needs linear tetrahedra (tetra) and holds {told}; split or mesh it anew into them.")
+        raise WrongFile(f"{name}: needs linear tetrahedra (tetra) and holds {told}; split or mesh it anew into them.")
     tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
-        raise ValueError(f"{name}: has {len(tets):,} tetrahedra, at most {MOST_BRICKS:,} fit; coarsen the mesh.")
+        raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, at most {MOST_BRICKS:,} fit; coarsen the mesh.")
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         bad = int((~np.isfinite(points)).any(axis=-1).sum())
-        raise ValueError(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
+        kind = NotFinite if bad else WrongShape
+        raise kind(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
     far = float(np.abs(points).max())
     if far > FARTHEST:
-        raise ValueError(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g}; check the scale.")
+        raise OutOfRange(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g}; check the scale.")
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
-        raise ValueError(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
+        raise DamagedFile(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
     return points, tets, None if geometry.label is None else _labelled(geometry, mesh)
 
 
@@ -164,15 +176,15 @@ def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
     name, label = geometry.file, geometry.label
     if label not in mesh.cell_data:
         there = ", ".join(mesh.cell_data) or "none"
-        raise ValueError(f"{name}: has no cell data {label!r} (geometry.label); there are: {there}.")
+        raise UnknownName(f"{name}: has no cell data {label!r} (geometry.label); there are: {there}.")
     values = np.concatenate([v for v, block in zip(mesh.cell_data[label], mesh.cells) if block.type == "tetra"])
     if values.ndim != 1:
-        raise ValueError(f"{name}: cell data {label!r} have the shape {values.shape}; give one number a cell.")
+        raise WrongShape(f"{name}: cell data {label!r} have the shape {values.shape}; give one number a cell.")
     cortex = values == geometry.cortex_label
     if cortex.all() or not cortex.any():
         kinds, n = np.unique(values, return_counts=True)
         told = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
-        raise ValueError(
+        raise NoCortex(
             f"{name}: needs tetrahedra of {label} = {geometry.cortex_label} (geometry.cortex_label) and others, the "
             f"core; there are {told}."
         )
@@ -189,7 +201,7 @@ def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, fl
     longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
     flat = np.flatnonzero(~(np.abs(volume) > FLAT * longest**3))
     if flat.size:
-        raise ValueError(
+        raise BadMesh(
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} of volume "
             f"{volume[flat[0]]:.2g} and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
         )
@@ -203,14 +215,14 @@ def _neighbours(name: str, tets: Ints) -> Ints:
     same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
     if (same[1:] & same[:-1]).any():
         at = faces[order[1:][np.flatnonzero(same[1:] & same[:-1])[0]]]
-        raise ValueError(f"{name}: more than two tetrahedra share the face of corners {at.tolist()}. Repair the mesh.")
+        raise BadMesh(f"{name}: more than two tetrahedra share the face of corners {at.tolist()}. Repair the mesh.")
     left, right = order[:-1][same], order[1:][same]
     across = np.full(tets.size, -1)
     across[left], across[right] = right // 4, left // 4
     parts, part = _parts(left // 4, right // 4, len(tets))
     if parts > 1:
         size = np.sort(np.bincount(part))[::-1]
-        raise ValueError(
+        raise BadMesh(
             f"{name}: falls into {parts:,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep "
             "one; if points are there twice, merge them."
         )
@@ -226,12 +238,12 @@ def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
     cure = "Part them, or join them by a face."
     again = (low[one[1:]] == low[one[:-1]]) & (high[one[1:]] == high[one[:-1]])
     if again.any() or (half[one] != half[two][:, ::-1]).any():
-        raise ValueError(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
+        raise BadMesh(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
     following = one // 3 * 3 + (one + 1) % 3, two // 3 * 3 + (two + 1) % 3
     fans, _ = _parts(np.concatenate([one, two]), np.concatenate([following[1], following[0]]), faces.size)
     pinched = fans - len(np.unique(faces))
     if pinched:
-        raise ValueError(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
+        raise BadMesh(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
     count, sheet = _parts(one // 3, two // 3, len(faces))
     a, b, c = (points[faces[:, k]] for k in range(3))
     enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)), count)

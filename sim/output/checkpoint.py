@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import DamagedFile
 from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.run_files import ANEW
 
@@ -21,25 +22,25 @@ def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
 
     Raises
     ------
-    ValueError
+    DamagedFile
         If the file is anything else; by its checksums a single changed byte is found.
     """
     with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
             names = set(file.files)
             if names != like.keys():
-                raise ValueError(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
+                raise DamagedFile(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
             for entry in file.zip.infolist():                           # before anything is unpacked
                 name = entry.filename.removesuffix(".npy")
                 if entry.file_size > 4 * like[name].nbytes + 4096:
-                    raise ValueError(f"{name} unpacks to {entry.file_size:,} bytes, needs {like[name].nbytes:,}")
+                    raise DamagedFile(f"{name} unpacks to {entry.file_size:,} bytes, needs {like[name].nbytes:,}")
             found = {name: np.asarray(file[name]) for name in file.files}
         for name, array in found.items():
             shape, kind = like[name].shape, like[name].dtype.kind
             if array.shape != shape or array.dtype.kind != kind:
-                raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}, needs {shape} of '{kind}'")
+                raise DamagedFile(f"{name} has shape {array.shape} and type {array.dtype}, needs {shape} of '{kind}'")
             if kind == "f" and not np.isfinite(array).all():
-                raise ValueError(f"{name} has {np.count_nonzero(~np.isfinite(array))} values that are not finite")
+                raise DamagedFile(f"{name} has {np.count_nonzero(~np.isfinite(array))} values that are not finite")
     return found
 
 
@@ -58,7 +59,7 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
 
     Raises
     ------
-    ValueError
+    DamagedFile
         If they can't be had: the log isn't as the run left it beside its checkpoint.
     """
     path = out / "log.jsonl"
@@ -67,14 +68,14 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
         for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
             line = _object(text, f"line {number}")
             if not isinstance(line.get("step"), int):
-                raise ValueError(f"line {number} has no step")
+                raise DamagedFile(f"line {number} has no step")
             if line["step"] <= step:
                 _check_line(line, number)
                 kept.append(line)
         if len(kept) != lines:
-            raise ValueError(f"it has {len(kept)} lines up to step {step}, had {lines}")
+            raise DamagedFile(f"it has {len(kept)} lines up to step {step}, had {lines}")
         if not np.array_equal(as_bytes(as_lines(kept)), digest):
-            raise ValueError("its lines are not those of this checkpoint")
+            raise DamagedFile("its lines are not those of this checkpoint")
     return kept
 
 
@@ -82,16 +83,16 @@ def _check_line(line: Mapping[str, Any], number: int) -> None:
     seconds = line.get("seconds")
     values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
     if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
-        raise ValueError(f"line {number} lacks growth, elapsed or seconds")
+        raise DamagedFile(f"line {number} lacks growth, elapsed or seconds")
 
 
 def _object(text: str, what: str) -> dict[str, Any]:
     """A JSON object, without NaN or infinity."""
 
     def refuse(constant: str) -> None:
-        raise ValueError(f"{what} holds {constant}")
+        raise DamagedFile(f"{what} holds {constant}")
 
     content = json.loads(text, parse_constant=refuse)
     if not isinstance(content, dict):
-        raise ValueError(f"{what} is no JSON object")
+        raise DamagedFile(f"{what} is no JSON object")
     return content

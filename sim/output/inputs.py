@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.run_files import ANEW
@@ -77,15 +78,15 @@ def check_inputs(folder: Path, scene: Scene) -> None:
     path = folder / "inputs.json"
     began = read_json(path, Inputs, f"Delete {folder} {ANEW}, or choose another folder.").get(what)
     if began is None:
-        raise ValueError(f"{path}: has no {what}. Delete {folder} {ANEW}, or choose another folder.")
+        raise DamagedFile(f"{path}: has no {what}. Delete {folder} {ANEW}, or choose another folder.")
     if what == "accuracy" and began != mine:
-        raise ValueError(
+        raise Mismatch(
             f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
             f"elements through the cortex; accuracy.level = {scene.accuracy.level!r} stands for {mine['edge']:g} mm "
             f"and {mine['elements_through_cortex']} now. Choose another folder."
         )
     if what == "geometry.file" and began["sha256"] != mine["sha256"]:
-        raise ValueError(
+        raise Mismatch(
             f"{mine['file']}: has changed since the run in {folder} began (sha256 {began['sha256'][:12]}... then, "
             f"{mine['sha256'][:12]}... now). Put the old file back, or choose another folder."
         )

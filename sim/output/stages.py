@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from morphofold.errors import DamagedFile, Mismatch, MissingPart
 from morphofold.io import read_cortex
 from morphofold.io.cortices import StageHealth, StageRecord
 from morphofold.io.files import decoding
@@ -56,17 +57,17 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
     record = stage / "stage.json"
     info = read_json(record, StageRecord, cure)
     if info.get("scene_sha256", scene_digest(out)) != scene_digest(out):
-        raise ValueError(f"{record}: is of a run with another scene or mesh. {cure}")
+        raise Mismatch(f"{record}: is of a run with another scene or mesh. {cure}")
     if info.get("g") != g or info.get("health", {}).get("growth") != g:
-        raise ValueError(f"{record}: is of g = {info.get('g')!r} or without health, not of {g:g}. {cure}")
+        raise DamagedFile(f"{record}: is of g = {info.get('g')!r} or without health, not of {g:g}. {cure}")
     listed = stage / "files.json"
     if listed.exists():
         with decoding(listed, "a list of files", cure):
             for name, digest in read_json(listed, Digests, cure).items():
                 if not (stage / name).is_file():
-                    raise ValueError(f"{name} is missing")
+                    raise DamagedFile(f"{name} is missing")
                 if sha256_of(stage / name) != digest:
-                    raise ValueError(f"{name} is not as it was written")
+                    raise DamagedFile(f"{name} is not as it was written")
     with decoding(stage, "a stage", cure):
         read_cortex(stage)
     return info
@@ -78,7 +79,7 @@ def check_stages(out: Path, scene: Scene) -> dict[float, dict[str, Any]]:
     known = {stage_folder(out, g): g for g in scene.stages}
     for path in sorted((out / "stages").glob("g*")):
         if path not in known:
-            raise ValueError(f"{path}: is no stage of this scene. Move it away.")
+            raise Mismatch(f"{path}: is no stage of this scene. Move it away.")
         found[known[path]] = read_stage(out, known[path])
     return found
 
@@ -87,7 +88,7 @@ def check_reached(out: Path, scene: Scene, growth: float) -> None:
     """Refuse to go on from ``growth`` where a stage below it is missing: it could not be written any more."""
     for g in written_stages(out, scene):
         if g < growth and not stage_folder(out, g).exists():
-            raise ValueError(
+            raise MissingPart(
                 f"{stage_folder(out, g)}: is missing, and {out / 'checkpoint.npz'} lies beyond it, at "
                 f"g = {growth:.3f}. Delete the checkpoint {ANEW}."
             )
@@ -97,14 +98,14 @@ def check_finished(out: Path, scene: Scene) -> None:
     """Refuse a finished folder whose ``health.json`` isn't as a run writes it, or whose stages aren't as it says."""
     path, health = out / "health.json", read_health(out)
     if missing := {"effects", *(() if isinstance(scene.geometry, Radial) else ("elements",))} - health.keys():
-        raise ValueError(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {ANEW}.")
+        raise DamagedFile(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {ANEW}.")
     grown = [stage.get("growth") for stage in health["stages"]]
     if grown != (stages := list(written_stages(out, scene))):
-        raise ValueError(f"{path}: its stages are {grown}, those of the scene {stages}. Delete it {ANEW}.")
+        raise Mismatch(f"{path}: its stages are {grown}, those of the scene {stages}. Delete it {ANEW}.")
     found = check_stages(out, scene)
     for stage in health["stages"]:
         g = stage["growth"]
         if g not in found:
-            raise ValueError(f"{stage_folder(out, g)}: is missing, and {path} names it. Delete {path} {ANEW}.")
+            raise MissingPart(f"{stage_folder(out, g)}: is missing, and {path} names it. Delete {path} {ANEW}.")
         if found[g]["health"] != stage:
-            raise ValueError(f"{path}: says of g = {g:g} other than {stage_folder(out, g)}. Delete {path} {ANEW}.")
+            raise Mismatch(f"{path}: says of g = {g:g} other than {stage_folder(out, g)}. Delete {path} {ANEW}.")

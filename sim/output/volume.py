@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.errors import DamagedFile
 from morphofold.io import atomic_file
 from morphofold.sim.output.run_files import stage_folder
 
@@ -76,7 +77,7 @@ def write_series(out: Path, scene: Scene) -> None:
 def check_series(out: Path, scene: Scene) -> None:
     """Refuse a ``stages.pvd`` that isn't that of the stages there are; one that is missing can be written anew."""
     if _there(out) not in (None, _series(out, scene).encode()):
-        raise ValueError(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it anew.")
+        raise DamagedFile(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it anew.")
 
 
 def _there(out: Path) -> bytes | None:

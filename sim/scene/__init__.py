@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
 from morphofold.sim.scene.effects import read_effects
 from morphofold.sim.scene.geometries import (
     SHAPES,
@@ -107,24 +108,26 @@ class Scene(Table):
     def _stages_within_growth(self) -> Scene:
         late = [g for g in self.output.stages if g > self.growth.final]
         if late:
-            raise ValueError(
+            raise OutOfRange(
                 f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}; drop it or grow further"
             )
         names = [f"{g:.2f}" for g in self.stages]
         if len(set(names)) < len(names):
-            raise ValueError("output.stages: stages (with growth.final) must differ by 0.01 at least")
+            raise NamedTwice("output.stages: stages (with growth.final) must differ by 0.01 at least")
         return self
 
     @model_validator(mode="after")
     def _effects_fit_the_rest(self) -> Scene:
         shape = self.geometry.shape
         if shape == "radial" and not self.material.theory:
-            raise ValueError("material.model makes no sense with geometry.shape = 'radial': it is neo-Hookean; drop it")
+            raise DoesNotApply(
+                "material.model makes no sense with geometry.shape = 'radial': it is neo-Hookean; drop it"
+            )
         if shape == "mesh" and self.accuracy != Accuracy():
-            raise ValueError("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
+            raise DoesNotApply("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
         for name, options in self.effects.items():
             if shape not in options.shapes:
-                raise ValueError(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
+                raise DoesNotApply(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
             options.check(self)
         return self
 
@@ -133,7 +136,7 @@ class Scene(Table):
         bricks = self.bricks
         if bricks > MOST_BRICKS:
             many = f"about {bricks:.1e}" if bricks < 1e99 else "more than 1e+99"
-            raise ValueError(
+            raise TooLarge(
                 f"this takes {many} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
                 "take a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
             )
@@ -164,7 +167,7 @@ class Scene(Table):
     def cells(self) -> int:
         """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
         if not isinstance(self.geometry, Sphere | Ellipsoid):
-            raise ValueError(f"{self.name}: cells are counted on a sphere or an ellipsoid only.")
+            raise DoesNotApply(f"{self.name}: cells are counted on a sphere or an ellipsoid only.")
         return max(4, 2 * math.ceil(0.5 * self._edges_along_a_quarter(self.geometry) - 1e-9))
 
     def _edges_along_a_quarter(self, body: Sphere | Ellipsoid) -> float:

@@ -13,8 +13,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
 from morphofold.sim.scene import SHAPES, Scene
-from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, root_problems, with_notes
+from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
 MOST_PROBLEMS = 20      # that are told of one scene
 #: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
@@ -57,7 +58,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         except ValidationError as error:
             problems = root_problems(error.errors())
     except RecursionError:
-        raise ValueError(f"{own.where}: not a scene: lists or tables are nested too deeply.") from None
+        raise NotReadable(f"{own.where}: not a scene: lists or tables are nested too deeply.") from None
     sources = [own] if base is None else [own, base]
 
     def still(fewer: Sequence[tuple[str, str]]) -> list[Problem]:
@@ -69,7 +70,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
 
     lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
     more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
-    raise with_notes(lines + more)
+    raise with_notes(lines + more, kind_of(problems[0]))
 
 
 def _read(source: str | Path) -> Source:
@@ -78,32 +79,32 @@ def _read(source: str | Path) -> Source:
         text = (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8")
         return Source(str(source), text)
     if not str(source):
-        raise ValueError(f"no scene is named. Built-in scenes: {', '.join(scene_names())}.")
+        raise UnknownName(f"no scene is named. Built-in scenes: {', '.join(scene_names())}.")
     if path.is_dir():
         inside = path / "scene.toml"
         more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
-        raise ValueError(f"{path}: is a folder, not a scene; {more}.")
+        raise WrongFile(f"{path}: is a folder, not a scene; {more}.")
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
+        raise WrongFile(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
     if not path.is_file():
         close = difflib.get_close_matches(str(source), scene_names(), n=1)
         hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
         raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
     if path.stat().st_size > 1_000_000:
-        raise ValueError(f"{path}: {path.stat().st_size:,} bytes is no scene file.")
+        raise WrongFile(f"{path}: {path.stat().st_size:,} bytes is no scene file.")
     try:
         return Source(str(path), path.read_text("utf-8"))
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a TOML file: it is not UTF-8 text.") from None
+        raise NotReadable(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
 def _parsed(source: Source) -> dict[str, Any]:
     try:
         return _loads(source.text)
     except RecursionError:
-        raise ValueError(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
+        raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
     except ValueError as error:                                         # a number of too many digits is no decode error
-        raise ValueError(f"{source.where}: not a TOML file: {error}.") from None
+        raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
 
 
 def _loads(text: str) -> dict[str, Any]:
@@ -119,15 +120,15 @@ def _base(own: Source, folder: Path | None) -> Source | None:
         return None
     like = tables["like"]
     if not isinstance(like, str) or not like:
-        raise ValueError(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
+        raise NotReadable(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
     try:
         base = _read(like if folder is None or like in scene_names() else folder / like)
         if "like" in _parsed(base):
-            raise ValueError("is itself like another scene; name that one.")
+            raise WrongFile("is itself like another scene; name that one.")
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
     except ValueError as error:
-        raise ValueError(f"{own.where}: like = {as_toml(like)}: {error}") from None
+        raise type(error)(f"{own.where}: like = {as_toml(like)}: {error}") from None
     return base
 
 
@@ -165,9 +166,9 @@ def _key_of(setting: str) -> str:
     key, equals, _ = setting.partition("=")
     parts = [part.strip() for part in key.split(".")]
     if not equals or not all(parts):
-        raise ValueError(f"setting {as_toml(setting)} must read table.key=value, for example growth.final=1.8.")
+        raise NotReadable(f"setting {as_toml(setting)} must read table.key=value, for example growth.final=1.8.")
     if parts == ["like"]:
-        raise ValueError(f"setting {as_toml(setting)}: like stands in a file only; name that scene instead.")
+        raise DoesNotApply(f"setting {as_toml(setting)}: like stands in a file only; name that scene instead.")
     return ".".join(parts)
 
 
@@ -177,7 +178,7 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
     try:
         parsed = _loads(f"v = {value}")
     except RecursionError:
-        raise ValueError(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
+        raise NotReadable(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
     except ValueError:
         parsed = {}
     *path, last = key.split(".")
@@ -185,7 +186,7 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
     for part in path:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise ValueError(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
+            raise NotReadable(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
     table[last] = parsed["v"] if list(parsed) == ["v"] else value       # a bare word is a string
 
 

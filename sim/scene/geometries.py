@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag, model_validator
 
+from morphofold.errors import ImpossibleBody
 from morphofold.sim.scene.tables import Direction, Length, Spot, Table, key
 
 # keys that several bodies have
@@ -158,9 +159,9 @@ class MeshFile(Layers):
 
 def _check_layers(radius: float, thickness: float, hole: float) -> None:
     if thickness >= radius:
-        raise ValueError(f"cortex_thickness {thickness:g} leaves no core in {radius:g} mm; make it smaller")
+        raise ImpossibleBody(f"cortex_thickness {thickness:g} leaves no core in {radius:g} mm; make it smaller")
     if hole >= radius - thickness:
-        raise ValueError(
+        raise ImpossibleBody(
             f"hole_radius {hole:g} is not inside the core of radius {radius - thickness:g} ({radius:g} - "
             f"cortex_thickness {thickness:g}); make it smaller than {radius - thickness:g}"
         )

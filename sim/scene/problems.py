@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from morphofold.errors import NotFinite, NotReadable, OutOfRange, Refusal, UnknownName, WrongShape
 from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, options_of
 
@@ -37,9 +38,15 @@ def root_problems(problems: Iterable[Problem]) -> list[Problem]:
     ]  # fmt: skip
 
 
-def with_notes(lines: Sequence[str]) -> ValueError:
-    """An error of several lines: the first, with the others as its notes."""
-    error = ValueError(lines[0])
+def kind_of(problem: Problem) -> type[Refusal]:
+    """The kind of refusal that a problem is: as our own check says, or by what pydantic found."""
+    own = problem.get("ctx", {}).get("error")
+    return type(own) if isinstance(own, Refusal) else _KINDS.get(problem["type"], NotReadable)
+
+
+def with_notes(lines: Sequence[str], kind: type[Refusal] = NotReadable) -> Refusal:
+    """A refusal of several lines: the first, with the others as its notes."""
+    error = kind(lines[0])
     for line in lines[1:]:
         error.add_note(line)
     return error
@@ -151,6 +158,12 @@ _BOUNDS = {
     "less_than": "less than",
     "less_than_equal": "less than or equal to",
 }
+#: kinds of refusals by pydantic's types of problems; what is of another type can't be read
+_KINDS: dict[str, type[Refusal]] = {
+    **dict.fromkeys(_BOUNDS, OutOfRange), "finite_number": NotFinite,
+    **dict.fromkeys(("too_short", "too_long"), WrongShape),
+    **dict.fromkeys(("extra_forbidden", "literal_error", "shape", "material"), UnknownName),
+}  # fmt: skip
 #: pydantic's words for what a TOML file can get wrong, in words of TOML
 _WORDS = {
     "model_type": "must be a table of keys",

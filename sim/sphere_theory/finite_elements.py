@@ -34,6 +34,7 @@ from scipy.optimize import brentq
 from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
 from morphofold.arrays import Array
+from morphofold.errors import NoSolution, OutOfRange, UnknownName
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, Sphere
 
 Growth = tuple[float, float]
@@ -170,7 +171,7 @@ def critical_growth_of_degree(
         If the radial path ends before g_max and before the instability.
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
-        raise ValueError(f"g_max must exceed 1 and step 0, got g_max = {g_max}, step = {step}.")
+        raise OutOfRange(f"g_max must exceed 1 and step 0, got g_max = {g_max}, step = {step}.")
     g_core, graded = _positive("g_core", g_core), min(1.5, g_max)
     while True:
         sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
@@ -204,7 +205,7 @@ class _Sphere:
         Sphere(T, mu_ratio, law, kappa_ratio, A)        # refuses what is none
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
-                raise ValueError(f"{name} must be a whole number of at least {least}, got {value}.")
+                raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
         self.law, self.order, self.n = law, order, l * (l + 1)
         swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
         self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements, swelling)}
@@ -225,10 +226,10 @@ class _Sphere:
     def points(self, R: Array, layer: str) -> _Points:
         """Shape functions at chosen radii of one layer."""
         if layer not in LAYERS:
-            raise ValueError(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
+            raise UnknownName(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
         edges = self.edges[layer]
         if not ((R >= edges[0]) & (R <= edges[-1])).all():
-            raise ValueError(f"the {layer} reaches from R = {edges[0]:g} to {edges[-1]:g}, got {R.min()} to {R.max()}.")
+            raise OutOfRange(f"the {layer} reaches from R = {edges[0]:g} to {edges[-1]:g}, got {R.min()} to {R.max()}.")
         inside = np.clip(np.searchsorted(edges, R, side="right") - 1, 0, len(edges) - 2)
         element = inside + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
         X = ((R - edges[inside]) / (edges[inside + 1] - edges[inside]))[None, :, None]
@@ -286,7 +287,7 @@ class _Sphere:
             return self.softest(self.grow((g, g_core), x, start), (g, g_core))    # x, start: the last stable step
 
         if softest(1.0) <= 0:
-            raise ValueError(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
+            raise NoSolution(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
         while start[0] < g_max:
             end = (min(start[0] * (1 + step), g_max), g_core)
             ahead = self.grow(end, x, start)
@@ -489,5 +490,5 @@ def _values(basis: Iterable[Any]) -> tuple[Array, Array]:
 
 def _positive(name: str, value: float) -> float:
     if not 0 < value < np.inf:
-        raise ValueError(f"{name} must be positive and finite, got {value}.")
+        raise OutOfRange(f"{name} must be positive and finite, got {value}.")
     return float(value)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.fft import dct
 
 from morphofold.arrays import Array
+from morphofold.errors import ImpossibleBody, OutOfRange
 from morphofold.sim.growth import check_law, volume
 
 #: Chebyshev points per layer
@@ -79,16 +80,16 @@ class Sphere:
     def __post_init__(self) -> None:
         check_law(self.law)
         if not 1e-4 <= self.mu_ratio <= 1e4:            # beyond, rounding in the stiff layer hides the soft one
-            raise ValueError(
+            raise OutOfRange(
                 f"mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got {self.mu_ratio}."
             )
         if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):        # and kappa (J - 1) in J - 1
-            raise ValueError(
+            raise OutOfRange(
                 f"kappa_ratio, bulk over shear modulus, must lie between 1 and 1e8, or be inf for incompressible, "
                 f"got {self.kappa_ratio}."
             )
         if not (self.A_over_C >= 1e-3 and self.T_over_C >= 1e-6 and self.A_over_C + self.T_over_C < 1):
-            raise ValueError(
+            raise ImpossibleBody(
                 f"hole and cortex must leave a core between them: need A/C >= 0.001, T/C >= 1e-6 and A/C + T/C < 1, "
                 f"got A/C = {self.A_over_C:g}, T/C = {self.T_over_C:g}."
             )

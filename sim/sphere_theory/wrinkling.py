@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
 from morphofold.sim.sphere_theory.impedance import impedances, short_wave_impedances
 from morphofold.sim.sphere_theory.smooth_sphere import (
     LAMBDA_R,
@@ -176,7 +177,7 @@ def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) 
         If degree is below 1, or g_max not above 1.
     """
     if degree < 1:
-        raise ValueError(f"the degree of a spherical harmonic that changes the shape is at least 1, got {degree}.")
+        raise OutOfRange(f"the degree of a spherical harmonic that changes the shape is at least 1, got {degree}.")
     return _critical_growth(sphere, _smooth_growths(sphere, g_max), degree)
 
 
@@ -187,7 +188,7 @@ def _critical_growth(sphere: Sphere, growths: list[float], degree: int, near: fl
 def _smooth_growths(sphere: Sphere, g_max: float) -> list[float]:
     """Growths to walk through in search of a root, as far as there is a smooth state; g - 1 rises geometrically."""
     if not (math.isfinite(g_max) and g_max > 1):
-        raise ValueError(f"g_max is the growth up to which to look and must be above 1, got {g_max}.")
+        raise OutOfRange(f"g_max is the growth up to which to look and must be above 1, got {g_max}.")
     growths = [1.0]
     for g in 1 + np.geomspace(1e-6, g_max - 1, 64):
         try:

@@ -6,6 +6,7 @@ from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
 from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, grown, healthy, off_the_smooth_state, start
 
+from morphofold.errors import OutOfRange
 from morphofold.sim.dynamics import Dynamics, UnstableError
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -89,12 +90,12 @@ def test_a_thick_cortex_that_grows_tangentially(holds):
 def test_a_cortex_that_shrinks(holds):
     smooth(holds, 0.8, what="displacement off the exact one, isotropic")
     smooth(holds, 0.8, "growth.law=tangential", what="displacement off the exact one, tangential")
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(OutOfRange) as error:
         start(*STRIP).grow_to(0.0)
-    holds.says("growth to nothing", str(error.value), "growth stretch", "positive", "got 0")
-    with pytest.raises(ValueError) as error:
+    holds.says("growth to nothing", str(error.value), " 0.")
+    with pytest.raises(OutOfRange) as error:
         start(*STRIP, "growth.final=0.8")
-    holds.says("a scene", str(error.value), "growth.final", "greater than or equal to 1", "0.8")
+    holds.says("a scene", str(error.value), "growth.final: ", " 1 ", "0.8")
 
 
 def three_times(holds):
@@ -126,7 +127,7 @@ def test_growth_to_three_keeps_the_surface_smooth(holds):
 @hard_case("solver", "growth ten times too fast", guard="growth waits for balance", without=made.no_waiting,
            fails=(AssertionError, UnstableError))  # fmt: skip
 def test_growth_ten_times_too_fast(holds):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(OutOfRange) as error:
         start(*STRIP, "growth.rate=10")
     holds.says("a scene", str(error.value), "growth.rate", "4", "10")
     run = start(*STRIP)
