@@ -11,6 +11,7 @@ from commands import refused
 from morphofold.analysis.measuring import scale_of_curvature
 from morphofold.analysis.resampling import ACCURACIES, copied
 from morphofold.cli import main
+from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts import measuring as before
 from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
@@ -163,9 +164,9 @@ def test_errors_of_a_mesh_like_none_that_was_measured_are_not_forecast(second, h
 
 
 def test_what_can_not_be_measured_can_not_be_forecast(here, capsys):
-    with pytest.raises(ValueError, match="no cortex"):
+    with pytest.raises(NothingToDo):
         forecast_analysis([])
-    with pytest.raises(ValueError, match="accuracy"):
+    with pytest.raises(UnknownName, match=r"\baccuracy\b.*'best'"):
         forecast_analysis([folded_ball(1000)], accuracy="best")
     refused(capsys, ["analyze", "nobody", "--dry-run"], "nobody")
     refused(capsys, ["analyze", "sim", "--stages", "--dry-run"], "--stages takes a simulation folder")

@@ -206,7 +206,9 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     """
     size = len(distance)
     if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
-        raise WrongShape(f"distance must be finite and symmetric, got an array {distance.shape} that is not.")
+        raise (WrongShape if np.isfinite(distance).all() else NotFinite)(
+            f"distance must be finite and symmetric, got an array {distance.shape} that is not."
+        )
     if not 0 < n < size:
         raise OutOfRange(f"two samples are needed, got {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
