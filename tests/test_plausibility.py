@@ -105,7 +105,7 @@ def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(here, capsys, s
         write_surface(here / f"bert/surf/lh.{name}", Surface(radius * sphere, faces))
     rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in range(size))
     (here / "bert/label/lh.cortex.label").write_text(f"#!ascii label\n{size}\n{rows}")
-    refused(capsys, ["analyze", "bert", "-q", "--no-report"], f"lh.cortex.label: holds {size} of 2562 vertices")
+    refused(capsys, ["analyze", "bert", "-q", "--no-report"], "lh.cortex.label: ", f" {size} of 2562 ", "[no-cortex]")
     assert [path.name for path in here.iterdir()] == ["bert"]
 
 
