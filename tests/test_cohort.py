@@ -18,7 +18,6 @@ from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 from pyarrow import parquet
 
-from morphofold.errors import NamedTwice, NotReadable, NothingToDo, WrongFile
 import morphofold
 from morphofold.cli import main
 from morphofold.cohort import participant, statistics, tables, tasks
@@ -27,6 +26,7 @@ from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.subjects import find_subjects, named_subjects
 from morphofold.cohort.tables import TIDY, read_results
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.surface import Regions

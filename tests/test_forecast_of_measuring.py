@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.errors import NothingToDo, UnknownName
 from morphofold.analysis.measuring import scale_of_curvature
 from morphofold.analysis.resampling import ACCURACIES, copied
 from morphofold.cli import main
+from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts import measuring as before
 from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING

@@ -5,8 +5,8 @@ import re
 import pytest
 from commands import refused
 
-from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.cli import main
+from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.forecasts import calibration, forecast
 from morphofold.forecasts.mesh_choice import budget_seconds, error_share, pick
 from morphofold.forecasts.table import STUDIED, headline, studied

@@ -3,6 +3,7 @@
 import csv
 import json
 import multiprocessing
+import re
 import threading
 import time
 from contextlib import contextmanager, nullcontext
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.errors import NamedTwice, NotReadable, UnknownName
 import morphofold.simulation
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
@@ -21,6 +21,7 @@ from morphofold.cohort.grid import MOST_RUNS, make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Theory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import Place, read_record, write_record
+from morphofold.errors import NamedTwice, NotReadable, UnknownName
 from morphofold.io import read_surface
 from morphofold.io.locks import alone
 from morphofold.report import analysis_report
