@@ -7,6 +7,7 @@ from numba import njit, prange
 from scipy import sparse
 
 from morphofold.arrays import Array
+from morphofold.errors import WrongShape
 from morphofold.threads import BLOCKS
 
 MOST_STEPS = 3000
@@ -26,13 +27,13 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
 
     Raises
     ------
-    ValueError
+    WrongShape
         If the shapes of ``right`` and ``x`` are not those.
     RuntimeError
         If that takes more than 3000 iterations; the mesh behind the matrix is then too irregular.
     """
     if np.shape(right) != np.shape(x) or np.shape(x) not in ((matrix.shape[0],), (matrix.shape[0], 3)):
-        raise ValueError(f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, 3), N = {matrix.shape[0]}.")
+        raise WrongShape(f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, 3), N = {matrix.shape[0]}.")
     diagonal = matrix.diagonal()
     jacobi = np.divide(1, diagonal, out=np.ones_like(diagonal), where=diagonal > 0)
     x = np.array(x, dtype=np.float64)

@@ -13,6 +13,7 @@ from morphofold.analysis.curvatures import Curvature, curvature
 from morphofold.analysis.graph.net import paths
 from morphofold.analysis.relief import diffused
 from morphofold.arrays import Array, Ints
+from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
@@ -105,7 +106,7 @@ def crest_lines(
     is the business of :func:`morphofold.analysis.gyral_graph`.
     """
     if curv is not None and scale is not None:
-        raise ValueError("pass scale or curv, not both: curv has its scale.")
+        raise OptionsClash("pass scale or curv, not both: curv has its scale.")
     if curv is None:
         curv = curvature(verts, faces, scale)
     found, beside = [], BESIDE * curv.scale

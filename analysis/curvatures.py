@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
@@ -146,18 +147,18 @@ def largest_scale(verts: Verts, faces: Faces) -> float:
 
 
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
-    """Raise ``ValueError`` for a radius of neighbourhoods that does not fit the mesh, as ``curvature`` says."""
+    """Raise ``OutOfRange`` for a radius of neighbourhoods that does not fit the mesh, as ``curvature`` says."""
     edge = mean_edge_length(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
-        raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+        raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
     size = equal_area_radius(verts, faces)
     if scale < edge:
-        raise ValueError(
+        raise OutOfRange(
             f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: no neighbourhood so small holds "
             f"enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
         )
     if scale > largest_scale(verts, faces):
-        raise ValueError(
+        raise OutOfRange(
             f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere of the mesh's area; its mean edge is "
             f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
             "Are scale and mesh in one unit of length?"

@@ -9,6 +9,7 @@ import numpy as np
 
 from morphofold.analysis.graph.tables import region_columns
 from morphofold.analysis.mesh_quality.checks import is_no_cortex
+from morphofold.errors import WrongShape
 from morphofold.geometry import vertex_areas
 from morphofold.surface import Cortex, PerVertex, check_kind
 
@@ -64,13 +65,13 @@ def region_table(
 
     Raises
     ------
-    ValueError
+    WrongShape
         If a map has another length than the surfaces.
     """
     check_kind(cortex, Cortex, "region_table: cortex")
     for name, values in maps.items():
         if np.shape(values) != (cortex.n_vertices,):
-            raise ValueError(f"{cortex.name}: map {name} has shape {np.shape(values)}, not ({cortex.n_vertices},).")
+            raise WrongShape(f"{cortex.name}: map {name} has shape {np.shape(values)}, not ({cortex.n_vertices},).")
     if cortex.regions is None:
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)

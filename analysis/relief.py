@@ -11,6 +11,7 @@ from scipy import sparse
 
 from morphofold import geometry
 from morphofold.analysis.conjugate_gradients import solve
+from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 
 DETOUR = 2 * 3**0.5 / np.pi     # length of edge paths over the straight way, mean over directions in a triangle grid
@@ -72,13 +73,13 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
 
     Raises
     ------
-    ValueError
+    OutOfRange
         If scale is not a positive length.
     RuntimeError
         If the iteration stalls; the mesh is then too irregular.
     """
     if not (scale > 0 and np.isfinite(scale)):
-        raise ValueError(f"scale must be a positive length, got {scale!r}.")
+        raise OutOfRange(f"scale must be a positive length, got {scale!r}.")
     return _diffused(verts, faces, verts, scale, rounds, rtol)
 
 

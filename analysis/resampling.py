@@ -18,6 +18,7 @@ from morphofold.analysis.mesh_quality import checks
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
+from morphofold.errors import UnknownName
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
 
 if TYPE_CHECKING:
@@ -46,9 +47,9 @@ ACCURACIES = {"draft": Accuracy(50_000, 0, 6.0), "standard": Accuracy(0, 0, 12.0
 
 
 def accuracy_of(name: str) -> Accuracy:
-    """Raises ``ValueError`` for a name that is none of ``ACCURACIES``."""
+    """Raises ``UnknownName`` for a name that is none of ``ACCURACIES``."""
     if name not in ACCURACIES:
-        raise ValueError(f"accuracy must be one of {', '.join(ACCURACIES)}, got {name!r}.")
+        raise UnknownName(f"accuracy must be one of {', '.join(ACCURACIES)}, got {name!r}.")
     return ACCURACIES[name]
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
+from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
 from morphofold.forecasts.table import measured_errors, table
 from morphofold.io import read_cortex, write_surface
@@ -144,11 +145,11 @@ def test_the_line_on_costs_says_that_errors_are_not_known():
 
 
 def test_nothing_has_no_errors_and_no_cost():
-    with pytest.raises(ValueError, match="no cortex"):
+    with pytest.raises(NothingToDo, match="cortex"):
         measured_errors([], "standard")
-    with pytest.raises(ValueError, match="accuracy must be one of"):
+    with pytest.raises(UnknownName, match=r"\baccuracy\b.*'best'"):
         measured_errors([folded_ball(1000)], "best")
-    with pytest.raises(ValueError, match="no measures"):
+    with pytest.raises(NothingToDo, match="measures"):
         cost_of_analysis([], Stages())
 
 

@@ -5,6 +5,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.comparison.growth import NUMBERS, growth_curve, matching_growth
+from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 
 
 def stage(g, index=2.0, gyral=10.0, cortical=4.0, **more):
@@ -48,13 +49,13 @@ def test_a_family_that_obeys_the_law_has_one_k_at_every_growth():
 
 
 @pytest.mark.parametrize(
-    ("growths", "message"),
+    ("growths", "kind", "said"),
     [
-        ((1.5,), "growth needs two stages at least, got 1"),
-        ((1.5, None), "does not say its growth"),
-        ((1.5, 1.2, 1.5), "two stages are at g = 1.5"),
+        ((1.5,), MissingPart, r"\bbody\b.*\b1\b"),
+        ((1.5, None), DoesNotApply, "body"),
+        ((1.5, 1.2, 1.5), NamedTwice, r"\bbody\b.*\bg = 1\.5\."),
     ],
 )
-def test_what_is_no_growth_is_refused(growths, message):
-    with pytest.raises(ValueError, match=message):
+def test_what_is_no_growth_is_refused(growths, kind, said):
+    with pytest.raises(kind, match=said):
         growth_curve("body", [stage(g) for g in growths])

@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from morphofold.analysis.conjugate_gradients import solve
+from morphofold.errors import WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.shapes import irregular_sphere
 
@@ -54,7 +55,7 @@ def test_one_and_two_threads_give_the_same_bytes(system, columns):
 
 @pytest.mark.parametrize("shapes", [((2562, 2), (2562, 2)), ((2562, 1), (2562, 1)), ((2562,), (2562, 3)), ((9,), (9,))])
 def test_other_shapes_are_refused(system, shapes):
-    with pytest.raises(ValueError, match=r"must be \(N,\) or \(N, 3\), N = 2562"):
+    with pytest.raises(WrongShape, match=r"\bN = 2562\b"):
         solve(system[0], np.ones(shapes[0]), np.zeros(shapes[1]), 1e-6)
 
 
@@ -63,5 +64,5 @@ def test_what_does_not_converge_is_refused():
     matrix = sparse.diags_array([np.full(399, -1.0), np.full(400, 2.0), np.full(399, -1.0)], offsets=[-1, 0, 1])
     matrix = (sparse.diags_array(scale) @ matrix @ sparse.diags_array(scale)).tocsr()
     matrix.data[:] = np.nan
-    with pytest.raises(RuntimeError, match="did not converge in 3000 iterations on 400 vertices"):
+    with pytest.raises(RuntimeError, match=r"\b3000\b.*\b400\b"):
         solve(matrix, np.ones(400), np.zeros(400), 1e-6)

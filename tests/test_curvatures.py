@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 
 from morphofold import shapes
 from morphofold.analysis import curvature, vertex_areas, vertex_normals
+from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, mean_edge_length
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
@@ -250,12 +251,12 @@ def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
 
 
 @pytest.mark.parametrize(
-    ("scale", "message"),
-    [(2.0, r"scale 2 is less than the mean edge of the mesh, \d"), (0.01, "0.01 is less"), (10.5, "than the radius 9")],
+    ("scale", "said"),
+    [(2.0, r"\b2 .*\b2\.\d"), (0.01, r"\b0\.01 .*\b2\.\d"), (10.5, r"\b10\.5 .* 9\.\d")],
 )
-def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, message):
+def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, said):
     shape = shapes.sphere(2, 10.0)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(OutOfRange, match=said):
         curvature(shape.verts, shape.faces, scale)
 
 
@@ -267,13 +268,13 @@ def test_the_default_scale_is_three_mean_edges_and_is_said():
 
 @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf])
 def test_a_scale_that_is_no_length_is_refused(scale):
-    with pytest.raises(ValueError, match="scale must be a positive length"):
+    with pytest.raises(OutOfRange, match=rf"\bscale\b.* {scale}\.$"):
         curvature(*shapes.icosphere(1), scale)
 
 
 def test_a_bad_mesh_is_refused():
     verts, faces = shapes.icosphere(1)
-    with pytest.raises(ValueError, match=r"name a vertex outside 0\.\.41"):
+    with pytest.raises(ValueError, match=r" 0\.\.41\b"):
         curvature(verts, faces + 1)
 
 

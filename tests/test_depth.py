@@ -9,6 +9,7 @@ from test_gyrification import box_with_a_hole
 from morphofold import shapes
 from morphofold.analysis import sulcal_depth
 from morphofold.analysis.gyrification.hull import hull
+from morphofold.errors import OptionsClash, UnknownName
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
 from morphofold.shapes import icosphere
@@ -110,7 +111,7 @@ def test_geodesic_depth_is_none_on_a_piece_that_touches_nowhere():
 
 def test_options_of_depth_are_checked():
     shape = shapes.sphere(2)
-    with pytest.raises(ValueError, match="mode must be"):
+    with pytest.raises(UnknownName, match=r"\bmode\b.*'sulc'"):
         sulcal_depth(shape.verts, shape.faces, "sulc")
-    with pytest.raises(ValueError, match="touching is a distance"):
+    with pytest.raises(OptionsClash, match=r"\btouching\b.* 1\.0\b.*'hull'"):
         sulcal_depth(shape.verts, shape.faces, touching=1.0)

@@ -6,6 +6,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from morphofold.analysis.graph.depth_potential import RELATIVE, Altimeter, persistence, wavelength
+from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import bumpy_sphere, icosphere, sphere
 from morphofold.shapes.ridges import regular_net, ridged_net
@@ -105,5 +106,5 @@ def test_the_wavelength_of_a_harmonic_is_that_of_its_degree(level):
 def test_the_wavelength_of_a_surface_without_folds_is_none_and_a_width_is_checked():
     shape = bumpy_sphere(4, amplitude=0.02)
     assert np.isnan(wavelength(shape.verts, shape.faces))
-    with pytest.raises(ValueError, match="width must be a positive length"):
+    with pytest.raises(OutOfRange, match=r"\bwidth\b.* -1\.0\b"):
         wavelength(shape.verts, shape.faces, width=-1.0)

@@ -3,6 +3,7 @@
 import http.client
 import logging
 import os
+import re
 import tempfile
 import time
 import urllib.error
@@ -16,6 +17,7 @@ import pytest
 import morphofold
 import morphofold.cohort.fleet as fleet_module
 from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
+from morphofold.errors import Mismatch, OptionsClash, OutOfRange, TooLarge
 
 
 def square(x):
@@ -155,8 +157,8 @@ def test_a_cluster_that_runs_already_is_used(monkeypatch):
             assert fleet.words.startswith(f"2 workers at {cluster.scheduler_address}, 1 GiB each")
             assert {outcome for _, outcome in fleet.run(square, [Job("a", 3)])} == {9}
         monkeypatch.setattr(morphofold, "__version__", "99.0")
-        words = r"has morphofold .*, this is 99\.0"
-        with pytest.raises(ValueError, match=words), open_fleet(scheduler=cluster.scheduler_address):
+        words = rf"\b{re.escape(morphofold.__version__)},.* 99\.0\."
+        with pytest.raises(Mismatch, match=words), open_fleet(scheduler=cluster.scheduler_address):
             pass
 
 
@@ -187,23 +189,23 @@ def test_workers_share_what_the_machine_has(monkeypatch):
     assert _shares(None, 1, 4.0, 3.0) == (4, 4.0)
     assert _shares(2, 1, None, 0.0) == (2, pytest.approx(9))
     assert _shares(None, 1, None, 17.0) == (1, pytest.approx(18))
-    with pytest.raises(ValueError, match=r"takes about 5\.0 GiB, and each of 6 workers may take 3\.0 GiB"):
+    with pytest.raises(TooLarge, match=r"\b5\.0 GiB.*\b6 .*\b3\.0 GiB"):
         _shares(6, 1, None, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("asked", "kind", "said"),
     [
-        ({"workers": 0}, "workers must be 1 or more, got 0"),
-        ({"threads": 0}, "threads must be 1 or more"),
-        ({"memory": -1.0}, "memory must be a positive number of GiB, got -1"),
-        ({"memory": float("nan")}, "memory must be"),
-        ({"scheduler": "tcp://127.0.0.1:1", "workers": 2}, "has its own workers"),
-        ({"slurm": 4, "workers": 2}, "Name one of them"),
+        ({"workers": 0}, OutOfRange, r"^workers .*\b0\.$"),
+        ({"threads": 0}, OutOfRange, r"^threads .*\b0\.$"),
+        ({"memory": -1.0}, OutOfRange, r"^memory .* -1\.$"),
+        ({"memory": float("nan")}, OutOfRange, r"^memory .* nan\.$"),
+        ({"scheduler": "tcp://127.0.0.1:1", "workers": 2}, OptionsClash, "scheduler.*workers"),
+        ({"slurm": 4, "workers": 2}, OptionsClash, "workers.*slurm"),
     ],
 )
-def test_numbers_that_are_none_are_refused(asked, words):
-    with pytest.raises(ValueError, match=words), open_fleet(**asked):
+def test_numbers_that_are_none_are_refused(asked, kind, said):
+    with pytest.raises(kind, match=said), open_fleet(**asked):
         pass
 
 
@@ -211,7 +213,7 @@ def test_the_log_of_dask_is_as_it_was_afterwards(monkeypatch):
     monkeypatch.setattr(fleet_module, "ANSWER", 1)
     log = logging.getLogger("distributed")
     before = log.level
-    with pytest.raises(ConnectionError, match="no scheduler answers"), open_fleet(scheduler="tcp://127.0.0.1:1"):
+    with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:1\b"), open_fleet(scheduler="tcp://127.0.0.1:1"):
         pass
     assert log.level == before
 

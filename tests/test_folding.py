@@ -7,6 +7,7 @@ from fast_simplification import simplify
 from morphofold import shapes
 from morphofold.analysis import folding_indices, vertex_areas
 from morphofold.analysis.gyrification.folding import angle_defects
+from morphofold.errors import OutOfRange
 from morphofold.io import read_cortex, read_surface, sample_path
 
 
@@ -98,5 +99,5 @@ def test_a_border_and_an_unused_vertex_have_no_defect():
 
 @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf])
 def test_a_scale_that_is_no_length_is_refused(scale):
-    with pytest.raises(ValueError, match="scale must be a positive length"):
+    with pytest.raises(OutOfRange, match=rf"\bscale\b.* {scale}\.$"):
         folding_indices(*shapes.icosphere(1), scale)

@@ -279,8 +279,8 @@ def test_the_error_of_the_mesh_falls_with_the_edge_and_that_of_other_settings_st
 
 def test_what_cannot_be_run_cannot_be_forecast(here, capsys):
     refused(capsys, ["simulate", "demo", "--dry-run", "--set", "growth.final=9"], "growth.final")
-    refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads must be 1 to")
-    refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run is for a run that begins")
+    refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads ", " 9999.")
+    refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run", "--resume", "scene.toml")
 
 
 def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import fractal_dimension
+from morphofold.errors import OutOfRange
+from morphofold.geometry import mean_edge_length
 from morphofold.shapes import bumpy_sphere, sphere, torus
 
 
@@ -51,6 +53,10 @@ def test_rotation_and_unit_change_little_and_the_seed_says_the_rest(rng):
 
 def test_sizes_that_the_mesh_can_not_bear_are_refused():
     shape = sphere(4)
-    for finest, coarsest in ((0.1, None), (None, 5.0), (20.0, 10.0), (None, np.inf)):
-        with pytest.raises(ValueError, match="two mean edges"):
+    least = 2 * mean_edge_length(shape.verts, shape.faces)
+    for finest, coarsest, said in (
+        (0.1, None, r"0\.1 to \d"), (None, 5.0, r"\d to 5\."), (20.0, 10.0, r"20 to 10\."),
+        (None, np.inf, r"\d to inf\."),
+    ):  # fmt: skip
+        with pytest.raises(OutOfRange, match=rf" {least:.3g} .*{said}"):
             fractal_dimension(shape.verts, shape.faces, finest=finest, coarsest=coarsest)

@@ -15,6 +15,7 @@ from morphofold.analysis.graph.crest_net import GyralScales
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinges import hinges
 from morphofold.analysis.mesh_quality import defects
+from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere, sphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, regular_net, ridged_net
@@ -165,9 +166,9 @@ def test_the_invariant_of_nets_holds_and_crests_lie_on_the_surface():
 
 def test_scales_are_checked():
     surface = ridged_net(regular_net("cube"), 4, 12.0)
-    with pytest.raises(ValueError, match="width must be a positive length in mm"):
+    with pytest.raises(OutOfRange, match=r"\bwidth\b.* -1\.0\b"):
         gyral_graph(surface, width=-1.0)
-    with pytest.raises(ValueError, match="not both"):
+    with pytest.raises(OptionsClash, match=r"\bwidth\b.*\bscales\b"):
         gyral_graph(surface, width=6.0, scales=GyralScales.of_width(6.0))
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from morphofold import shapes
 from morphofold.analysis import gyrification_index
+from morphofold.errors import BadMesh
 from morphofold.io import read_surface, sample_path
 
 
@@ -42,5 +43,5 @@ def test_the_pial_surface_of_fsaverage5_has_a_gyrification_of_1_65():
 
 def test_a_flat_patch_is_refused():
     verts = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    with pytest.raises(ValueError, match="4 vertices in use span no volume"):
+    with pytest.raises(BadMesh, match=r"\b4\b"):
         gyrification_index(verts, np.array([[0, 1, 2], [0, 2, 3]]))

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
+from morphofold.errors import MissingPart
 from morphofold.report.colours import BARE
 from morphofold.report.pictures.net import ARMS, CREST, DOUBT, LEGEND, net_figure, net_row
 from morphofold.shapes import sphere
@@ -75,5 +76,5 @@ def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
 
 
 def test_measures_from_a_folder_have_no_net_to_paint(measures):
-    with pytest.raises(ValueError, match="have no graph"):
+    with pytest.raises(MissingPart, match="read"):
         net_row(Measures(measures.cortex, {}, {}), "read")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
+from morphofold.errors import UnknownName
 from morphofold.quantities import Quantity
 from morphofold.report.pictures import surfaces
 from morphofold.shapes import icosphere
@@ -108,7 +109,7 @@ def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
     two = surfaces.figure(rows, GREY, (0, 1), width=400, backend="raster")
     assert one.shape[1] == two.shape[1] == 400
     assert two.shape[0] > one.shape[0] + 40
-    with pytest.raises(ValueError, match="view must be one of lateral"):
+    with pytest.raises(UnknownName, match=r"\blateral\b.*'sideways'"):
         surfaces.camera("sideways", "lh")
 
 

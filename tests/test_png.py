@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from morphofold.errors import WrongShape
 from morphofold.report.pictures.png import lettering, png_bytes
 
 
@@ -14,7 +15,7 @@ def test_a_png_holds_the_picture_exactly(rng):
     decoded = Image.open(io.BytesIO(png_bytes(picture)))
     assert (decoded.format, decoded.mode) == ("PNG", "RGB")
     np.testing.assert_array_equal(np.asarray(decoded), picture)
-    with pytest.raises(ValueError, match="float64"):
+    with pytest.raises(WrongShape, match=r"\(2, 2, 3\) float64"):
         png_bytes(np.zeros((2, 2, 3)))
 
 

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 from morphofold import shapes
 from morphofold.analysis import gray_volumes, region_table, vertex_areas, wide_table
 from morphofold.analysis.regions import COLUMNS
+from morphofold.errors import WrongShape
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -88,7 +89,7 @@ def test_a_cortex_without_regions_has_an_empty_table():
 
 
 def test_a_map_of_another_surface_is_refused():
-    with pytest.raises(ValueError, match=r"map area has shape \(2,\), not \(3,\)"):
+    with pytest.raises(WrongShape, match=r"\barea\b.*\(2,\).*\(3,\)"):
         region_table(labelled([0, 0, 0], ["a"]), {"area": np.ones(2)})
 
 

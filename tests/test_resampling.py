@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from morphofold import geometry
 from morphofold.analysis import measure, resampling
 from morphofold.analysis.resampling import Accuracy, copied
+from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere, ridged_sphere
 from morphofold.shapes.folded_ball import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
@@ -156,7 +157,7 @@ def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers
 
 
 def test_an_accuracy_of_another_name_is_refused():
-    with pytest.raises(ValueError, match="accuracy must be one of draft, standard, fine, got 'best'"):
+    with pytest.raises(UnknownName, match=r"\baccuracy\b.* draft, standard, fine\b.*'best'"):
         measure(shell(3), accuracy="best")
 
 

@@ -11,6 +11,7 @@ from made_simulations import harmonic
 from morphofold import analysis
 from morphofold.cli import main
 from morphofold.comparison.distance import distance
+from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
 from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, estimate_beside, twins
@@ -134,22 +135,23 @@ def test_the_twin_is_the_same_scene_with_longer_edges():
 
 def test_what_has_no_coarser_twin_is_refused_before_anything_is_grown(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused(capsys, ["simulate", "mesh", "--estimate"], "--estimate", "its mesh is the file's")
-    refused(capsys, ["simulate", "fig3", "--estimate"], "--estimate", "in one dimension")
-    refused(capsys, ["simulate", "demo", "--estimate", "--set", "growth.final=1", "--set", "output.stages=[]"], "grow")
+    refused(capsys, ["simulate", "mesh", "--estimate"], "--estimate", "'mesh'", "[does-not-apply]")
+    refused(capsys, ["simulate", "fig3", "--estimate"], "--estimate", "'radial'", "[does-not-apply]")
+    still = ["simulate", "demo", "--estimate", "--set", "growth.final=1", "--set", "output.stages=[]"]
+    refused(capsys, still, "--estimate", "demo", "[does-not-apply]")
     few = ["simulate", "fig6-thick", "--estimate", "--set", "accuracy.edge=25"]
-    refused(capsys, few, "no coarser one", "accuracy.edge")
-    refused(capsys, [*few, "--dry-run"], "no coarser one")
+    refused(capsys, few, "accuracy.edge", "fig6-thick", "[no-solution]")
+    refused(capsys, [*few, "--dry-run"], "fig6-thick", "[no-solution]")
     monkeypatch.setitem(STUDIED, "thickness", (0.0, 1.0))
     thick = ["simulate", "fig6-thick", "--estimate", "--set", "geometry.cortex_thickness=20", "--json"]
     assert main([*thick, "--error", "99%", "--threads", "1"]) == 2         # a mesh that was picked, too
-    assert "no coarser one" in capsys.readouterr().err
+    assert "[no-solution]" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_in_one_dimension_is_told_that_it_has_no_edge(tmp_path):
     run = simulate(load_scene("fig3", ["output.stages=[]"]), tmp_path / "run")
-    with pytest.raises(ValueError, match="in one dimension"):
+    with pytest.raises(DoesNotApply, match=r"--estimate\b.*\bfig3\b.*'radial'"):
         estimate_error(run)
 
 
@@ -197,7 +199,7 @@ def test_a_forecast_counts_the_twin_beside_the_run(capsys):
 def test_a_body_of_few_cells_has_no_coarser_one():
     few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
     assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 1.5)     # six cells, four
-    with pytest.raises(ValueError, match="no coarser one"):
+    with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
         coarser(few(20))                                                # four, and no body has fewer
 
 

@@ -7,6 +7,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis.gyrification.scaling import shape_terms, shape_terms_of
+from morphofold.errors import OutOfRange
 
 
 def test_a_family_that_obeys_the_law_has_one_k():
@@ -53,7 +54,10 @@ def test_measures_give_their_terms_or_none():
     assert shape_terms_of(m) is None
 
 
-@pytest.mark.parametrize("numbers", [(0, 1, 1), (1, -1, 1), (1, 1, math.nan)])
-def test_what_is_no_area_or_thickness_is_refused(numbers):
-    with pytest.raises(ValueError, match="must be a positive number"):
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [((0, 1, 1), "^total .* 0"), ((1, -1, 1), "^exposed .* -1"), ((1, 1, math.nan), "^thickness .* nan")],
+)
+def test_what_is_no_area_or_thickness_is_refused(numbers, said):
+    with pytest.raises(OutOfRange, match=said):
         shape_terms(*numbers)

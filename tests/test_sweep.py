@@ -3,6 +3,7 @@
 import csv
 import json
 import multiprocessing
+import re
 import threading
 import time
 from contextlib import contextmanager, nullcontext
@@ -20,6 +21,7 @@ from morphofold.cohort.grid import MOST_RUNS, make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Theory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import Place, read_record, write_record
+from morphofold.errors import NamedTwice, NotReadable, UnknownName
 from morphofold.io import read_surface
 from morphofold.io.locks import alone
 from morphofold.report import analysis_report
@@ -95,58 +97,58 @@ def test_a_scene_without_imperfection_has_no_seed():
 
 
 @pytest.mark.parametrize(
-    ("vary", "words"),
+    ("vary", "kind", "said"),
     [
-        ("mu_ratio", "must read KEY=VALUE,VALUE"),
-        ("=1", "must read KEY=VALUE,VALUE"),
-        ("cortex_thicknes=1", "no such key. Did you mean cortex_thickness?"),
-        ("material.mu=1", "Did you mean material.mu_ratio?"),
-        ("final=1.5,2", "is a key of growth and of effects.core_growth. Say which, as growth.final=1.5,2"),
-        ("mu_ratio=1,2,1.0", "names 1.0 twice"),
-        ("mu_ratio=1,,2", "'' is no value"),
-        ("mu_ratio=[1,2", "'[1' is no value"),
-        ("mu_ratio=1]\nx=[2", "is no value"),
-        ("size=[1,2]", "no such key"),
+        ("mu_ratio", NotReadable, "'mu_ratio'"),
+        ("=1", NotReadable, "'=1'"),
+        ("cortex_thicknes=1", UnknownName, " cortex_thickness?"),
+        ("material.mu=1", UnknownName, " material.mu_ratio?"),
+        ("final=1.5,2", UnknownName, " growth.final=1.5,2."),
+        ("mu_ratio=1,2,1.0", NamedTwice, "mu_ratio: names 1.0 "),
+        ("mu_ratio=1,,2", NotReadable, "mu_ratio: ''"),
+        ("mu_ratio=[1,2", NotReadable, "mu_ratio: '[1'"),
+        ("mu_ratio=1]\nx=[2", NotReadable, "mu_ratio: "),
+        ("size=[1,2]", UnknownName, "size: "),
     ],
 )
-def test_what_cannot_be_varied_is_refused(vary, words):
-    with pytest.raises(ValueError, match="--vary") as told:
+def test_what_cannot_be_varied_is_refused(vary, kind, said):
+    with pytest.raises(kind, match="--vary") as told:
         make_grid("demo", [vary])
-    assert words in str(told.value)
+    assert said in str(told.value)
     assert len(str(told.value).splitlines()) == 1 or "\n" in vary
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "nothing is varied"),
-        (["--vary", "mu_ratio=1,2", "--vary", "material.mu_ratio=3"], "is varied twice"),
-        (["--seeds", "0"], "must be 1 or more"),
-        (["--seeds", "2", "--vary", "seed=1,2"], "Leave one of them out"),
-        (["--seeds", str(MOST_RUNS + 1)], "10,001 runs are more than 10,000"),
-        (["--seeds", "9" * 30], "runs are more than 10,000"),
-        (["--vary", "mu_ratio=1,nan"], "mu_ratio-nan: setting material.mu_ratio=nan"),
-        (["--vary", "mu_ratio=-inf,1e400"], "mu_ratio--inf: setting material.mu_ratio=-inf"),
-        (["--vary", f"mu_ratio={'9' * 400},1"], "material.mu_ratio"),
-        (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], "is no length"),
+        ([], ["[nothing-to-do]"]),
+        (["--vary", "mu_ratio=1,2", "--vary", "material.mu_ratio=3"], ["--vary material.mu_ratio: ", "[named-twice]"]),
+        (["--seeds", "0"], ["--seeds 0: ", "[out-of-range]"]),
+        (["--seeds", "2", "--vary", "seed=1,2"], ["--seeds 2: ", "--vary", "[options-clash]"]),
+        (["--seeds", str(MOST_RUNS + 1)], ["10,001 ", " 10,000.", "[too-large]"]),
+        (["--seeds", "9" * 30], [" 10,000.", "[too-large]"]),
+        (["--vary", "mu_ratio=1,nan"], ["mu_ratio-nan: ", "material.mu_ratio=nan"]),
+        (["--vary", "mu_ratio=-inf,1e400"], ["mu_ratio--inf: ", "material.mu_ratio=-inf"]),
+        (["--vary", f"mu_ratio={'9' * 400},1"], ["material.mu_ratio"]),
+        (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], ["--curvature-scale -1: "]),
     ],
 )
 def test_a_sweep_that_makes_no_sense_is_refused(here, capsys, arguments, words):
-    refused(capsys, ["sweep", "demo", *arguments, "-o", "x"], words)
+    refused(capsys, ["sweep", "demo", *arguments, "-o", "x"], *words)
     assert not (here / "x").exists()
 
 
 def test_seeds_of_a_scene_without_imperfection_are_refused(here, capsys):
-    words = "mu_ratio-1, mu_ratio-2: has no [effects.perturbation]"
-    refused(capsys, ["sweep", "radial", "--vary", "mu_ratio=1,2", "--seeds", "3"], words)
+    words = ["mu_ratio-1, mu_ratio-2: ", "[effects.perturbation]"]
+    refused(capsys, ["sweep", "radial", "--vary", "mu_ratio=1,2", "--seeds", "3"], *words)
 
 
 def test_all_impossible_scenes_are_named_before_anything_runs(here, capsys):
     assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
     (told,) = capsys.readouterr().err.splitlines()
     assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in told
-    assert told.count("cortex_thickness 60 leaves no core") == 1
-    assert told.count("less than or equal to 10000") == 1
+    assert told.count("cortex_thickness 60 ") == 1
+    assert len(re.findall(r"(?<!-)\b10000\b", told)) == 1
     assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in told
     assert not (here / "x").exists()
 
@@ -585,9 +587,9 @@ def test_theory_of_a_scene_is_that_of_its_sphere():
 @pytest.mark.parametrize(
     ("scene", "settings", "words"),
     [
-        ("patch", [], "theory is of spheres, this is of shape patch"),
-        ("core", [], "theory knows no core_growth"),
-        ("skull", [], "theory knows no enclosure"),
+        ("patch", [], "shape patch"),
+        ("core", [], "core_growth"),
+        ("skull", [], "enclosure"),
         ("demo", ["geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"], "of one thickness"),
     ],
 )

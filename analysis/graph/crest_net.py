@@ -18,6 +18,7 @@ from morphofold.analysis.graph.net import Net, borders, smoothed
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.analysis.mesh_quality import checks
+from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 EQUAL = 1e-6            # relative: distances that are the same but for rounding
@@ -94,7 +95,7 @@ class Ground:
     def scales(self, width: float | None, scales: GyralScales | None) -> GyralScales | None:
         """The lengths that are asked for, or those that the measured width gives; None if there are no gyri."""
         if width is not None and scales is not None:
-            raise ValueError("pass width or scales, not both: scales.width is the width.")
+            raise OptionsClash("pass width or scales, not both: scales.width is the width.")
         if scales is None:
             width = self.meter.gyral_width(self.inside) if width is None else float(width)
             if math.isnan(width):
@@ -102,10 +103,10 @@ class Ground:
             scales = GyralScales.of_width(width)
         for name, value in asdict(scales).items():
             if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive length in mm, got {value!r}.")
+                raise OutOfRange(f"{name} must be a positive length in mm, got {value!r}.")
         least, most = 0.1 * self.meter.edge, 10 * self.meter.area**0.5
         if not least <= scales.width <= most:
-            raise ValueError(
+            raise OutOfRange(
                 f"{self.sheet.name}: gyri {scales.width:.4g} wide do not fit a surface with edges of "
                 f"{self.meter.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
             )

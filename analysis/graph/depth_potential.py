@@ -13,6 +13,7 @@ from scipy import sparse
 from morphofold import geometry
 from morphofold.analysis.conjugate_gradients import solve
 from morphofold.analysis.graph.watershed import Watershed
+from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENTS = (-5.0, 20.0)   # needle triangles have any
@@ -169,7 +170,7 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     """
     check_mesh(verts, faces)
     if width is not None and not (np.isfinite(width) and width > 0):
-        raise ValueError(f"width must be a positive length in mm, got {width!r}.")
+        raise OutOfRange(f"width must be a positive length in mm, got {width!r}.")
     meter = Altimeter(verts, faces)
     width = meter.gyral_width() if width is None else width
     if np.isnan(width):

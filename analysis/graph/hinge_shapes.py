@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.arrays import Array, Ints
+from morphofold.errors import MissingPart, NoSolution, NotFinite, OutOfRange, UnknownName, WrongShape
 from morphofold.shapes.ridges import irregular_net
 from morphofold.surface import check_kind
 
@@ -82,7 +83,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
 
     Raises
     ------
-    ValueError
+    MissingPart
         If the table of arms does not say which crests they are, as those of older analyses.
     """
     from morphofold.analysis.measures import Measures
@@ -92,7 +93,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     if not width or area is None:
         return None
     if any("crest" not in row for row in measures.arms):
-        raise ValueError(f"{measures.cortex.name}: its arms do not say which crests they are. Analyze it anew.")
+        raise MissingPart(f"{measures.cortex.name}: its arms do not say which crests they are. Analyze it anew.")
     bent = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
     arms: dict[int, list[list[float]]] = {}
     for row in measures.arms:
@@ -146,10 +147,10 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
         If ``of`` names no feature or an unknown one, or a chosen feature is not finite (a net alone has no curvature).
     """
     if not of or not set(of) <= set(FEATURES):
-        raise ValueError(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
+        raise UnknownName(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
     chosen = [FEATURES.index(name) for name in of]
     if not (np.isfinite(a[:, :, chosen]).all() and np.isfinite(b[:, :, chosen]).all()):
-        raise ValueError(f"{', '.join(of)} must be finite numbers for every arm; compare by {', '.join(OF_A_NET)}.")
+        raise NotFinite(f"{', '.join(of)} must be finite numbers for every arm; compare by {', '.join(OF_A_NET)}.")
     least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
     for k, (arms, angles) in enumerate(zip(ARMS, ANGLES)):
         laid = b[:, arms].copy()
@@ -205,9 +206,11 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     """
     size = len(distance)
     if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
-        raise ValueError(f"distance must be finite and symmetric, got an array {distance.shape} that is not.")
+        raise (WrongShape if np.isfinite(distance).all() else NotFinite)(
+            f"distance must be finite and symmetric, got an array {distance.shape} that is not."
+        )
     if not 0 < n < size:
-        raise ValueError(f"two samples are needed, got {n} of {size}.")
+        raise OutOfRange(f"two samples are needed, got {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
     energy = _energy(distance, first[None])[0]
     drawn = np.array([rng.permutation(first) for _ in range(permutations)])
@@ -251,7 +254,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     are NaN: compare by :data:`OF_A_NET`.
     """
     if not (hinges > 0 and shortest >= 0 and 0 < per_area < np.inf):
-        raise ValueError(f"a net needs positive numbers, got {hinges} hinges, {shortest} and {per_area} per area.")
+        raise OutOfRange(f"a net needs positive numbers, got {hinges} hinges, {shortest} and {per_area} per area.")
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
     width = _width(net.lengths, len(net.nodes), shortest, per_area)
     at = net.nodes
@@ -280,4 +283,4 @@ def _width(lengths: Array, nodes: int, shortest: float, per_area: float) -> floa
         if now <= nodes // 4:
             break
         left = now
-    raise ValueError(f"{per_area:g} hinges per square of the width leave no room for arms of {shortest:g} widths.")
+    raise NoSolution(f"{per_area:g} hinges per square of the width leave no room for arms of {shortest:g} widths.")

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.errors import NotFinite, OutOfRange, WrongShape
 from morphofold.surface import Faces, PerVertex
 
 
@@ -46,13 +47,13 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
     """
     values = np.asarray(values, dtype=np.float64)
     if not least >= 0:
-        raise ValueError(f"least must be a prominence of 0 or more, got {least}.")
+        raise OutOfRange(f"least must be a prominence of 0 or more, got {least}.")
     if len(values) <= faces.max():
-        raise ValueError(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
+        raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
     used = np.unique(faces)
     if not np.isfinite(values[used]).all():
         missing = np.count_nonzero(~np.isfinite(values[used]))
-        raise ValueError(f"{missing} of {len(used)} vertices have no finite height; cut them out of the faces.")
+        raise NotFinite(f"{missing} of {len(used)} vertices have no finite height; cut them out of the faces.")
     graph = geometry.adjacency(len(values), faces)
     order = used[np.argsort(-values[used], kind="stable")]
     prominence = _prominence(graph.indptr, graph.indices, values, order)

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.graph.crest_net import Ground, GyralScales
 from morphofold.analysis.graph.net import Net
+from morphofold.errors import OutOfRange, UnknownName
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, Surface
 
@@ -57,9 +58,9 @@ def hinge_sensitivity(
     """
     for name in lengths:
         if name not in OF_THE_NET + OF_THE_ALTITUDE:
-            raise ValueError(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_ALTITUDE)}.")
+            raise UnknownName(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_ALTITUDE)}.")
     if not all(0 < factor < np.inf for factor in factors):
-        raise ValueError(f"factors must be positive, got {list(factors)}.")
+        raise OutOfRange(f"factors must be positive, got {list(factors)}.")
     ground = Ground(surface)
     scales = ground.scales(width, None)
     if scales is None:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.geodesics import shorten, way_graph
 from morphofold.analysis.gyrification.hull import hull
+from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
@@ -54,9 +55,11 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     """
     check_mesh(verts, faces)
     if mode not in ("hull", "geodesic"):
-        raise ValueError(f"mode must be 'hull' or 'geodesic', got {mode!r}.")
+        raise UnknownName(f"mode must be 'hull' or 'geodesic', got {mode!r}.")
     if touching is not None and not (mode == "geodesic" and touching >= 0):
-        raise ValueError(f"touching is a distance in mm for mode 'geodesic', got {touching!r} for mode {mode!r}.")
+        raise (OutOfRange if mode == "geodesic" else OptionsClash)(
+            f"touching is a distance in mm for mode 'geodesic', got {touching!r} for mode {mode!r}."
+        )
     planes = hull(verts, faces).equations            # n . x + d <= 0 inside; coplanar triangles repeat theirs
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)

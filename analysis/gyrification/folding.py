@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 NEAR = 0.02             # mean edges: vertices joined by an edge so short are at one place, and share their measures
@@ -67,7 +68,7 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     """
     check_mesh(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
-        raise ValueError(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+        raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
     meter, none = Altimeter(verts, faces), np.zeros(len(verts))
     place = _places(meter)
     normals = geometry.unit(_sums(meter.normals, place)[place])

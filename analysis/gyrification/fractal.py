@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
 from morphofold.surface import Faces, Verts, check_mesh
 
@@ -60,7 +61,7 @@ def box_counts(
     fine = FINEST * edge if finest is None else float(finest)
     coarse = COARSEST * size if coarsest is None else float(coarsest)
     if not (math.isfinite(coarse) and FINEST * edge * (1 - 1e-9) <= fine <= coarse / 2):
-        raise ValueError(
+        raise OutOfRange(
             f"boxes must be from {FINEST * edge:.3g} (two mean edges) to something at least twice as large, got "
             f"{fine:.3g} to {coarse:.3g}."
         )

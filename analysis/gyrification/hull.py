@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from morphofold.errors import BadMesh
 from morphofold.geometry import face_areas
 from morphofold.surface import Faces, Verts, check_mesh
 
@@ -46,7 +47,7 @@ def hull(verts: Verts, faces: Faces) -> ConvexHull:
     try:
         return ConvexHull(verts[np.unique(faces)])
     except QhullError as error:
-        raise ValueError(
+        raise BadMesh(
             f"the {len(np.unique(faces))} vertices in use span no volume (they lie in one plane, or nearly), so they "
             "have no convex hull. Is this a flat patch?"
         ) from error

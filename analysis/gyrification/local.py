@@ -10,6 +10,7 @@ from scipy import ndimage, signal
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array
+from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
@@ -56,16 +57,16 @@ def local_gyrification_index(
     """
     check_mesh(verts, faces)
     if not is_closed(faces):
-        raise ValueError("the surface has a border, so that nothing is inside it. Close its holes.")
+        raise OpenSurface("the surface has a border, so that nothing is inside it. Close its holes.")
     voxel = closing / VOXELS if voxel is None else float(voxel)
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         if not (math.isfinite(length) and length > 0):
-            raise ValueError(f"{name} must be a positive length in mm, got {length!r}.")
+            raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST:
-        raise ValueError(
+        raise TooLarge(
             f"voxels of {voxel:g} mm would be {np.prod(size / voxel):.1e} for a body of {size.max():.0f} mm; "
             f"take voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from morphofold.errors import OutOfRange
+
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
 
@@ -42,7 +44,7 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
 
     Raises
     ------
-    ValueError
+    OutOfRange
         If one is not a positive number.
 
     Notes
@@ -54,7 +56,7 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
     """
     for name, value in (("total", total), ("exposed", exposed), ("thickness", thickness)):
         if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be a positive number, got {value!r}.")
+            raise OutOfRange(f"{name} must be a positive number, got {value!r}.")
     a, e, t = math.log10(total), math.log10(exposed), 2 * math.log10(thickness)
     log_k = a - 5 / 4 * e + t / 4
     return ShapeTerms(total, exposed, thickness, 10**log_k, log_k, a + e + t, 3 / 2 * a + 3 / 4 * e - 9 / 4 * t)

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 EDGES = 4           # mesh edges that the shortest wave has at least
@@ -95,14 +96,16 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     check_mesh(sphere, faces)
     values = np.asarray(values, dtype=np.float64)
     if values.shape != (len(sphere),) or not np.isfinite(values).all():
-        raise ValueError(f"values must be {len(sphere)} finite numbers, one per vertex; got shape {values.shape}.")
+        raise (NotFinite if values.shape == (len(sphere),) else WrongShape)(
+            f"values must be {len(sphere)} finite numbers, one per vertex; got shape {values.shape}."
+        )
     direction = geometry.unit(sphere)
     weight = _vertex_angles(direction, faces)
     radius = float(weight @ np.linalg.norm(sphere, axis=1)) / (4 * math.pi)
     if last is None:
         last = int(min(max(2 * math.pi / (EDGES * geometry.mean_edge_length(direction, faces)), 1), MOST))
     if not 1 <= last <= MOST:
-        raise ValueError(f"last must be a degree from 1 to {MOST}, got {last}.")
+        raise OutOfRange(f"last must be a degree from 1 to {MOST}, got {last}.")
     height = values - weight @ values / (4 * math.pi)
     if np.abs(height).max() <= 1e-13 * np.abs(values).max():            # rounding, of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
@@ -120,7 +123,7 @@ def _vertex_angles(direction: Verts, faces: Faces) -> PerVertex:
     cosines = 1 + np.sum(a * b, axis=1) + np.sum(b * c, axis=1) + np.sum(c * a, axis=1)
     angle = 2 * np.arctan2(volume, cosines)
     if not (angle > 0).all() or not math.isclose(angle.sum(), 4 * math.pi, rel_tol=1e-6):
-        raise ValueError(
+        raise DoesNotApply(
             f"not a sphere around the origin: {np.count_nonzero(angle <= 0)} of {len(faces)} faces turn their back to "
             f"it, and all together cover {angle.sum() / (4 * math.pi):.3g} of the directions. Pass the surface before "
             "it folded, centred, or one inflated to a sphere."

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from morphofold import geometry
 from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
 from morphofold.arrays import Ints
+from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
@@ -62,7 +63,7 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     """
     off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
     if not off.any():
-        raise ValueError(
+        raise UnlikeSurfaces(
             f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
@@ -70,13 +71,13 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     if word == "label" and label.mean() < LABELLED:
         said = f"{cortex.name}: the cortex label"
         file = next((file for file in cortex.files if file.endswith("cortex.label")), said)
-        raise ValueError(
+        raise NoCortex(
             f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's hold "
             "about 90 %. Name the right label, or leave it out."
         )
     mask = off & label
     if not mask.any():
-        raise ValueError(
+        raise NoCortex(
             f"{cortex.called}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
             f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
             "Check the label, or leave it out."
@@ -100,12 +101,12 @@ def check_sides(cortex: Cortex) -> None:
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
         for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
             where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
-            raise ValueError(
+            raise InsideOut(
                 f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
                 "its faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
             )
     if inner.sum() > outer.sum():
-        raise ValueError(
+        raise UnlikeSurfaces(
             f"{cortex.called}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
             f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
         )
@@ -160,14 +161,14 @@ def check_pair(cortex: Cortex) -> None:
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
     along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if apart < SAME * radius:
-        raise ValueError(
+        raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface but for rounding: half "
             f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
     if apart > APART * radius and abs(along.mean()) < ALONG:
         files = cortex.files[:2] or (white.name, pial.name)
-        raise ValueError(
+        raise UnlikeSurfaces(
             f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
             f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
             "hemisphere of one person."
@@ -181,7 +182,7 @@ def check_open_pieces(cortex: Cortex) -> None:
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1        # 0: vertices that no triangle has
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
     for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
-        raise ValueError(
+        raise InsideOut(
             f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
             f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces run clockwise seen "
             "from outside, or white and pial were swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.mesh_quality import checks
+from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex, check_mesh
 
@@ -58,7 +59,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     tried = f" Repair leaves it so: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
-        raise ValueError(
+        raise BadMesh(
             f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles run one way round on white and the other "
             f"on pial; the first is triangle {unlike[0]}, at {_place(cortex, int(cortex.faces[unlike[0], 0]))}. Turn "
             f"those of one surface.{tried}"
@@ -66,7 +67,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     pair, count = geometry.edges_and_counts(cortex.faces)
     if len(crowded := pair[count > 2]):
         i, j = crowded[0].tolist()
-        raise ValueError(
+        raise BadMesh(
             f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} "
             f"and {j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds "
             f"triangles twice: remove those that do not belong to it.{tried}"
@@ -76,7 +77,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     if len(same := ways[1:][ways[1:] == ways[:-1]]):
         i, j = divmod(int(same[0]), n)
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
-        raise ValueError(
+        raise BadMesh(
             f"{cortex.called}: {len(same)} edges are run the same way by both of their triangles; the first is that "
             f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
             f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
@@ -84,7 +85,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     border, twin = checks.border_twins(cortex, cortex.faces)
     if len(torn := np.flatnonzero(twin != border)):
         i, j = twin[torn[0]], border[torn[0]]
-        raise ValueError(
+        raise BadMesh(
             f"{cortex.called}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
             f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
             f"one vertex of those at the same place.{tried}"

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold import geometry
+from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
 from morphofold.geometry.kernels import closest_in_triangle
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
 from morphofold.threads import BLOCKS
@@ -69,13 +70,13 @@ def cortical_thickness(
     for what, surface in (("white", white), ("pial", pial)):
         check_kind(surface, Surface, f"cortical_thickness: {what}")
     if mode not in ("surface", "freesurfer"):
-        raise ValueError(f"mode must be 'surface' or 'freesurfer', got {mode!r}.")
+        raise UnknownName(f"mode must be 'surface' or 'freesurfer', got {mode!r}.")
     if cap is not None and not cap > 0:
-        raise ValueError(f"cap must be a positive length or None, got {cap!r}.")
+        raise OutOfRange(f"cap must be a positive length or None, got {cap!r}.")
     if rings < 1:
-        raise ValueError(f"rings must be at least 1, got {rings}.")
+        raise OutOfRange(f"rings must be at least 1, got {rings}.")
     if white.verts.shape != pial.verts.shape or not np.array_equal(white.faces, pial.faces):
-        raise ValueError(
+        raise UnlikeSurfaces(
             f"{white.name} ({len(white.verts)} vertices, {len(white.faces)} faces) and {pial.name} ({len(pial.verts)}, "
             f"{len(pial.faces)}) do not correspond: thickness needs the same faces in both. Take both from one "
             "reconstruction."

@@ -16,6 +16,7 @@ from morphofold.analysis.relief import Relief
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
 from morphofold.analysis.thickness.rays import Scanner
+from morphofold.errors import NoCortex, WrongShape
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 LEAST_COVERAGE = 0.2    # of the mid-height contour, below which no median is stated
@@ -191,10 +192,10 @@ def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray
         inside &= cortex_mask(cortex)
     if mask is not None:
         if np.shape(mask) != (n,):
-            raise ValueError(f"{surface.name}: mask has shape {np.shape(mask)}, the surface has {n} vertices.")
+            raise WrongShape(f"{surface.name}: mask has shape {np.shape(mask)}, the surface has {n} vertices.")
         inside &= np.asarray(mask, dtype=bool)
     if not inside.any():
-        raise ValueError(f"{surface.name}: no vertex is left to measure; check the mask and the cortex label.")
+        raise NoCortex(f"{surface.name}: no vertex is left to measure; check the mask and the cortex label.")
     return inside
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.arrays import Array, Ints
+from morphofold.errors import NoSolution
 
 DRAWS = 2000
 CONFIDENCE = 0.95
@@ -42,11 +43,11 @@ def line(x: Array, y: Array, seed: int = 0) -> Line:
 
     Raises
     ------
-    ValueError
+    NoSolution
         If there are fewer points, or x or y are all alike.
     """
     if len(x) < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
-        raise ValueError(f"a line needs {FEWEST} points that differ in x and in y; there are {len(x)}.")
+        raise NoSolution(f"a line needs {FEWEST} points that differ in x and in y; there are {len(x)}.")
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
     slopes, i, j = _pairs(x, y)

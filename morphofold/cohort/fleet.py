@@ -16,6 +16,7 @@ from itertools import islice
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from morphofold.errors import Mismatch, MissingPart, OptionsClash, OutOfRange, TooLarge
 from morphofold.words import in_one_line
 
 GiB = 2**30
@@ -244,10 +245,10 @@ def _refuse_other_versions(client: Any) -> None:
     try:
         found = client.run(version_here)
     except ImportError as error:
-        raise ValueError(f"its workers can't import morphofold ({error}). Install it where they run.") from error
+        raise MissingPart(f"its workers can't import morphofold ({error}). Install it where they run.") from error
     other = {worker: version for worker, version in sorted(found.items()) if version != version_here()}
     for worker, version in other.items():
-        raise ValueError(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
+        raise Mismatch(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
 
 
 def _check(
@@ -255,13 +256,13 @@ def _check(
 ) -> None:
     for name, value in (("workers", workers), ("threads", threads), ("slurm", slurm)):
         if value is not None and value < 1:
-            raise ValueError(f"{name} must be 1 or more, got {value}.")
+            raise OutOfRange(f"{name} must be 1 or more, got {value}.")
     if memory is not None and not 0 < memory < float("inf"):
-        raise ValueError(f"memory must be a positive number of GiB, got {memory:g}.")
+        raise OutOfRange(f"memory must be a positive number of GiB, got {memory:g}.")
     if scheduler is not None and (slurm is not None or workers is not None or memory is not None):
-        raise ValueError("a scheduler that runs already has its own workers. Leave out workers, memory and slurm.")
+        raise OptionsClash("a scheduler that runs already has its own workers. Leave out workers, memory and slurm.")
     if slurm is not None and workers is not None:
-        raise ValueError("workers are of this machine, slurm is a number of SLURM jobs. Name one of them.")
+        raise OptionsClash("workers are of this machine, slurm is a number of SLURM jobs. Name one of them.")
 
 
 def _shares(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
@@ -277,7 +278,7 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
             workers = max(1, min(workers, int(there / each)))
     each = memory if memory is not None else there / workers
     if need > each:
-        raise ValueError(
+        raise TooLarge(
             f"one of these takes about {need:.1f} GiB, and each of {workers} workers may take {each:.1f} GiB. "
             "Ask for fewer workers, or more memory for each."
         )
@@ -311,7 +312,7 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
             scheduler_options={**said, "dashboard": False, "dashboard_address": UNSEEN}, **given,
         )  # fmt: skip
     except ValueError as error:
-        raise ValueError(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
+        raise OptionsClash(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
 
 
 @contextmanager

@@ -15,6 +15,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from morphofold.errors import (
+    DoesNotApply,
+    NamedTwice,
+    NothingToDo,
+    NotReadable,
+    OptionsClash,
+    OutOfRange,
+    TooLarge,
+    UnknownName,
+)
 from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effects import effects_of
@@ -108,13 +118,13 @@ def make_grid(
     said = [_axis(text, keys) for text in vary]
     twice = [key for key, count in Counter(key for key, _ in said).items() if count > 1]
     if twice:
-        raise ValueError(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
+        raise NamedTwice(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
-        raise ValueError(f"--seeds {seeds}: must be 1 or more.")
+        raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
     if seeds is not None and seeds > MOST_RUNS:                         # before they are listed
         raise _too_many(seeds)
     if seeds is not None and SEED in dict(said):
-        raise ValueError(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
+        raise OptionsClash(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
     own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
     short = {key: key.rpartition(".")[2] for key in keys}
     alike = Counter(short.values())
@@ -122,15 +132,15 @@ def make_grid(
         Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in said if key != SEED
     )
     if not axes and own is None:
-        raise ValueError("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
+        raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
     count = math.prod(len(axis.values) for axis in axes) * len(own or (0,))
     if count > MOST_RUNS:
         raise _too_many(count)
     return Grid(base.name, axes, *_points(source, settings, axes, own))
 
 
-def _too_many(count: int) -> ValueError:
-    return ValueError(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+def _too_many(count: int) -> TooLarge:
+    return TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
 
 
 # keys and values ---------------------------------------------------------------------------------------------
@@ -150,21 +160,21 @@ def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
     asked, equals, rest = (part.strip() for part in text.partition("="))
     if not asked or not equals or not rest:
-        raise ValueError(f"--vary {text!r}: must read KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
+        raise NotReadable(f"--vary {text!r}: must read KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
     found = [key for key in keys if key == asked or key.endswith(f".{asked}")]
     if not found:
         names = {name: key for key in keys for name in (key, key.rpartition(".")[2])}
         near = [name for name in names if name.startswith(asked)] or difflib.get_close_matches(asked, names, n=1)
         hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
-        raise ValueError(f"--vary {asked}: this scene has no such key. {hint}")
+        raise UnknownName(f"--vary {asked}: this scene has no such key. {hint}")
     if len(found) > 1 and asked not in found:
         tables = [key.rpartition(".")[0] for key in found]
-        raise ValueError(f"--vary {asked}: is a key of {' and of '.join(tables)}. Say which, as {found[0]}={rest}.")
+        raise UnknownName(f"--vary {asked}: is a key of {' and of '.join(tables)}. Say which, as {found[0]}={rest}.")
     key = asked if asked in found else found[0]
     values = tuple(_plain(value) for value in _values(rest, key))
     twice = [value for i, value in enumerate(values) if value in values[:i]]
     if twice:
-        raise ValueError(f"--vary {key}: names {toml_value(twice[0])} twice. Name each value once.")
+        raise NamedTwice(f"--vary {key}: names {toml_value(twice[0])} twice. Name each value once.")
     return key, values
 
 
@@ -177,7 +187,7 @@ def _values(text: str, key: str) -> list[Any]:
     parts = [part.strip() for part in text.split(",")]
     wrong = [part for part in parts if not re.fullmatch(r"[\w.+-]+", part)]
     if wrong:
-        raise ValueError(f"--vary {key}: {wrong[0]!r} is no value. Separate values of TOML by commas, as {key}=1,2.")
+        raise NotReadable(f"--vary {key}: {wrong[0]!r} is no value. Separate values of TOML by commas, as {key}=1,2.")
     values = []
     for part in parts:
         try:
@@ -191,9 +201,9 @@ def _toml(text: str) -> Any:
     try:
         found = tomllib.loads(f"v = {text}")
     except RecursionError:
-        raise ValueError("nested too deeply") from None
+        raise NotReadable("nested too deeply") from None
     if list(found) != ["v"]:
-        raise ValueError("more than a value")
+        raise NotReadable("more than a value")
     return found["v"]
 
 
@@ -244,7 +254,7 @@ def _seeded(
         yield None if imperfect is None else imperfect.seed, scene
         return
     if imperfect is None:
-        raise ValueError(
+        raise DoesNotApply(
             "has no [effects.perturbation], so all seeds would be the same. Leave the seeds out, or name an "
             "imperfection with --set effects.perturbation.amplitude=0.02."
         )

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+
 PARTS = ("surf", "mri", "scripts", "stats", "label")    # folders of which a FreeSurfer subject has at least one
 TEMPLATES = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")   # that FreeSurfer puts beside subjects
 
@@ -20,7 +22,7 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
     ------
     FileNotFoundError, NotADirectoryError
         If there is no such folder.
-    ValueError
+    NothingToDo
         If it has no subject.
     """
     if not folder.exists():
@@ -32,7 +34,7 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
     found = [name for name in there if name not in templates]
     if not found:
         more = f" but the templates {', '.join(templates)}, which --subjects can name" if templates else ""
-        raise ValueError(f"{folder}: holds no subject{more}. A subject has surf/lh.white and surf/lh.pial.")
+        raise NothingToDo(f"{folder}: holds no subject{more}. A subject has surf/lh.white and surf/lh.pial.")
     return found, templates
 
 
@@ -60,19 +62,19 @@ def named_subjects(file: Path) -> list[str]:
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
-        raise ValueError(f"{file}: is no text in UTF-8. Name a text file with one subject in a line.") from None
+        raise WrongFile(f"{file}: is no text in UTF-8. Name a text file with one subject in a line.") from None
     names = [name for line in lines if (name := line.partition("#")[0].strip().rstrip("/"))]
     if not names:
-        raise ValueError(f"{file}: names no subject. Write one name in a line.")
+        raise NothingToDo(f"{file}: names no subject. Write one name in a line.")
     refuse_paths(names, str(file))
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise ValueError(f"{file}: names {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. Name each once.")
+        raise NamedTwice(f"{file}: names {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. Name each once.")
     return names
 
 
 def refuse_paths(names: Sequence[str], where: str) -> None:
-    """Raise ``ValueError`` if a name is none of a folder."""
+    """Raise ``NotReadable`` if a name is none of a folder."""
     for name in names:
         if name in (".", "..") or Path(name).name != name:
-            raise ValueError(f"{where}: {name!r} is no name of a folder. Name subjects, not paths.")
+            raise NotReadable(f"{where}: {name!r} is no name of a folder. Name subjects, not paths.")

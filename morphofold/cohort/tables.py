@@ -16,6 +16,7 @@ from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
 from morphofold.cohort.tasks import Outcome, read_record
+from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import files_of
 from morphofold.io.json_files import read_json
 from morphofold.provenance import changed_since
@@ -117,7 +118,7 @@ def read_results(folder: Path) -> Found:
     for number, row in enumerate(regions, start=2):
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
         if not (named and row.keys() >= {*REGION_MEASURES}):
-            raise ValueError(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
+            raise DamagedFile(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
     return Found(entries, hows, regions, " ".join(wanted), (path, table))
 
 
@@ -128,10 +129,10 @@ def _how(version: str, entry: Mapping[str, Any]) -> How:
 
 
 def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None:
-    """Raise ``ValueError`` if files are not those that the record of a task speaks of."""
+    """Raise ``Mismatch`` if files are not those that the record of a task speaks of."""
     known = {name: digest for name, digest in record.get("files", {}).items() if name in files}
     if changed := changed_since(known, files):
-        raise ValueError(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
+        raise Mismatch(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
 
 
 def tidy_rows(subject: str, found: Found) -> Iterator[Row]:

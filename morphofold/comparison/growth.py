@@ -12,6 +12,7 @@ from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
 from morphofold.comparison.thickness import thickness_ratios
+from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 
 
 def _k(m: Measures) -> float | None:
@@ -69,13 +70,13 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
         If a stage says no growth, two say the same, or there are fewer than two.
     """
     if len(stages) < 2:
-        raise ValueError(f"{name}: growth needs two stages at least, got {len(stages)}.")
+        raise MissingPart(f"{name}: growth needs two stages at least, got {len(stages)}.")
     if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
-        raise ValueError(f"{name}: {missing[0]} does not say its growth; only stages of a simulation do.")
+        raise DoesNotApply(f"{name}: {missing[0]} does not say its growth; only stages of a simulation do.")
     stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
     if (np.diff(growth) == 0).any():
-        raise ValueError(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
+        raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
     numbers = {
         key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
         for key, of in NUMBERS.items()

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from morphofold.analysis.measures import Measures
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, UnknownName
 from morphofold.quantities import CATEGORICAL
 from morphofold.surface import check_kind
 
@@ -30,13 +31,13 @@ def named_surfaces(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> tup
         full[name] = tuple(name if len(several) == 1 else f"{name} {m.cortex.hemi}" for m in several)
         for own, m in zip(full[name], several):
             if own in named:
-                raise ValueError(
+                raise NamedTwice(
                     f"{own!r} names two surfaces ({named[own].cortex.name} and {m.cortex.name}, both "
                     f"{m.cortex.hemi}). Give them different names."
                 )
             named[own] = m
     if not full or not all(full.values()):
-        raise ValueError('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
+        raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
     return named, full
 
 
@@ -47,9 +48,9 @@ def grouped_names(full: Names, groups: Mapping[str, Sequence[str]] | None) -> di
     asked = [name for names in groups.values() for name in names]
     for name in asked:
         if name not in full:
-            raise ValueError(f"a group names {name!r}, which is not among {', '.join(full)}.")
+            raise UnknownName(f"a group names {name!r}, which is not among {', '.join(full)}.")
         if asked.count(name) > 1:
-            raise ValueError(f"{name!r} is in two groups; hinges can't be compared with themselves.")
+            raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
 
 
@@ -67,9 +68,9 @@ def colours_of(full: Names, groups: Names, asked: Mapping[str, str]) -> dict[str
     colours = {n: CATEGORICAL[k % len(CATEGORICAL)] for k, names in enumerate(families) for n in names}
     for name, colour in asked.items():
         if name not in {*groups, *full, *each}:
-            raise ValueError(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
+            raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
-            raise ValueError(f"{colour!r} is no colour for {name}; write it as red, green and blue, such as #0072b2.")
+            raise NotReadable(f"{colour!r} is no colour for {name}; write it as red, green and blue, such as #0072b2.")
     for known in (groups, full, each):
         for name in known.keys() & asked.keys():
             colours.update(dict.fromkeys(known[name], asked[name].lower()))

@@ -21,6 +21,7 @@ from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
 from morphofold.comparison.remarks import cautions, notes, plot_notes
 from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.errors import OutOfRange
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CREST_RATIO, RATIO
 from morphofold.surface import check_kind
@@ -165,7 +166,7 @@ def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -
         ratios = sorted({float(mu) for mu in known if mu is not None})
     for mu in ratios:
         if not 0 < mu < np.inf:
-            raise ValueError(f"mu_ratio must be a positive number, got {mu}.")
+            raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
     return tuple(map(wrinkling_wavelength, ratios))
 
 

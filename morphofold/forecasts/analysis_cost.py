@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from morphofold.errors import NothingToDo
 from morphofold.forecasts.afterwards import Shares, largest, shares
 from morphofold.forecasts.table import Measured, measured_errors
 from morphofold.words import percent, span
@@ -75,7 +76,7 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
 
     Raises
     ------
-    ValueError
+    NothingToDo
         If there are no measures.
     """
     from numba import get_num_threads
@@ -83,7 +84,7 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
     from morphofold.timing import peak_memory
 
     if not measures:
-        raise ValueError("there are no measures to tell the cost of. Pass those of one hemisphere at least.")
+        raise NothingToDo("there are no measures to tell the cost of. Pass those of one hemisphere at least.")
     clock.end()
     seconds = sum(clock.seconds.values())
     accuracy = str(measures[0].parameters["accuracy"])

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from morphofold.errors import NothingToDo
 from morphofold.forecasts.analysis_cost import PAGE, READING, WRITING
 from morphofold.forecasts.calibration import UNEVEN
 from morphofold.forecasts.sizes import GiB
@@ -108,7 +109,7 @@ def forecast_analysis(
     from morphofold.analysis.resampling import accuracy_of
 
     if not cortices:
-        raise ValueError("there is no cortex to forecast the measuring of. Pass one at least.")
+        raise NothingToDo("there is no cortex to forecast the measuring of. Pass one at least.")
     chosen = accuracy_of(accuracy)
     cortices = [measurable(cortex, repair=repair).cortex for cortex in cortices]
     wider = [_wider(cortex, curvature_scale) for cortex in cortices]

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from morphofold.errors import DoesNotApply, NoSolution, NotReadable, NotStudied, OptionsClash, OutOfRange
 from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
@@ -50,7 +51,9 @@ def budget_seconds(text: str) -> float:
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?|\.\d+)\s*(s|min|h|d)\s*", text)
     seconds = float(match[1]) * UNITS[match[2]] if match else 0.0
     if not 0 < seconds < float("inf"):
-        raise ValueError(f"--budget {text}: is no time. Give a number with s, min, h or d, such as 90s, 5min or 2h.")
+        raise (OutOfRange if match else NotReadable)(
+            f"--budget {text}: is no time. Give a number with s, min, h or d, such as 90s, 5min or 2h."
+        )
     return seconds
 
 
@@ -65,7 +68,7 @@ def error_share(text: str) -> float:
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?|\.\d+)\s*(%?)\s*", text)
     share = float(match[1]) / (100 if match[2] else 1) if match else 0.0
     if not 0 < share < 1:
-        raise ValueError(
+        raise (OutOfRange if match else NotReadable)(
             f"--error {text}: is no relative error. Give a percentage such as 5%, or a fraction such as 0.05, "
             "more than 0 and less than 1."
         )
@@ -95,7 +98,7 @@ def pick(
         scene unlike those studied.
     """
     if budget is None and error is None:
-        raise ValueError("pick: neither a budget nor an error is asked for; give one of them.")
+        raise OptionsClash("pick: neither a budget nor an error is asked for; give one of them.")
     asked = "--budget" if error is None else "--error"
     edges = _edges(scene, asked)
     if error is not None:
@@ -113,9 +116,11 @@ def _edges(scene: Scene, asked: str) -> list[float]:
     shape = scene.geometry.shape
     if shape in ("mesh", "radial"):
         why = "its mesh is the file's" if shape == "mesh" else "it is solved in one dimension, in milliseconds"
-        raise ValueError(f"{asked} chooses accuracy.edge, and {scene.name} (shape {shape!r}) has none: {why}. Drop it.")
+        raise DoesNotApply(
+            f"{asked} chooses accuracy.edge, and {scene.name} (shape {shape!r}) has none: {why}. Drop it."
+        )
     if scene.accuracy.edge is not None:
-        raise ValueError(
+        raise OptionsClash(
             f"{asked} chooses accuracy.edge, and {scene.name} says it is {scene.accuracy.edge:g} mm; drop the one or "
             "the other."
         )
@@ -125,7 +130,7 @@ def _edges(scene: Scene, asked: str) -> list[float]:
     finest *= 1 - ROUNDED
     edges = [e for e in edges_between(scene, finest, coarsest) if _bricks(scene, e) <= MOST_BRICKS]
     if not edges:
-        raise ValueError(
+        raise NoSolution(
             f"{asked}: {scene.name} has no edge between {finest:.3g} and {coarsest:.3g} mm, which were studied, with "
             f"{MOST_BRICKS:.0e} bricks or fewer. Take a smaller portion, or set accuracy.edge yourself."
         )
@@ -149,7 +154,7 @@ def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float)
     fitting = [edge for edge, cost in zip(edges, forecasts) if cost.slowest <= budget]
     if not fitting:
         cheapest = forecasts[0]
-        raise ValueError(
+        raise NoSolution(
             f"--budget {span(budget)}: {scene.name} may take {span(cheapest.slowest)} with the coarsest edge that "
             f"was studied ({cheapest.edge_over_T:.2f} T). Allow as much, take a smaller portion, or set accuracy.edge."
         )
@@ -159,7 +164,7 @@ def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float)
 def _for_error(scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None) -> Pick:
     """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
     if unlike := not_studied(scene, studied()[0]):
-        raise ValueError(
+        raise NotStudied(
             f"--error chooses by a table of errors, {unstudied(unlike)} ({scene.name}). Choose the mesh by --budget or "
             "accuracy.edge, and let --estimate say how wrong the run is."
         )
@@ -167,14 +172,14 @@ def _for_error(scene: Scene, edges: list[float], error: float, budget: float | N
     if not good:
         finest = edges[-1] / scene.thinnest
         name, best = headline(finest)
-        raise ValueError(
+        raise NoSolution(
             f"--error {percent(error)}: the finest edge to choose from ({finest:.2f} T) leaves {scene.name} an error "
             f"of about {percent_above(best.error)} ({name}). Ask for no less, or set accuracy.edge."
         )
     chosen = _with(scene, good[0])
     cost = forecast_from(chosen, calibrate(chosen, costs(), threads))
     if budget is not None and cost.slowest > budget:
-        raise ValueError(
+        raise OptionsClash(
             f"--error {percent(error)} may take {scene.name} {span(cost.slowest)} (an edge of "
             f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
         )

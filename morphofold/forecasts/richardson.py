@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import TypeAdapter
 
+from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import not_studied, table, unstudied
@@ -117,19 +118,19 @@ def coarser(scene: Scene) -> Scene:
 
     if scene.geometry.shape in ("mesh", "radial"):
         why = "its mesh is the file's" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
-        raise ValueError(
+        raise DoesNotApply(
             f"--estimate grows a twin with longer edges, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
             f"{why}. Drop it."
         )
     if scene.growth.final == 1:
-        raise ValueError(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
+        raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
     twin = load_scene(scene, [
         f"accuracy.edge={LONGER * scene.edge!r}", f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
         "output.volume=false",
     ])  # fmt: skip
     edge, longer = edge_by_rule(scene), edge_by_rule(twin)
     if longer < LEAST * edge:
-        raise ValueError(
+        raise NoSolution(
             f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its twin no more than {longer:.3g}: so "
             "small a body has no coarser one. Take a shorter accuracy.edge."
         )
@@ -199,7 +200,7 @@ def estimate_error(
 
     check_kind(run, Simulation, "estimate_error: run")
     if told := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
-        raise ValueError(
+        raise DoesNotApply(
             f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
             "twin of it can be grown."
         )
@@ -280,7 +281,9 @@ def _listed(shares: Mapping[str, float]) -> str:
 def _grown(run: Simulation) -> Grown:
     health = run.health
     if "surface_edge_mm" not in health:
-        raise ValueError(f"{run.path / 'health.json'}: has no surface_edge_mm, it is an early version's. Grow it anew.")
+        raise MissingPart(
+            f"{run.path / 'health.json'}: has no surface_edge_mm, it is an early version's. Grow it anew."
+        )
     return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
 
 

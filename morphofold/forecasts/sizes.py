@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from morphofold.errors import DoesNotApply
 from morphofold.forecasts.table import costs
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def edge_by_rule(scene: Scene) -> float:
 
     Raises
     ------
-    ValueError
+    DoesNotApply
         For a shape that isn't made of bricks.
     """
     return max(length / cells for length, cells in _rows(scene))
@@ -69,7 +70,7 @@ def _rows(scene: Scene) -> list[tuple[float, int]]:
     if isinstance(geometry, Sphere | Ellipsoid):
         return [(0.5 * math.pi * max(geometry.semi_axes), scene.cells)]
     if not isinstance(geometry, Patch | Strip):
-        raise ValueError(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
+        raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
     lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
     return [(length, max(1, math.ceil(length / scene.edge - 1e-9))) for length in lengths]
 
@@ -79,7 +80,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
 
     Raises
     ------
-    ValueError
+    DoesNotApply
         For a shape that isn't made of bricks.
     """
     from morphofold.sim.mesh.bilayer import PLANES, core_shares

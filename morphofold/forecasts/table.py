@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from morphofold.errors import NothingToDo
+
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
     from morphofold.surface import Cortex
@@ -173,7 +175,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     cortices = list(cortices)
     sizes = sorted({cortex.n_vertices for cortex in cortices})
     if not sizes:
-        raise ValueError("there is no cortex to expect errors of. Pass one at least.")
+        raise NothingToDo("there is no cortex to expect errors of. Pass one at least.")
     persons = table()["errors"]["measuring"]
     least, most = (of(person["vertices"] for person in persons) for of in (min, max))
     nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))

@@ -12,6 +12,7 @@ from morphofold import geometry
 from morphofold.analysis import Measures
 from morphofold.analysis.graph.hinges import hinge_at
 from morphofold.comparison.hinges import Match, examples
+from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
 from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.net import paint_lines, shaded
@@ -54,12 +55,14 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
 
     Raises
     ------
-    ValueError
+    MissingPart
         If there is no graph, or no such hinge in it.
     """
     graph = measures.graph
     if graph is None or number not in graph or graph.degree(number) < 3:
-        raise ValueError(f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again.")
+        raise MissingPart(
+            f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again."
+        )
     from trimesh.remesh import subdivide
 
     hinge, width = hinge_at(graph, number), graph.graph["scales"].width

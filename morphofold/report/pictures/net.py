@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import Measures, crest_lines, vertex_normals
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.graph.net import resampled
+from morphofold.errors import MissingPart
 from morphofold.geometry import mean_edge_length
 from morphofold.quantities import Quantity
 from morphofold.report import colours
@@ -34,7 +35,7 @@ def net_row(measures: Measures, name: str) -> Row:
     """The white surface of measures with their net, sulci darker; they must have a graph."""
     cortex, graph = measures.cortex, measures.graph
     if graph is None:
-        raise ValueError(f"{name}: measures of an older analysis have no graph. Measure the cortex again.")
+        raise MissingPart(f"{name}: measures of an older analysis have no graph. Measure the cortex again.")
     verts = cortex.white.verts
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from morphofold.arrays import Array
+from morphofold.errors import WrongShape
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def png_bytes(image: NDArray[np.uint8]) -> bytes:
     """A (height, width, 3) uint8 picture as the bytes of a PNG file."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise ValueError(f"a picture must be (height, width, 3) uint8, got {image.shape} {image.dtype}.")
+        raise WrongShape(f"a picture must be (height, width, 3) uint8, got {image.shape} {image.dtype}.")
     file = io.BytesIO()
     Image.fromarray(image).save(file, "PNG")
     return file.getvalue()

@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.errors import UnknownName
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity
 from morphofold.report import colours
@@ -85,7 +86,7 @@ def camera(view: str, hemi: str) -> NDArray[np.float64]:
         "front": [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
     }
     if view not in axes:
-        raise ValueError(f"view must be one of {', '.join(axes)}; got {view!r}.")
+        raise UnknownName(f"view must be one of {', '.join(axes)}; got {view!r}.")
     return np.array(axes[view], dtype=np.float64)
 
 

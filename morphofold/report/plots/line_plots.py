@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL
 
 if TYPE_CHECKING:                                           # matplotlib takes a second to import
@@ -40,10 +41,10 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def check_format(path: Path) -> str:
-    """Ending of a figure's file in small letters; ``ValueError`` if it is none of :data:`FORMATS`."""
+    """Ending of a figure's file in small letters; ``WrongFile`` if it is none of :data:`FORMATS`."""
     ending = path.suffix.lower()
     if ending not in FORMATS:
-        raise ValueError(f"{path}: a figure is written as {', '.join(FORMATS)}; name one such as figure.png.")
+        raise WrongFile(f"{path}: a figure is written as {', '.join(FORMATS)}; name one such as figure.png.")
     return ending
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.errors import NothingToDo
 from morphofold.report.plots.line_plots import (
     BLACK,
     GREY,
@@ -293,7 +294,7 @@ def _say(figure: Figure, **parameters: float) -> None:
 def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
     """Laws, mu ratios and thicknesses in the order in which they come."""
     if not cases:
-        raise ValueError("no case to draw: give at least one thickness, one mu ratio and one law.")
+        raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
     laws, ratios, thicknesses = zip(*((case.law, case.mu_ratio, case.thickness) for case in cases))
     return list(dict.fromkeys(laws)), list(dict.fromkeys(ratios)), list(dict.fromkeys(thicknesses))
 
