@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Amount, Count, Record, read_json
 from morphofold.provenance import sha256_of
 from morphofold.tables import write_table
@@ -108,12 +109,12 @@ def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Itera
         files, digests = entries[name]["files"], entries[name].get("sha256", {})
         for file in files:
             if not file.startswith(name) or any(c in file for c in "/\\:\0"):
-                raise ValueError(f"{path}: figures.{name}.files: {name} can't have a file {file!r:.40}. {CURE}")
+                raise DamagedFile(f"{path}: figures.{name}.files: {name} can't have a file {file!r:.40}. {CURE}")
         if not all((out / file).is_file() for file in files):
             continue
         for file in files:
             shutil.copy2(out / file, folder / file)
             if sha256_of(folder / file) != digests.get(file, sha256_of(folder / file)):
-                raise ValueError(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
+                raise Mismatch(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
         kept[name] = entries[name]
     return kept

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from morphofold.errors import MissingPart
 from morphofold.io import atomic_file
 
 Row = dict[str, Any]
@@ -21,12 +22,12 @@ def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str
 
     Raises
     ------
-    ValueError
+    MissingPart
         If there isn't one pair of them; the message names the page.
     """
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ValueError(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
+        raise MissingPart(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
     before, rest = text.split(begin)
     return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
 

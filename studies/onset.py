@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
@@ -75,7 +76,7 @@ def onset(
     """
     final = scene.growth.final
     if not (1 <= start < final and 0 < rate < np.inf):
-        raise ValueError(
+        raise OutOfRange(
             f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
         )
     scene = in_double(scene)                                            # differences die away to round-off
@@ -93,12 +94,12 @@ def onset(
         twins.grow(begin)
         growth, difference, mode = twins.part(mode, RISE, along=mode)
         if difference.argmin() == 0:
-            raise ValueError(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
+            raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
         before, found = found, _least(growth, difference)
         if abs(found - before) < STEADY:
             return Onset(found, growth, difference)
         begin = _late(growth, difference, RISE, begin)
-    raise ValueError(
+    raise NoSolution(
         f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow slower."
     )
 
@@ -146,7 +147,7 @@ class _Twins:
             growth.append(g)
             difference.append(_rms(apart if along is None else self._share(apart, along) * along))
         if difference[-1] <= RISE * min(difference):
-            raise ValueError(
+            raise NoSolution(
                 f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; let it grow further."
             )
         return np.array(growth), np.array(difference), apart

@@ -75,14 +75,14 @@ def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):
 @pytest.mark.parametrize("option", ["--curvature-scale", "--gyral-width"])
 @pytest.mark.parametrize("length", ["-3", "0", "nan", "inf"])
 def test_a_length_that_is_none_is_refused_before_anything_is_read(here, capsys, option, length):
-    refused(capsys, ["analyze", "not-there", f"{option}={length}"], f"{option} {length}: is no length")
+    refused(capsys, ["analyze", "not-there", f"{option}={length}"], f"{option} {length}: ", "[out-of-range]")
 
 
 def test_the_bids_layout_asks_for_its_dataset_and_refuses_what_is_of_the_plain_one(here, capsys):
     argv = [*pair(here)[:-2], "--layout", "bids"]
-    refused(capsys, argv, "Pass -o DATASET")
+    refused(capsys, argv, "--layout bids", "-o DATASET", "[options-clash]")
     for option in ("--mgh", "--wide"):
-        refused(capsys, [*argv, "-o", "out", option], "of the plain layout")
+        refused(capsys, [*argv, "-o", "out", option], "--mgh", "--wide", "--layout bids", "[options-clash]")
 
 
 def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():
@@ -94,8 +94,8 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
     for name in ("white", "pial"):
         (here / f"lh.{name}").rename(here / name)
     argv = ["analyze", "--white", "white", "--pial", "pial", "-o", "out", "-q", "--no-report"]
-    refused(capsys, argv, "Pass --hemi lh or rh")
-    refused(capsys, [*argv, "--hemi", "both"], "Pass --hemi lh or rh")
+    refused(capsys, argv, "white: ", "--hemi", "[options-clash]")
+    refused(capsys, [*argv, "--hemi", "both"], "white: ", "--hemi", "[options-clash]")
     assert main([*argv, "--hemi", "rh", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["surfaces"][0]["hemi"] == "rh"
 
@@ -125,13 +125,13 @@ def test_analyze_refuses_text_instead_of_a_surface(here, capsys):
 
 
 def test_analyze_refuses_surfaces_that_do_not_belong_together(here, capsys):
-    refused(capsys, pair(here, levels=(3, 2)), "642 vertices", "162")
+    refused(capsys, pair(here, levels=(3, 2)), "lh.white", " 642 ", "lh.pial", " 162")
     assert not (here / "out").exists()
 
 
 def test_analyze_wants_one_input(here, capsys):
-    refused(capsys, ["analyze", "-o", "out"], "INPUT")
-    refused(capsys, ["analyze", "--white", "lh.white"], "--pial")
+    refused(capsys, ["analyze", "-o", "out"], "INPUT", "-s", "--white", "--pial", "[options-clash]")
+    refused(capsys, ["analyze", "--white", "lh.white"], "--white", "--pial", "[options-clash]")
 
 
 def test_analyze_leaves_a_folder_of_someone_else_alone(here, capsys):
@@ -144,8 +144,8 @@ def test_analyze_leaves_a_folder_of_someone_else_alone(here, capsys):
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("growth.gama=2", ("unknown key growth.gama",)),
-        ("geometry.hole_radius=49", ("hole_radius 49", "smaller than 47")),
+        ("growth.gama=2", ("growth.gama", "gamma")),
+        ("geometry.hole_radius=49", ("hole_radius 49 ", " 47")),
         ("growth.final=nan", ("growth.final",)),
     ],
 )
@@ -155,9 +155,9 @@ def test_simulate_refuses_a_bad_scene(here, capsys, setting, words):
 
 
 def test_simulate_refuses_missing_and_foreign_scene_files(here, capsys):
-    refused(capsys, ["simulate", "fig55", "-o", "out"], "Did you mean fig5?")
+    refused(capsys, ["simulate", "fig55", "-o", "out"], "'fig55'", " fig5?")
     shutil.copy(sample_path("fsaverage5") / "surf" / "lh.white", here / "scene.toml")
-    refused(capsys, ["simulate", "scene.toml", "-o", "out"], "scene.toml", "not a TOML file")
+    refused(capsys, ["simulate", "scene.toml", "-o", "out"], "scene.toml", "UTF-8")
     (here / "half.toml").write_text('name = "half"\n[geometry\n')
     refused(capsys, ["simulate", "half.toml", "-o", "out"], "half.toml", "line 2")
     assert not (here / "out").exists()
@@ -165,9 +165,9 @@ def test_simulate_refuses_missing_and_foreign_scene_files(here, capsys):
 
 def test_compare_says_what_to_do_with_a_subject_and_with_a_foreign_one_of_bids(here, capsys):
     (here / "bert" / "surf").mkdir(parents=True)
-    refused(capsys, ["compare", "a=bert", "-o", "out"], "It is a subject: `morphofold analyze bert` first")
+    refused(capsys, ["compare", "a=bert", "-o", "out"], "bert: ", "summary.json", "`morphofold analyze bert`")
     (here / "sub-bert" / "anat").mkdir(parents=True)
-    refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "anat: holds no sub-NAME_desc-morphofold_provenance.json")
+    refused(capsys, ["compare", "a=sub-bert", "-o", "out"], "sub-bert/anat: ", "sub-NAME_desc-morphofold")
 
 
 @pytest.mark.slow
@@ -204,14 +204,15 @@ def test_an_accuracy_of_another_name_is_refused(here, capsys):
 
 def test_compare_refuses_what_is_no_analysis(here, capsys):
     (here / "empty").mkdir()
-    refused(capsys, ["compare", "a=empty", "-o", "out"], "empty")
+    argv = ["compare", "a=empty", "-o", "out"]
+    refused(capsys, argv, "empty")
     refused(capsys, ["compare", "a=nowhere", "-o", "out"], "nowhere")
-    refused(capsys, ["compare", "justaname", "-o", "out"], "NAME=DIR")
-    refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "twice")
+    refused(capsys, ["compare", "justaname", "-o", "out"], "'justaname'", "NAME=DIR", "[not-readable]")
+    refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "'a'", "[named-twice]")
     for group in ("model", "=a", "model=a,,b"):
-        refused(capsys, ["compare", "a=empty", "-o", "out", "--group", group], "GROUP=NAME,NAME")
-    refused(capsys, ["compare", "a=empty", "-o", "out", "--group", "m=a", "--group", "m=b"], "--group", "twice")
-    refused(capsys, ["compare", "a=empty", "-o", "out", "--colour", "0072b2"], "NAME=RRGGBB")
+        refused(capsys, [*argv, "--group", group], f"--group {group!r}", "GROUP=NAME,NAME", "[not-readable]")
+    refused(capsys, [*argv, "--group", "m=a", "--group", "m=b"], "--group: ", "m, m", "[named-twice]")
+    refused(capsys, [*argv, "--colour", "0072b2"], "--colour '0072b2'", "NAME=RRGGBB", "[not-readable]")
     assert not (here / "out").exists()
 
 
@@ -251,11 +252,12 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     assert "2 stages, 0 of them measured before" in capsys.readouterr().out
     assert main([*pair(here), "--no-report"]) == 0
     capsys.readouterr()
-    refused(capsys, ["compare", "a=out", "--growth", "body", "-o", "both"], "NAME=DIR")
-    refused(capsys, ["compare", "a=out", "--growth", "body=out", "-o", "both"], "holds no stages")
-    refused(capsys, ["analyze", "out", "--stages", "-o", "more"], "has no stages")
+    argv = ["compare", "a=out", "-o", "both", "--growth"]
+    refused(capsys, [*argv, "body"], "--growth 'body'", "NAME=DIR", "[not-readable]")
+    refused(capsys, [*argv, "body=out"], "out: ", "`morphofold analyze --stages`")
+    refused(capsys, ["analyze", "out", "--stages", "-o", "more"], "out: ", "`morphofold simulate`", "[missing-part]")
     for more in (["--hemi", "lh"], ["--mgh"], ["--wide"], ["--layout", "bids", "-o", "more"]):
-        refused(capsys, ["analyze", "sim", "--stages", *more], "--stages takes a simulation folder")
+        refused(capsys, ["analyze", "sim", "--stages", *more], "--stages", "INPUT", "[options-clash]")
     assert main(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"]) == 0
     told = capsys.readouterr().out
     content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
@@ -272,10 +274,10 @@ def test_no_command_writes_over_what_it_reads(here, capsys):
     assert main(["analyze", "out", "-q", "--no-report", "-o", "other"]) == 0
     capsys.readouterr()
     before = sorted(p.name for p in (here / "out").rglob("*"))
-    refused(capsys, ["compare", "a=out", "b=other", "-o", "out"], "out", "name another -o")
-    refused(capsys, ["analyze", "out", "-q", "-o", "out"], "out", "name another -o")
+    refused(capsys, ["compare", "a=out", "b=other", "-o", "out"], "out: ", " out,", "-o", "[options-clash]")
+    refused(capsys, ["analyze", "out", "-q", "-o", "out"], "out: ", "-o", "[options-clash]")
     shutil.copytree(sample_path("simulated"), here / "sim" / "stages" / "g1.90")
-    refused(capsys, ["analyze", "sim", "-q", "-o", "sim/stages/g1.90"], "g1.90", "name another -o")
+    refused(capsys, ["analyze", "sim", "-q", "-o", "sim/stages/g1.90"], "sim/stages/g1.90: ", "-o", "[options-clash]")
     assert sorted(p.name for p in (here / "out").rglob("*")) == before
     assert (here / "sim" / "stages" / "g1.90" / "stage.json").exists()
 
@@ -325,7 +327,7 @@ def test_scenes_prints_a_scene_that_reads_back_as_itself(here, capsys):
     assert load_scene("mine.toml") == load_scene("regional")
     assert main(["scenes", "mine.toml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["name"] == "regional"
-    refused(capsys, ["scenes", "regionel"], "Did you mean regional?")
+    refused(capsys, ["scenes", "regionel"], "'regionel'", " regional?")
 
 
 def test_simulate_wants_the_name_of_a_folder(here, capsys):
@@ -335,9 +337,10 @@ def test_simulate_wants_the_name_of_a_folder(here, capsys):
 
 def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(here, capsys, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
-    refused(capsys, ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"], "variable NUMBA_NUM_THREADS")
+    argv = ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"]
+    refused(capsys, argv, "NUMBA_NUM_THREADS", "threads", " 100000")
     monkeypatch.delenv("NUMBA_NUM_THREADS")
-    refused(capsys, ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"], "on this machine")
+    assert "NUMBA_NUM_THREADS" not in refused(capsys, argv, "threads", " 100000")
     assert list(here.iterdir()) == []
 
 

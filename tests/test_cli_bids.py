@@ -1,6 +1,7 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
 import json
+import os
 from contextlib import contextmanager
 
 import pytest
@@ -22,10 +23,10 @@ def test_what_cannot_be_done_is_refused(here, capsys):
     dataset(here)
     (here / "theirs").mkdir()
     (here / "theirs" / "notes.txt").touch()
-    refused(capsys, ["bids", "nowhere", "out", "participant"], "no such dataset")
-    refused(capsys, ["bids", "data", "out", "group"], "holds no subject that was measured")
-    refused(capsys, ["bids", "data", "theirs", "participant"], "not a BIDS dataset that morphofold wrote")
-    words = "holds no sub-03", "sub-01, sub-02_ses-a"
+    refused(capsys, ["bids", "nowhere", "out", "participant"], "nowhere: ")
+    refused(capsys, ["bids", "data", "out", "group"], "out: ")
+    refused(capsys, ["bids", "data", "theirs", "participant"], "theirs: ", "dataset_description.json")
+    words = "data/derivatives/freesurfer: ", " sub-03;", "sub-01, sub-02_ses-a"
     refused(capsys, ["bids", "data", "out", "participant", "--participant-label", "03"], *words)
     assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
 
@@ -75,7 +76,7 @@ def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here
     with alone(here / "out"):
         assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
         assert capsys.readouterr().out.startswith("3 of 3 subjects have results -> ")
-        refused(capsys, ["bids", "data", "out", "group"], "another run is writing here")
+        refused(capsys, ["bids", "data", "out", "group"], "out: ", f" {os.getpid()})")
 
 
 @pytest.mark.slow

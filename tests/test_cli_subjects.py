@@ -151,20 +151,21 @@ def test_the_name_of_a_subject_is_that_of_its_link(here, capsys, monkeypatch):
 
 def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(here, capsys, monkeypatch):
     monkeypatch.delenv("SUBJECTS_DIR", raising=False)
-    refused(capsys, ["analyze", "-s", "bert"], "SUBJECTS_DIR", "--subjects-dir")
+    refused(capsys, ["analyze", "-s", "bert"], "-s bert: ", "SUBJECTS_DIR", "--subjects-dir", "[options-clash]")
     monkeypatch.setenv("SUBJECTS_DIR", "")
-    refused(capsys, ["analyze", "-s", "bert"], "SUBJECTS_DIR", "--subjects-dir")
-    refused(capsys, ["analyze", "-s", "bert", "--sd", "nowhere"], "nowhere", "no such folder")
+    refused(capsys, ["analyze", "-s", "bert"], "-s bert: ", "SUBJECTS_DIR", "--subjects-dir", "[options-clash]")
+    refused(capsys, ["analyze", "-s", "bert", "--sd", "nowhere"], "nowhere: ", "--subjects-dir")
     for name in ("anna", "bert_1", "bert_2", *(f"z{i}" for i in range(9))):
         (here / "all" / name / "surf").mkdir(parents=True)
     (here / "all" / "bert_logs").mkdir()
-    told = "In --subjects-dir are bert_2, bert_1, anna, z0, z1, z2, z3, z4 and 4 more."
-    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "bert_22: no such subject", told)
-    refused(capsys, ["analyze", "-s", "all/anna", "--sd", "."], "is no name of a folder", "INPUT")
+    told = "bert_2, bert_1, anna, z0, z1, z2, z3, z4 and 4 "
+    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "--subjects-dir", told)
+    refused(capsys, ["analyze", "-s", "all/anna", "--sd", "."], "-s 'all/anna': ", "INPUT", "[not-readable]")
     refused(capsys, ["analyze", "-s", "anna", "--sd", "all"], "lh.white")
-    refused(capsys, ["analyze", "all/anna", "-s", "anna", "--sd", "all"], "in place of INPUT")
-    refused(capsys, ["analyze", "-s", "anna", "--white", "a", "--pial", "b", "--sd", "all"], "in place of INPUT")
-    refused(capsys, ["analyze", "all/anna", "--sd", "all"], "--subjects-dir goes with -s")
+    for more in (["all/anna"], ["--white", "a", "--pial", "b"]):
+        argv = ["analyze", *more, "-s", "anna", "--sd", "all"]
+        refused(capsys, argv, "-s anna ", "INPUT", "--white", "--pial", "[options-clash]")
+    refused(capsys, ["analyze", "all/anna", "--sd", "all"], "--subjects-dir ", "-s SUBJECT", "[options-clash]")
     assert [p.name for p in here.iterdir()] == ["all"]
 
 
@@ -175,5 +176,5 @@ def test_an_analysis_is_refused_inside_its_subject_before_anything_is_measured(h
     for out in ("all/bert/morphofold", "all/bert/surf"):
         refused(capsys, ["analyze", "-s", "bert", "--sd", "all", "-q", "-o", out], "all/bert")
     monkeypatch.chdir(there)
-    refused(capsys, ["analyze", "-s", "bert", "--sd", "..", "-q"], "bert-analysis lies in the folder of the input")
+    refused(capsys, ["analyze", "-s", "bert", "--sd", "..", "-q"], "bert-analysis ", "bert/surf/lh.")
     assert sorted(there.rglob("*")) == before

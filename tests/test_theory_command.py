@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import pytest
 from morphofold.cli import main
 from morphofold.cli import theory as command
 from morphofold.cli.progress import COMPILING
+from morphofold.errors import NotReadable
 from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics
@@ -80,9 +82,9 @@ def test_critical_says_why_there_is_no_number(capsys):
     assert first["g_crease"] ** 3 * (1 - 7 / 12 * 1.1**3) == pytest.approx(1, rel=1e-12)
     assert first["reason"] is None
     assert second["g_biot"] is None
-    assert "Biot's stretch not reached from C/B = 1.124" in second["reason"]
+    assert "C/B = 1.124" in second["reason"]
     assert third["g_crease"] is None
-    assert "no crease if isotropic from C/B = 1.197" in third["reason"]
+    assert "C/B = 1.197" in third["reason"]
 
 
 def test_critical_prints_a_dash_where_no_crease_forms(capsys):
@@ -160,7 +162,7 @@ def test_the_curve_has_its_least_growth_where_the_answer_is(capsys):
     least = min((row for row in curve if row["g_crit"] is not None), key=lambda row: row["g_crit"])
     assert (least["degree"], least["g_crit"]) == (answer["degree"], answer["g_crit"])
     assert {type(row["degree"]) for row in curve} == {int}
-    assert all("none found up to g = 10" in row["reason"] for row in curve if row["g_crit"] is None)
+    assert all(" g = 10" in row["reason"] for row in curve if row["g_crit"] is None)
 
 
 def test_numbers_come_one_by_one_or_as_a_range():
@@ -172,53 +174,56 @@ def test_numbers_come_one_by_one_or_as_a_range():
 
 @pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
 def test_what_is_no_number_and_no_range_is_refused(capsys, word):
-    assert "--growth" in refused(capsys, "theory", "radius", "--growth", word)
-    assert "--growth" in refused(capsys, "theory", "stress", "--growth", word)
+    kind = "out-of-range" if word in ("nan", "inf", "0") else "not-readable"
+    for question in ("radius", "stress"):
+        said = refused(capsys, "theory", question, "--growth", word)
+        assert "--growth" in said
+        assert f" [{kind}]" in said
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("radius --thickness 60", "between 0 and the outer radius 50 mm, got 60 mm"),
-        ("radius --thickness nan", "--thickness must lie between 1e-06 and 1000000, got nan"),
-        ("radius --thickness 30", "inside the interface B = 20 mm: its radius is 0.5 C = 25 mm"),
-        ("radius --thickness 1:2:3", "--thickness takes one number, got the range '1:2:3'"),
-        ("radius --thickness thin", "--thickness: 'thin' is neither a number"),
-        ("radius --radius inf", "--radius must lie between 1e-06 and 1000000, got inf"),
-        ("radius --hole-ratio nan", "--hole-ratio must lie between 0 and 0.999999, got nan"),
-        ("radius --hole-ratio -1", "--hole-ratio must lie between 0 and 0.999999, got -1"),
-        ("stress --points 1", "--points must lie between 2 and 10000, got 1"),
-        ("stress --points 2.5", "--points must be a whole number, got 2.5"),
-        ("stress --growth -1", "--growth must lie between 0.001 and 1000, got -1"),
-        ("stress --mu-ratio 0", "--mu-ratio must lie between 0.0001 and 10000, got 0"),
-        ("bifurcation --mu-ratio 1e7", "--mu-ratio must lie between 0.0001 and 10000, got 1e+07"),
-        ("critical --ratio 1", "--ratio must lie between 1.000001 and 1000, got 1"),
-        ("critical --ratio 1.1 --radius 40", "--radius makes a --thickness a ratio, and there is none"),
-        ("critical --radius 40", "--radius makes a --thickness a ratio, and there is none"),
-        ("critical --ratio 3 --core-growth 1.1", "A/C = 0.5, must lie inside the interface: C/B = 3"),
-        ("bifurcation --kappa-ratio 0.5", "--kappa-ratio must lie between 1 and inf, got 0.5"),
-        ("bifurcation --hole-ratio 0.99", "must lie inside the interface"),
-        ("bifurcation --check --curve", "leave out --check or --curve"),
+        ("radius --thickness 60", r"thickness .* 0 .* 50 mm, .* 60 mm"),
+        ("radius --thickness nan", r"--thickness .* 1e-06 .* 1000000, .* nan\. \[out-of-range\]"),
+        ("radius --thickness 30", r" B = 20 mm: .* 0\.5 C = 25 mm"),
+        ("radius --thickness 1:2:3", r"--thickness .*'1:2:3'\. \[not-readable\]"),
+        ("radius --thickness thin", r"--thickness: 'thin' .*\[not-readable\]"),
+        ("radius --radius inf", r"--radius .* 1e-06 .* 1000000, .* inf\. \[out-of-range\]"),
+        ("radius --hole-ratio nan", r"--hole-ratio .* 0 .* 0\.999999, .* nan\. \[out-of-range\]"),
+        ("radius --hole-ratio -1", r"--hole-ratio .* 0 .* 0\.999999, .* -1\. \[out-of-range\]"),
+        ("stress --points 1", r"--points .* 2 .* 10000, .* 1\. \[out-of-range\]"),
+        ("stress --points 2.5", r"--points .* 2\.5\. \[out-of-range\]"),
+        ("stress --growth -1", r"--growth .* 0\.001 .* 1000, .* -1\. \[out-of-range\]"),
+        ("stress --mu-ratio 0", r"--mu-ratio .* 0\.0001 .* 10000, .* 0\. \[out-of-range\]"),
+        ("bifurcation --mu-ratio 1e7", r"--mu-ratio .* 0\.0001 .* 10000, .* 1e\+07\. \[out-of-range\]"),
+        ("critical --ratio 1", r"--ratio .* 1\.000001 .* 1000, .* 1\. \[out-of-range\]"),
+        ("critical --ratio 1.1 --radius 40", r"--radius .*--thickness.*--ratio .*\[options-clash\]"),
+        ("critical --radius 40", r"--radius .*--thickness.*--ratio .*\[options-clash\]"),
+        ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
+        ("bifurcation --kappa-ratio 0.5", r"--kappa-ratio .* 1 .* inf, .* 0\.5\. \[out-of-range\]"),
+        ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
+        ("bifurcation --check --curve", r"--check .*--curve.*\[options-clash\]"),
     ],
 )
 def test_a_question_that_makes_no_sense_is_refused(capsys, words, said):
-    assert said in refused(capsys, "theory", *words.split())
+    assert re.search(said, refused(capsys, "theory", *words.split()))
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("stress --thickness 1:20:5000 --points 100", "1,000,000 rows, and 200,000 are the most"),
-        ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", "2,000,000 rows"),
-        ("stress --thickness 1:20:11 --plot it.png", "at most 10 numbers of --thickness, got 11"),
-        ("bifurcation --thickness 1:20:11 --curve --plot it.png", "at most 10 numbers of --thickness, got 11"),
-        ("bifurcation --mu-ratio 1:20:11 --plot it.png", "at most 10 numbers of --mu-ratio, got 11"),
+        ("stress --thickness 1:20:5000 --points 100", r" 1,000,000 .* 200,000 .*\[too-large\]"),
+        ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", r" 2,000,000 .* 200,000 .*\[too-large\]"),
+        ("stress --thickness 1:20:11 --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
+        ("bifurcation --thickness 1:20:11 --curve --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
+        ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
     ],
 )
 def test_a_question_too_large_to_read_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, said):
     for name in ("bifurcation", "stresses"):
         monkeypatch.setattr(theory, name, pytest.fail)
-    assert said in refused(capsys, "theory", *words.split())
+    assert re.search(said, refused(capsys, "theory", *words.split()))
 
 
 @pytest.mark.parametrize("name", ["picture.gif", "picture", ".png", "nowhere/picture.png", "folder.png"])
@@ -261,7 +266,7 @@ def test_quiet_and_debug_count_on_either_side_of_the_question(capsys):
     for words in (["theory", "-q", "radius"], ["theory", "radius", "-q"]):
         assert main(words) == 0
     for words in (["theory", "--debug", "radius"], ["theory", "radius", "--debug"]):
-        with pytest.raises(ValueError, match="--growth"):
+        with pytest.raises(NotReadable, match="--growth: 'none'"):
             main([*words, "--growth", "none"])
 
 
@@ -309,7 +314,7 @@ def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
     told = capsys.readouterr()
     assert "difference" in told.out
     (line,) = told.err.splitlines()
-    assert line.startswith("morphofold: warning: --check: 2 of 2 growths differ by more than 1e-06")
+    assert re.match(r"morphofold: warning: --check: 2 of 2 .* 1e-06 ", line)
 
 
 def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
@@ -417,21 +422,21 @@ def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--body radial", "radial: a radial scene has no mesh; its theory is what comes without --body"),
-        ("--body nowhere", "no scene file or built-in scene 'nowhere'"),
-        ("--body demo --set growth.law=round", "growth.law"),
-        ("--body demo --thickness 2 --law both --check", "leave out --thickness, --law, --check"),
-        ("--body demo --mu-ratio 1:2:3", "leave out --mu-ratio; change the scene by --set"),
-        ("--body demo --radius 50 --hole-ratio 0.5", "leave out --radius, --hole-ratio"),
-        ("--body demo --kappa-ratio inf", "leave out --kappa-ratio"),
-        ("--body demo --curve --plot it.png", "leave out --curve, --plot"),
-        ("--set material.mu_ratio=2", "--set changes a scene, and there is none"),
+        ("--body radial", r" radial: .*--body\. \[does-not-apply\]"),
+        ("--body nowhere", "'nowhere'"),
+        ("--body demo --set growth.law=round", r"growth\.law\b.*round"),
+        ("--body demo --thickness 2 --law both --check", r" --thickness, --law, --check;.*\[options-clash\]"),
+        ("--body demo --mu-ratio 1:2:3", r" --mu-ratio;.*--set .*\[options-clash\]"),
+        ("--body demo --radius 50 --hole-ratio 0.5", r" --radius, --hole-ratio;.*\[options-clash\]"),
+        ("--body demo --kappa-ratio inf", r" --kappa-ratio;.*\[options-clash\]"),
+        ("--body demo --curve --plot it.png", r" --curve, --plot;.*\[options-clash\]"),
+        ("--set material.mu_ratio=2", r"--set .*--body\. \[options-clash\]"),
     ],
 )
 def test_a_question_about_a_body_that_makes_no_sense_is_refused(here, capsys, monkeypatch, words, said):
     monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
     monkeypatch.setattr(theory, "bifurcation", pytest.fail)
-    assert said in refused(capsys, "theory", "bifurcation", *words.split())
+    assert re.search(said, refused(capsys, "theory", "bifurcation", *words.split()))
 
 
 def test_a_body_that_loses_its_path_ends_with_1_and_one_line(capsys, monkeypatch):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from morphofold.cli import add_options, add_threads
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_file, print_json
+from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.progress import Progress, part_of
 
 if TYPE_CHECKING:
@@ -108,9 +109,9 @@ def run(args: argparse.Namespace) -> int:
 def _refuse_of_layout(args: argparse.Namespace) -> None:
     """Options that do not go with --layout bids."""
     if args.layout == "bids" and args.out is None:
-        raise ValueError("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
+        raise OptionsClash("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
     if args.layout == "bids" and (args.mgh or args.wide):
-        raise ValueError("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
+        raise OptionsClash("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
 
 
 def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
@@ -178,7 +179,8 @@ def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> li
     if not found and len(failed) == 1:
         raise last
     if not found:
-        raise ValueError(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
+        kind = type(last) if isinstance(last, Refusal) else ValueError
+        raise kind(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
     return found
 
 
@@ -196,7 +198,9 @@ def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
 
     if args.input is None:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
-            raise ValueError(f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh.")
+            raise OptionsClash(
+                f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh."
+            )
         hemi = None if args.hemi == "both" else args.hemi
         return {
             "": partial(
@@ -244,15 +248,15 @@ def _find_input(args: argparse.Namespace) -> None:
     pair = [file for file in (args.white, args.pial) if file is not None]
     if args.subject is not None:
         if args.input is not None or pair:
-            raise ValueError(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
+            raise OptionsClash(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
         folder = subject_folder(args.subject, args.subjects_dir)
         args.input, args.subject = str(folder), folder.name
     elif args.subjects_dir is not None:
-        raise ValueError("--subjects-dir goes with -s SUBJECT, which is missing.")
+        raise OptionsClash("--subjects-dir goes with -s SUBJECT, which is missing.")
     if (args.input is None) == (not pair):
-        raise ValueError("name either INPUT, or -s, or --white and --pial.")
+        raise OptionsClash("name either INPUT, or -s, or --white and --pial.")
     if len(pair) == 1:
-        raise ValueError("--white and --pial go together; the other one is missing.")
+        raise OptionsClash("--white and --pial go together; the other one is missing.")
 
 
 def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
@@ -267,14 +271,14 @@ def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
 
     others = (args.json, args.mgh, args.wide, args.dry_run)
     if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":
-        raise ValueError(
+        raise OptionsClash(
             "--stages takes a simulation folder as INPUT, and none of --hemi, --annot, --json, --dry-run and other "
             "layouts."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
     if not places:
-        raise ValueError(f"{folder}: has no stages. Name a folder that `morphofold simulate` wrote.")
+        raise MissingPart(f"{folder}: has no stages. Name a folder that `morphofold simulate` wrote.")
     called = args.name or folder.resolve().name
     out = Path(args.out or f"{writable_name(called)}-growth")
     refuse_overlap(out, [folder])

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.cli import add_questions, add_shared, add_threads
+from morphofold.errors import NotReadable, OutOfRange, UnknownName
 
 WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
@@ -139,7 +140,7 @@ def _accuracy(args: argparse.Namespace) -> Answer:
 
     halves = _listed("--halves", args.halves, str)
     if not halves or not set(halves) <= set(HALVES):
-        raise ValueError(f"--halves: {args.halves!r} is none; there are {', '.join(HALVES)}.")
+        raise UnknownName(f"--halves: {args.halves!r} is none; there are {', '.join(HALVES)}.")
     set_threads(args.threads)
     out, made = Path(args.out), circumstances()
     args.on_interrupt = " Run it again to go on."
@@ -162,7 +163,7 @@ def _cohort(args: argparse.Namespace) -> Answer:
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
         words = "name at least 1 of each, and 1,000,000 subjects and 1,000 workers at most."
-        raise ValueError(f"--subjects {args.subjects} --workers {args.workers}: {words}")
+        raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {words}")
     out, loads = Path(args.out).absolute(), list[Load]()
     refuse_foreign(out)
     begin(out)
@@ -179,7 +180,7 @@ def _cohort(args: argparse.Namespace) -> Answer:
 
 def _seconds(args: argparse.Namespace) -> float:
     if not 0 < args.seconds < 3600:
-        raise ValueError(f"--seconds must be a positive number below 3600, got {args.seconds}.")
+        raise OutOfRange(f"--seconds must be a positive number below 3600, got {args.seconds}.")
     return args.seconds
 
 
@@ -190,7 +191,7 @@ def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ..
         return tuple(map(kind, items))
     except ValueError:
         what = "whole numbers" if kind is int else "numbers"
-        raise ValueError(f"{option}: {text!r} is no list of {what}; separate them by commas.") from None
+        raise NotReadable(f"{option}: {text!r} is no list of {what}; separate them by commas.") from None
 
 
 def _speed(args: argparse.Namespace) -> Answer:
@@ -228,7 +229,7 @@ def _measures(args: argparse.Namespace) -> Answer:
 
     sizes = sorted(set(_listed("--vertices", args.vertices, int)))
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
-        raise ValueError(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
+        raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     set_threads(args.threads)
     with progress("measure", args.quiet) as tell:
         rows = measuring_speed(sizes, tell)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_json
+from morphofold.errors import NamedTwice
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,7 +84,7 @@ def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
 
     found = {shown(name): source / name for name in names}
     if len(found) < len(names):
-        raise ValueError(f"{source}: two names read alike once what is no text in them is escaped. Rename one.")
+        raise NamedTwice(f"{source}: two names read alike once what is no text in them is escaped. Rename one.")
     return found
 
 

@@ -24,7 +24,7 @@ def write_pages(folder: Path) -> None:
     ------
     FileNotFoundError
         If a command has no page.
-    ValueError
+    MissingPart
         If a page has not one pair of marks. The pages are as they were then.
     """
     texts = {folder / "index.md": ("commands", [overview()])}

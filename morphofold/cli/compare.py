@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.cli.streams import print_file
+from morphofold.errors import NamedTwice, NotReadable
 from morphofold.progress import part_of
 
 
@@ -43,10 +44,10 @@ def run(args: argparse.Namespace) -> int:
     for item in args.analyses:
         name, equals, folder = item.partition("=")
         if not equals or not name or not folder:
-            raise ValueError(f"{item!r} must read NAME=DIR, for example model=fig5-analysis.")
+            raise NotReadable(f"{item!r} must read NAME=DIR, for example model=fig5-analysis.")
         name = shown(name)
         if name in named:
-            raise ValueError(f"the name {name!r} is given twice; every analysis needs its own.")
+            raise NamedTwice(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
     groups = _by_name("--group", [_group(item) for item in args.group]) or None
     colours = _by_name("--colour", [_colour(item) for item in args.colour])
@@ -79,14 +80,14 @@ def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
     found = {shown(name): value for name, value in pairs}
     if len(found) < len(pairs):
-        raise ValueError(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; say it once.")
+        raise NamedTwice(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; say it once.")
     return found
 
 
 def _group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
-        raise ValueError(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
+        raise NotReadable(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
     from morphofold.provenance import shown
 
     return group, shown(names).split(",")
@@ -95,12 +96,12 @@ def _group(item: str) -> tuple[str, list[str]]:
 def _colour(item: str) -> tuple[str, str]:
     name, equals, colour = item.rpartition("=")
     if not equals or not name:
-        raise ValueError(f"--colour {item!r} must read NAME=RRGGBB, for example model=0072b2.")
+        raise NotReadable(f"--colour {item!r} must read NAME=RRGGBB, for example model=0072b2.")
     return name, "#" + colour.removeprefix("#")
 
 
 def _body(item: str) -> tuple[str, str]:
     name, equals, folder = item.partition("=")
     if not equals or not name or not folder:
-        raise ValueError(f"--growth {item!r} must read NAME=DIR, for example fig5=fig5-growth.")
+        raise NotReadable(f"--growth {item!r} must read NAME=DIR, for example fig5=fig5-growth.")
     return name, folder

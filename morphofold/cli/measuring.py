@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from morphofold.errors import OutOfRange
+
 LENGTHS = {
     "--curvature-scale":
         "radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
@@ -53,11 +55,11 @@ def _side(word: str) -> str:
 
 def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
     """What was asked for, as results record it; standard accuracy, parcellation and repair, and no
-    cap, go without saying, so that those of older runs stay. Raises ``ValueError`` for what is no length."""
+    cap, go without saying, so that those of older runs stay. Raises ``OutOfRange`` for what is no length."""
     for option in LENGTHS:
         length = getattr(args, option[2:].replace("-", "_"))
         if length is not None and not SHORTEST <= length <= LONGEST:
-            raise ValueError(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
+            raise OutOfRange(f"{option} {length:g}: is no length. Pass a positive number of mm, or leave it out.")
     asked: dict[str, Any] = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
     asked |= {} if args.thickness_cap is None else {"thickness_cap_mm": args.thickness_cap}
     asked |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}

@@ -8,14 +8,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from unicodedata import category
 
+from morphofold.errors import NotReadable, OptionsClash
+
 
 def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
-    """Raise ``ValueError`` if writing ``out`` would replace a folder that the command reads, or one around it."""
+    """Raise ``OptionsClash`` if writing ``out`` would replace a folder that the command reads, or one around it."""
     target = Path(os.path.realpath(out))            # resolve() raises at a link to itself
     for source in inputs:
         place = Path(os.path.realpath(source))
         if target == place or target in place.parents:
-            raise ValueError(
+            raise OptionsClash(
                 f"{out}: is, or holds, the input {source}, which writing there would replace; name another -o."
             )
 
@@ -30,15 +32,17 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
 
     Raises
     ------
-    ValueError
-        If neither is set, or ``subject`` is a path.
+    OptionsClash
+        If neither is set.
+    NotReadable
+        If ``subject`` is a path.
     FileNotFoundError
         If the one or the other is not there; the message says which names are.
     """
     subject = subject.rstrip("/")                                       # as a shell completes it
     said = subjects_dir or os.environ.get("SUBJECTS_DIR")
     if not said:
-        raise ValueError(
+        raise OptionsClash(
             f"-s {subject}: where subjects lie is not said. Set SUBJECTS_DIR, pass --subjects-dir DIR, or name the "
             "subject's folder as INPUT."
         )
@@ -46,7 +50,7 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such folder, named by {set_by}. Name the folder that holds subjects.")
     if subject in ("", ".", "..") or Path(subject).name != subject:
-        raise ValueError(f"-s {subject!r}: is no name of a folder in {folder}. A path goes without -s, as INPUT.")
+        raise NotReadable(f"-s {subject!r}: is no name of a folder in {folder}. A path goes without -s, as INPUT.")
     if not (folder / subject).is_dir():
         names = sorted(p.name for p in folder.iterdir() if (p / "surf").is_dir())
         near = difflib.get_close_matches(subject, names, n=8, cutoff=0.5)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from morphofold.cli import add_threads
 from morphofold.cli.streams import print_file
+from morphofold.errors import UnknownName
 
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     figures = list(FIGURES) if "all" in args.figures else list(dict.fromkeys(args.figures))
     for name in figures:
         if name not in FIGURES:
-            raise ValueError(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
+            raise UnknownName(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder, refuse_foreign

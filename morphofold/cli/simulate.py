@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.cli import add_options, add_scene, add_settings, add_threads
 from morphofold.cli.streams import print_json
+from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
     from morphofold.forecasts.mesh_choice import Pick
@@ -104,13 +105,13 @@ def _refuse_together(args: argparse.Namespace) -> None:
     fresh = {"--dry-run": args.dry_run, "--budget": args.budget, "--error": args.error}
     for option, given in {**fresh, "--estimate": args.estimate}.items():
         if args.restart_from and given:
-            raise ValueError(
+            raise OptionsClash(
                 f"{option} is for a run that begins ungrown and chooses its mesh, and one with --restart-from has that "
                 "of another run. Drop it."
             )
     for option, given in fresh.items():
         if args.resume and given:
-            raise ValueError(
+            raise OptionsClash(
                 f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with, which "
                 "scene.toml in its folder says. Drop it."
             )

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from morphofold.cli import add_options, add_questions, add_settings, add_shared
 from morphofold.cli.streams import print_json
+from morphofold.errors import DoesNotApply, NotReadable, OptionsClash, OutOfRange, TooLarge
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -217,7 +218,7 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
             partial(theory_plots.critical_figure, ratios, laws, **core), {"g_crease": ("g crease", ".4f")},
         )  # fmt: skip
     if args.points != int(args.points):
-        raise ValueError(f"--points must be a whole number, got {args.points:g}.")
+        raise OutOfRange(f"--points must be a whole number, got {args.points:g}.")
     args.points = int(args.points)
     sphere, options = (args.growth, args.thickness, args.radius, laws), {"mu_ratio": args.mu_ratio, **core}
     return Answer(
@@ -238,7 +239,9 @@ def _ratios(args: argparse.Namespace) -> list[float]:
     if args.thickness is not None:
         args.ratio = [outer_ratio(T, args.radius) for T in args.thickness]
     elif args.radius is not None:
-        raise ValueError("--radius makes a --thickness a ratio, and there is none: give --thickness, or --ratio alone.")
+        raise OptionsClash(
+            "--radius makes a --thickness a ratio, and there is none: give --thickness, or --ratio alone."
+        )
     return args.ratio
 
 
@@ -248,7 +251,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.sim import theory_tables
 
     if args.check and args.curve:
-        raise ValueError("--check finds the least growth again, not the curve: leave out --check or --curve.")
+        raise OptionsClash("--check finds the least growth again, not the curve: leave out --check or --curve.")
     laws = _laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
@@ -278,13 +281,15 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
     """Raise for options of the sphere with a body, and for settings without one."""
     if args.body is None:
         if args.settings:
-            raise ValueError("--set changes a scene, and there is none: name it with --body.")
+            raise OptionsClash("--set changes a scene, and there is none: name it with --body.")
         return
     wrong = [_option(name) for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
              if getattr(args, name) not in (None, False)]  # fmt: skip
     if wrong:
-        raise ValueError(f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the "
-                         "scene by --set, such as --set material.mu_ratio=2.")  # fmt: skip
+        raise OptionsClash(
+            f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the scene by "
+            "--set, such as --set material.mu_ratio=2."
+        )
 
 
 def _of_body(args: argparse.Namespace) -> Answer:
@@ -294,7 +299,7 @@ def _of_body(args: argparse.Namespace) -> Answer:
 
     scene = load_scene(args.body, args.settings)
     if scene.geometry.shape == "radial":
-        raise ValueError(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
+        raise DoesNotApply(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
     looks: list[float] = []
     with progress(scene.name, args.quiet) as tell:
 
@@ -338,7 +343,7 @@ def _read_numbers(args: argparse.Namespace) -> None:
         words = [given] if isinstance(given, str) else given
         numbers = _numbers(words, option, NUMBERS[name].least, NUMBERS[name].largest)
         if isinstance(given, str) and len(numbers) > 1:
-            raise ValueError(f"{option} takes one number, got the range {given!r}.")
+            raise NotReadable(f"{option} takes one number, got the range {given!r}.")
         setattr(args, name, numbers[0] if isinstance(given, str) else numbers)
 
 
@@ -353,9 +358,9 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
                 continue
             low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
             if len(ends) > 3 or not 2 <= count <= MOST:
-                raise ValueError
+                raise NotReadable
         except (ValueError, IndexError):
-            raise ValueError(
+            raise NotReadable(
                 f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to {MOST:,}, "
                 "such as 1:2:11."
             ) from None
@@ -363,7 +368,7 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
         numbers += [float(f"{low + i * step:.12g}") for i in range(count)]      # 1.2, not 1.2000000000000002
     for number in numbers:
         if not least <= number <= largest:
-            raise ValueError(f"{option} must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
+            raise OutOfRange(f"{option} must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
     return list(dict.fromkeys(numbers))
 
 
@@ -373,11 +378,11 @@ def _refuse_too_much(args: argparse.Namespace) -> None:
     several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
     rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
     if rows > MOST_ROWS:
-        raise ValueError(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
+        raise TooLarge(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
     curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
     for name in curves.get(args.what, []) if args.plot is not None else []:
         if several[name] > MOST_CURVES:
-            raise ValueError(f"--plot draws at most {MOST_CURVES} numbers of {_option(name)}, got {several[name]}.")
+            raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {_option(name)}, got {several[name]}.")
 
 
 def _warn_of_differences(rows: list[dict[str, Any]]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
+from morphofold.errors import OutOfRange
 from morphofold.studies.accuracy.points import Point
 
 LIKELY = 0.95           # of intervals
@@ -85,12 +86,12 @@ def law(x: ArrayLike, y: ArrayLike) -> Law:
 
     Raises
     ------
-    ValueError
+    OutOfRange
         For fewer than three different x, or numbers that are not positive and finite.
     """
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if len(np.unique(x)) < 3 or not (np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)).all():
-        raise ValueError(
+        raise OutOfRange(
             f"a power law takes three points or more, all positive; got x = {x.tolist()}, y = {y.tolist()}."
         )
     power, shift = np.polyfit(np.log(x), np.log(y), 1)

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from morphofold.errors import MissingPart, WrongFile
 from morphofold.io.json_files import read_json
 from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.plots import bounded
@@ -39,13 +40,13 @@ def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     ------
     FileNotFoundError
         If the folder holds no summary, or lacks a file that this names.
-    ValueError
+    WrongFile
         If the summary is of something else.
     """
     file = out / "summary.json"
     summary = read_json(file, AccuracyIndex, CURE)
     if summary["shows"] != SHOWS:
-        raise ValueError(f"{file}: is of something else than a study of accuracy. {CURE}")
+        raise WrongFile(f"{file}: is of something else than a study of accuracy. {CURE}")
     names = ("points", "laws", "presets", "budget", "peers")
     return summary, {
         name: read_table(out / f"{name}.tsv", WORDS) if f"{name}.tsv" in summary["files"] else [] for name in names
@@ -83,7 +84,7 @@ def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path
     summary, tables = read_study(out)
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
         held = " and ".join(summary["halves"]) or "nothing"
-        raise ValueError(f"{out}: holds {held} only. Study both halves for the page.")
+        raise MissingPart(f"{out}: holds {held} only. Study both halves for the page.")
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
     written = {page: renewed(page, _text(page), parts)}
     if readme is not None:

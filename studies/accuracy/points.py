@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
+from morphofold.errors import DamagedFile, NotFinite
 from morphofold.timing import working_seconds
 
 OURS = "morphofold"
@@ -70,7 +71,7 @@ class Point:
     def __post_init__(self) -> None:
         numbers = (self.error, self.seconds, self.fastest, self.slowest)
         if self.repeats and not all(math.isfinite(n) for n in numbers):
-            raise ValueError(
+            raise NotFinite(
                 f"{self.subject}, {self.quantity}, {self.method}, {self.setting}: error and seconds must be finite, "
                 f"got {self.error} in {self.seconds} s."
             )
@@ -90,7 +91,7 @@ class Point:
                     raise TypeError(f"{field.name} is no {field.type}")
             return Point(**given)
         except TypeError as error:
-            raise ValueError(f"no point of a study of accuracy: {error}") from None
+            raise DamagedFile(f"no point of a study of accuracy: {error}") from None
 
 
 FIELDS = tuple(f.name for f in fields(Point))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
+from morphofold.errors import DamagedFile
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Number, Record, read_json
 from morphofold.progress import Progress, part_of
@@ -102,7 +103,7 @@ class Kept:
         try:
             return [Point.from_row(row) for row in rows]
         except ValueError as error:
-            raise ValueError(f"{file}: {error}. {ANEW}") from None
+            raise DamagedFile(f"{file}: {error}. {ANEW}") from None
 
 
 def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.errors import OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits
 from morphofold.studies.folds.tables import Row
@@ -51,7 +52,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
 
     Raises
     ------
-    ValueError
+    OpenSurface
         If a ray hits nothing: the surface has a hole, or doesn't enclose the origin.
     """
     verts, faces, origin = surface.verts.copy(), surface.faces.copy(), np.zeros(3)
@@ -64,7 +65,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
             at, sign = np.empty(hits), np.empty(hits)
             ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
         if hits == 0:
-            raise ValueError(
+            raise OpenSurface(
                 f"{surface.name}: isn't hit along direction {direction.round(4).tolist()} from the origin; close its "
                 "holes, and centre it."
             )

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
+from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange, UnknownName
 from morphofold.provenance import strict_json
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
@@ -113,7 +114,7 @@ def planned(study: Study) -> list[Planned]:
     names = {source: _comparable(source) for source in study.scenes}
     twins = {name for name in names.values() if list(names.values()).count(name) > 1}
     if twins:
-        raise ValueError(f"scenes: {min(twins)} is the name of two scenes; rename one.")
+        raise NamedTwice(f"scenes: {min(twins)} is the name of two scenes; rename one.")
     shared = (
         f"geometry.portion={study.portion}", f"growth.final={max(study.growth)}", "output.volume=false",
         f"output.stages={sorted({1.0, *study.growth})}",
@@ -138,33 +139,33 @@ def _check(study: Study) -> None:
         ("growth", study.growth, "1.5,2.0"),
     ):  # fmt: skip
         if not asked:
-            raise ValueError(f"{what}: the list is empty; name one at least, such as {example}.")
+            raise NothingToDo(f"{what}: the list is empty; name one at least, such as {example}.")
         if len(set(asked)) < len(asked):
-            raise ValueError(f"{what}: {','.join(map(str, asked))} names something twice; name it once.")
+            raise NamedTwice(f"{what}: {','.join(map(str, asked))} names something twice; name it once.")
     for level in study.levels:
         if level not in LEVELS:
-            raise ValueError(f"levels: {level!r} is no level of accuracy; there are {', '.join(LEVELS)}.")
+            raise UnknownName(f"levels: {level!r} is no level of accuracy; there are {', '.join(LEVELS)}.")
     if study.portion not in PORTIONS:
-        raise ValueError(f"portion: {study.portion!r} is none; there are {', '.join(PORTIONS)}.")
+        raise UnknownName(f"portion: {study.portion!r} is none; there are {', '.join(PORTIONS)}.")
     for seed in study.seeds:
         if seed < 0:
-            raise ValueError(f"seeds: {seed} is negative; take whole numbers from 0 on.")
+            raise OutOfRange(f"seeds: {seed} is negative; take whole numbers from 0 on.")
     for g in study.growth:
         if not 1 < g <= LARGEST_GROWTH:
-            raise ValueError(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, where folds could be.")
+            raise OutOfRange(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, where folds could be.")
         if round(g, 2) != g:
-            raise ValueError(f"growth: {g:g} has more than the two decimals that stages are named by; round it.")
+            raise OutOfRange(f"growth: {g:g} has more than the two decimals that stages are named by; round it.")
 
 
 def _comparable(source: str) -> str:
     """Name of a scene; refused unless its folds can be compared between levels and seeds."""
     scene = load_scene(source)
     if scene.geometry.shape != "sphere":
-        raise ValueError(f"{scene.name}: is no sphere but a body of shape {scene.geometry.shape!r}; name a sphere.")
+        raise DoesNotApply(f"{scene.name}: is no sphere but a body of shape {scene.geometry.shape!r}; name a sphere.")
     if "perturbation" not in scene.effects:
-        raise ValueError(f"{scene.name}: has no [effects.perturbation], so no seed changes its folds; add one.")
+        raise MissingPart(f"{scene.name}: has no [effects.perturbation], so no seed changes its folds; add one.")
     if scene.accuracy.edge is not None:
-        raise ValueError(
+        raise OptionsClash(
             f"{scene.name}: sets accuracy.edge = {scene.accuracy.edge:g}, so every level has the same mesh; drop it."
         )
     return scene.name

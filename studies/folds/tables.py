@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from morphofold import analysis
+from morphofold.errors import DoesNotApply
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent
 from morphofold.sim.output.run_files import ANEW
@@ -124,7 +125,7 @@ def expected(scene: Scene) -> Row:
     geometry, material = sphere(scene), scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     if not material.theory:
-        raise ValueError(f"{scene.name}: theory is of a neo-Hookean material, not of {material.model}; leave it out.")
+        raise DoesNotApply(f"{scene.name}: theory is of a neo-Hookean material, not of {material.model}; leave it out.")
     found = _first_wrinkles(T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C)
     return {
         "theory_g": found.g_crit,
@@ -145,7 +146,7 @@ def film_wavelength(thickness: float, mu_ratio: float) -> float:
 
 
 def sphere(scene: Scene) -> Any:
-    """The sphere of a scene; ``ValueError`` if its body is another."""
+    """The sphere of a scene; ``DoesNotApply`` if its body is another."""
     if scene.geometry.shape != "sphere":
-        raise ValueError(f"{scene.name}: is a {scene.geometry.shape}, its folds have no sphere to be counted on.")
+        raise DoesNotApply(f"{scene.name}: is a {scene.geometry.shape}, its folds have no sphere to be counted on.")
     return scene.geometry

@@ -52,7 +52,7 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
     ------
     FileNotFoundError
         If a file is not there.
-    ValueError
+    MissingPart
         If a page has not one pair of marks for its part. All is as it was then.
     """
     times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))

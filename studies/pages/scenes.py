@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from morphofold.errors import MissingPart
 from morphofold.sim import scene
 from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, effects_of, options_of
@@ -53,12 +54,12 @@ def write(page: Path) -> None:
 
     Raises
     ------
-    ValueError
+    MissingPart
         If the page lacks the marks.
     """
     text = page.read_text(encoding="utf-8")
     if BEGIN not in text or END not in text:
-        raise ValueError(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
+        raise MissingPart(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
     before, after = text.split(BEGIN)[0], text.split(END)[1]
     write_texts({page: f"{before}{BEGIN}\n{tables()}\n{END}{after}"})
 

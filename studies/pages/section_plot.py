@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis import GyralThickness
+from morphofold.errors import NoSolution
 from morphofold.report.plots.line_plots import BLACK, line_style, new_figure
 from morphofold.surface import Cortex, Surface
 
@@ -26,7 +27,7 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
 
     Raises
     ------
-    ValueError
+    NoSolution
         If no chord lies in a coronal plane.
     """
     y, chords, middle = _plane(cortex.pial, gyri)
@@ -65,7 +66,7 @@ def _plane(pial: Surface, gyri: GyralThickness) -> tuple[float, list[int], NDArr
     ends = np.stack([gyri.points, gyri.partner])
     across = np.flatnonzero((np.ptp(ends[:, :, 1], axis=0) < NEAR) & (np.abs(_course(pial, gyri)[:, 1]) > ACROSS))
     if not len(across):
-        raise ValueError("no chord of a gyrus that runs across a coronal plane lies in it; there is nothing to draw.")
+        raise NoSolution("no chord of a gyrus that runs across a coronal plane lies in it; there is nothing to draw.")
     best: tuple[float, list[int], NDArray[np.float64]] = (0.0, [], np.zeros(2))
     for y in np.arange(ends[0, across, 1].min(), ends[0, across, 1].max() + 1):
         near = across[(np.abs(ends[:, across, 1] - y) < NEAR).all(axis=0)]

@@ -17,6 +17,7 @@ from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison import Point, fit_line
 from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
 from morphofold.comparison.thickness import thickness_ratios
+from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
 from morphofold.quantities import Quantity
 from morphofold.report.colours import rgb_of
@@ -109,7 +110,9 @@ def annotation(measures: Measures) -> Picture:
     """The pial surface from all sides, precentral and postcentral gyrus in colours."""
     cortex = measures.cortex
     if cortex.regions is None:
-        raise ValueError(f"{cortex.name}: has no regions, so no gyrus can be marked. Name a cortex with an annotation.")
+        raise MissingPart(
+            f"{cortex.name}: has no regions, so no gyrus can be marked. Name a cortex with an annotation."
+        )
     rgb = shaded(measures.maps["sulcal_depth"])
     for name, colour in MARKED.items():
         inside = cortex.regions.labels == cortex.regions.names.index(name)

@@ -26,7 +26,7 @@ def write_page(out: Path, page: Path) -> list[str]:
     ------
     FileNotFoundError
         If there is no index in ``out`` or no page.
-    ValueError
+    MissingPart
         If the page hasn't one pair of marks for a figure of the index but Fig. 4, theory alone. It is as it was then.
     """
     figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]

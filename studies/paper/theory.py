@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold import analysis
+from morphofold.errors import DoesNotApply
 from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save, set_limits
 from morphofold.report.plots.theory_plots import LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.sim import theory
@@ -159,7 +160,7 @@ def _stress_rows(simulation: Simulation) -> list[Row]:
 def _sphere(simulation: Simulation) -> Sphere | Radial:
     geometry = simulation.scene.geometry
     if not isinstance(geometry, Sphere | Radial):
-        raise ValueError(f"{simulation.path}: is a {geometry.shape}; Fig. 3 is of spheres.")
+        raise DoesNotApply(f"{simulation.path}: is a {geometry.shape}; Fig. 3 is of spheres.")
     return geometry
 
 

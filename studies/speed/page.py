@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
@@ -47,7 +48,7 @@ def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Pat
         page is as it was then.
     """
     if not simulations:
-        raise ValueError("no simulation is named; name folders that `morphofold simulate` wrote.")
+        raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
     text = _text(page, "Begin the page with the marks.")
     rows = [whole_run(folder) for folder in simulations]
     parts = {
@@ -86,7 +87,7 @@ def whole_run(folder: Path) -> Row:
         told = Simulation(folder, scene).health
         seconds, elements, phases = float(told["seconds"]), told.get("elements"), dict(told["seconds_by_phase"])
         if not 0 < seconds < math.inf:
-            raise ValueError(f"{file}: a run of {seconds:g} s has no speed. {cure}")
+            raise DamagedFile(f"{file}: a run of {seconds:g} s has no speed. {cure}")
         shares = {phase: spent / seconds for phase, spent in phases.items()}
         shares["rest"] = 1 - sum(shares.values())
         row = {
@@ -128,7 +129,7 @@ def _understood(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError, json.JSONDecodeError) as error:
-        raise ValueError(
+        raise DamagedFile(
             f"{path}: isn't as `morphofold simulate` writes it ({type(error).__name__}: {error}). Grow anew."
         ) from error
 
@@ -139,7 +140,7 @@ def _text(path: Path, cure: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: isn't text ({error}). {cure}") from None
+        raise DamagedFile(f"{path}: isn't text ({error}). {cure}") from None
 
 
 def _rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
@@ -148,14 +149,14 @@ def _rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str
     try:
         rows = json.loads(_text(path, cure))
     except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: isn't JSON ({error}). {cure}") from None
+        raise DamagedFile(f"{path}: isn't JSON ({error}). {cure}") from None
     if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{path}: holds no rows. {cure}")
+        raise WrongFile(f"{path}: holds no rows. {cure}")
     for k, row in enumerate(rows):
         for name, good in (*((w, _is_word) for w in words), *((p, _is_positive) for p in positive)):
             if not isinstance(row, dict) or not good(row.get(name)):
                 got = row.get(name) if isinstance(row, dict) else row
-                raise ValueError(f"{path}: row {k} of {len(rows)} has no good {name!r}, but {got!r}. {cure}")
+                raise WrongFile(f"{path}: row {k} of {len(rows)} has no good {name!r}, but {got!r}. {cure}")
     return rows
 
 
@@ -192,7 +193,7 @@ def _elements(rows: Sequence[Row]) -> list[str]:
 def _effects(rows: Sequence[Row], path: Path) -> list[str]:
     for k, row in enumerate(rows):
         if not (_is_number(row.get("ms")) and _is_number(row.get("share"))):
-            raise ValueError(
+            raise WrongFile(
                 f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it anew: morphofold bench "
                 f"effects --json > {path.name}"
             )

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from skfem import MeshTet
 
+from morphofold.errors import UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import REFRESH, Dynamics
@@ -104,7 +105,7 @@ def speed_body(element: str, cells: int, portion: str = "half", *, single: bool 
         If there is no such element, portion or number of cells.
     """
     if element not in SIZES:
-        raise ValueError(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
+        raise UnknownName(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
     bilayer = bilayer_sphere(50, 3, 25, portion, cells)
     if element == "tet":
         bilayer = cut_bricks(bilayer)

@@ -1,6 +1,7 @@
 """The study of accuracy: cases are done once, tables say what the points hold, pages take them between marks."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import morphofold.sim
 from morphofold.cli import main
+from morphofold.errors import MissingPart, NotFinite
 from morphofold.studies.accuracy import study as study_module
 from morphofold.studies.accuracy.bodies import FINEST
 from morphofold.studies.accuracy.folds import MESH, grown
@@ -115,7 +117,7 @@ def test_a_case_that_fails_leaves_nothing_and_is_tried_again(tmp_path):
 
 def test_numbers_that_are_none_are_refused_and_not_kept(tmp_path):
     kept = Kept(tmp_path, {})
-    with pytest.raises(ValueError, match=r"bumpy sphere, mean curvature, morphofold.* got nan"):
+    with pytest.raises(NotFinite, match=r"bumpy sphere, mean curvature, morphofold.* nan\b"):
         kept.points(Case("one", lambda: [measuring_point(1000, error=np.nan)]))
     assert not list(kept.folder.iterdir())
 
@@ -303,7 +305,9 @@ def test_a_page_without_a_mark_is_left_alone(study, page, capsys):
     page.write_text(page.read_text().replace("<!-- peers -->", ""))
     before = page.read_text()
     assert write([str(study), str(page)]) == 2
-    assert "has no one place for peers" in capsys.readouterr().err
+    assert f"{page}: " in capsys.readouterr().err
+    with pytest.raises(MissingPart, match=r"<!-- peers -->.*<!-- /peers -->"):
+        write_page(study, page)
     assert page.read_text() == before
 
 
@@ -313,7 +317,9 @@ def test_half_a_study_makes_no_page(points, page, tmp_path, capsys):
     write_study([p for p in points if p.half == "measuring"], circumstances(), out)
     before = page.read_text()
     assert write([str(out), str(page)]) == 2
-    assert "holds measuring only. Study both halves" in capsys.readouterr().err
+    assert f"{out}: " in capsys.readouterr().err
+    with pytest.raises(MissingPart, match=r"\bmeasuring\b"):
+        write_page(out, page)
     assert page.read_text() == before
 
 
@@ -333,7 +339,8 @@ def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
 def test_the_command_refuses_before_it_works(tmp_path, capsys):
     assert main(["bench", "accuracy", "-o", ""]) == 2
     assert main(["bench", "accuracy", "-o", str(tmp_path / "a"), "--halves", "brain"]) == 2
-    assert "'brain' is none; there are measuring, solver" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert re.search(r"--halves: 'brain' .* measuring, solver\. \[unknown-name\]", said)
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "precious.txt").write_text("mine")
     assert main(["bench", "accuracy", "-o", str(tmp_path / "b")]) == 2

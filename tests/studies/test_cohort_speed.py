@@ -66,7 +66,7 @@ def test_a_subject_that_fails_is_told(tmp_path, here_fleet, monkeypatch):
 
 @pytest.mark.parametrize("words", [["--subjects", "0"], ["--workers", "0"], ["--workers", "1001"]])
 def test_numbers_that_are_none_are_refused(here, capsys, words):
-    refused(capsys, ["bench", "cohort", "-o", "load", *words], "at least 1 of each")
+    refused(capsys, ["bench", "cohort", "-o", "load", *words], " ".join(words), "1,000,000", "1,000 ", "[out-of-range]")
     assert not (here / "load").exists()
 
 

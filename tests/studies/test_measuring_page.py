@@ -10,6 +10,7 @@ import pytest
 
 from morphofold.analysis import gyral_thickness, measure
 from morphofold.cli import main
+from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
 from morphofold.report.pictures.net import KINDS, crest_figure, crest_row
 from morphofold.shapes.folded_ball import THICKNESS, folded_ball
@@ -49,7 +50,7 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
     assert ball.scalars["euler_characteristic"] == 2
     assert ball.scalars["gyrification_index"] > 1.05                    # folded at all
     assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(THICKNESS, rel=0.05)
-    with pytest.raises(ValueError, match="needs 1,000 vertices at least, got 999"):
+    with pytest.raises(ValueError, match=r"\b1,000\b.*\b999\b"):
         folded_ball(999)
 
 
@@ -76,7 +77,10 @@ def test_the_exponent_is_that_of_n_log_n(power):
 @pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
 def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
     assert main(["bench", "measures", "--vertices", sizes]) == 2
-    assert "--vertices" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"{sizes!r}" in said
+    assert said.startswith("morphofold bench: --vertices: ")
+    assert said.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
 
 
 @pytest.mark.slow
@@ -151,14 +155,16 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
     pial = ax.lines[0].get_xydata()
     radius = np.nanmax(np.linalg.norm(pial, axis=1))                    # of a plane cut of a ball about the origin
     assert 10 < radius <= np.linalg.norm(ball.cortex.pial.verts, axis=1).max()
-    with pytest.raises(ValueError, match="nothing to draw"):
+    with pytest.raises(NoSolution):
         section_plot.section_figure(ball.cortex, replace(gyri, partner=np.full_like(gyri.partner, np.nan)))
 
 
 def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
     with pytest.raises(SystemExit):
         measuring.main(["page.md", "--speed", "speed.json", "S1"])
-    assert "'S1' has no name; write it as NAME=CORTEX" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "'S1'" in said
+    assert "NAME=CORTEX" in said
     (_, table) = measuring._speed([row for row in made_times() if row["vertices"] == 1000])
     assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
@@ -168,7 +174,7 @@ def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkey
     monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
     folder, speed = made_pages(tmp_path / "pages", gyral_net="none\n")
     before = {path: path.read_text() for path in folder.iterdir()}
-    with pytest.raises(ValueError, match="has no one place for sensitivity"):
+    with pytest.raises(MissingPart, match=r"gyral-net\.md: .*<!-- sensitivity -->"):
         measuring.write_pages(folder, speed, {"ball": ball})
     assert {path: path.read_text() for path in folder.iterdir()} == before
 

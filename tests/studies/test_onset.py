@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim import theory
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.scene.files import load_scene
@@ -76,16 +77,16 @@ def test_a_second_kick_comes_when_little_of_the_first_is_left_to_die():
 
 
 def test_a_body_that_does_not_start_to_fold_before_its_growth_is_final_has_no_onset():
-    with pytest.raises(ValueError, match=r"strip: no onset between g = 1\.10\d+ and 1\.18; let it grow further"):
+    with pytest.raises(NoSolution, match=r"strip: .* g = 1\.10\d+ .* 1\.18;"):
         onset.onset(strip(*COARSE, "growth.final=1.18"))
 
 
 def test_a_start_past_the_onset_is_refused():
-    with pytest.raises(ValueError, match=r"folds already at g = 1\.3\d+; let start be less than 1\.3\."):
+    with pytest.raises(NoSolution, match=r" g = 1\.3\d+; .* 1\.3\.$"):
         onset.onset(strip(*COARSE), start=1.3)
 
 
 @pytest.mark.parametrize("wrong", [{"start": 1.6}, {"start": 0.9}, {"rate": 0.0}, {"rate": np.inf}, {"start": np.nan}])
 def test_a_start_or_a_rate_out_of_range_is_refused(wrong):
-    with pytest.raises(ValueError, match=r"need 1 <= start < growth\.final = 1\.6 and a positive rate"):
+    with pytest.raises(OutOfRange, match=r" 1 <= start < growth\.final = 1\.6 "):
         onset.onset(strip(*COARSE), **wrong)

@@ -97,9 +97,9 @@ def test_a_patch_lies_in_the_frame_of_its_hinge(ball):
 
 
 def test_a_hinge_that_is_not_there_is_refused(ball):
-    with pytest.raises(ValueError, match=r"has no gyral graph with a hinge 99999. Measure the cortex again."):
+    with pytest.raises(ValueError, match=r"\b99999\b"):
         hinge_patch(ball, 99999)
-    with pytest.raises(ValueError, match="has no gyral graph with a hinge 0"):
+    with pytest.raises(ValueError, match=r"\bhinge 0\b"):
         hinge_patch(replace(ball, graph=None), 0)
 
 

@@ -248,7 +248,7 @@ def test_a_row_says_what_needs_the_least_growth(cases, wrinkle, crease, first):
 def test_a_cortex_as_thick_as_the_sphere_is_refused():
     assert outer_ratio(2, 50) == pytest.approx(50 / 48)
     for thickness in (0, -1, 50, np.nan):
-        with pytest.raises(ValueError, match="between 0 and the outer radius 50 mm"):
+        with pytest.raises(ValueError, match=rf"thickness .* 0 .* 50 mm, .* {thickness:g} mm"):
             outer_ratio(thickness, 50)
 
 
@@ -267,7 +267,7 @@ def test_the_same_figure_is_the_same_file(tmp_path, kind):
 
 
 def test_a_figure_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"picture\.bmp: a figure is written as \.png, \.svg, \.pdf"):
+    with pytest.raises(ValueError, match=r"picture\.bmp: .* \.png, \.svg, \.pdf"):
         line_plots.save(paper_theory.fig4(), tmp_path / "picture.bmp")
     assert list(tmp_path.iterdir()) == []
 

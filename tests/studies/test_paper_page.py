@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from morphofold.errors import MissingPart
 from morphofold.report.pictures.png import png_bytes
 from morphofold.sim import theory
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
@@ -126,7 +127,7 @@ def test_pictures_are_halved(out, page):
 def test_a_page_without_marks_is_refused_and_stays_as_it_was(out, page, broken):
     page.write_text(page.read_text().replace(broken, ""))
     before = page.read_text()
-    with pytest.raises(ValueError, match="no one place for fig6; mark it with <!-- fig6 --> and, below, <!-- /"):
+    with pytest.raises(MissingPart, match=rf"{page.name}: .*<!-- fig6 -->.*<!-- /fig6 -->"):
         paper_page.write_page(out, page)
     assert page.read_text() == before
 

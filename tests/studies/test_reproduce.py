@@ -1,6 +1,8 @@
 """The command ``morphofold reproduce``; the simulations that figures ask for are made up."""
 
 import json
+import os
+import re
 
 import pytest
 from made_simulations import harmonic, made_simulation, settle
@@ -53,6 +55,11 @@ def refused(capsys, *argv):
     assert told.out == ""
     assert len(told.err.splitlines()) == 1
     return told.err
+
+
+def index_of(file):
+    """A summary whose only figure has this file."""
+    return json.dumps({"figures": {"fig4": {"shows": "", "files": [file]}}})
 
 
 def names(folder):
@@ -138,6 +145,7 @@ def test_reproduce_refuses_a_figure_that_it_does_not_know_before_it_writes(here,
     said = refused(capsys, "reproduce", "fig3", "fig33")
     assert "'fig33'" in said
     assert "fig3, fig4" in said
+    assert " [unknown-name]" in said
     assert list(here.iterdir()) == []
 
 
@@ -175,13 +183,13 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     (here / "out" / "summary.json").write_text("{")
     capsys.readouterr()
-    assert "summary.json: is not JSON" in refused(capsys, "reproduce", "fig3", "-o", "out")
+    assert "out/summary.json: " in refused(capsys, "reproduce", "fig3", "-o", "out")
 
 
 @pytest.mark.parametrize(
     ("index", "why"),
     [
-        ("[]", "no JSON object"),
+        ("[]", "JSON"),
         ("{}", "figures"),
         ('{"figures": []}', "figures"),
         ('{"figures": {"fig4": {}}}', "figures.fig4"),
@@ -189,9 +197,9 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
         ('{"figures": {"fig4": {"shows": "", "files": [3]}}}', "figures.fig4.files.0"),
         ('{"figures": {"fig4": {"shows": "", "files": [], "seconds": "x"}}}', "figures.fig4.seconds"),
         ('{"figures": {"fig4": {"shows": "", "files": [], "simulations": [{}]}}}', "figures.fig4.simulations.0"),
-        ('{"figures": {"fig4": {"shows": "", "files": ["../thesis.txt"]}}}', "can't have a file '../thesis.txt'"),
-        ('{"figures": {"fig4": {"shows": "", "files": ["fig4/../../thesis.txt"]}}}', "can't have a file"),
-        ('{"figures": {"fig4": {"shows": "", "files": ["summary.json"]}}}', "can't have a file 'summary.json'"),
+        (index_of("../thesis.txt"), r"fig4 .*'\.\./thesis\.txt'\. .*\[damaged-file\]"),
+        (index_of("fig4/../../thesis.txt"), r"fig4 .*'fig4/\.\./\.\./thesis\.txt'\. .*\[damaged-file\]"),
+        (index_of("summary.json"), r"fig4 .*'summary\.json'\. .*\[damaged-file\]"),
         ("[" * 100_000, "nested"),
     ],
 )
@@ -203,7 +211,7 @@ def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, 
     capsys.readouterr()
     said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
     assert "out/summary.json: " in said
-    assert why in said
+    assert re.search(why, said)
     assert grown == []
     assert names(here / "out") == before
     assert (here / "out" / "summary.json").read_text() == index
@@ -213,7 +221,9 @@ def test_a_figure_that_was_changed_is_never_kept_as_drawn(here, capsys):
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     (here / "out" / "fig4.tsv").write_text("mine")
     capsys.readouterr()
-    assert "out/fig4.tsv: " in refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    assert "out/fig4.tsv: " in said
+    assert " [mismatch]" in said
     assert (here / "out" / "fig4.tsv").read_text() == "mine"
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     assert (here / "out" / "fig4.tsv").read_text() != "mine"
@@ -230,14 +240,16 @@ def test_two_runs_into_one_folder_never_lose_a_figure(here, capsys, monkeypatch)
     monkeypatch.setitem(paper.REPRODUCTIONS, "fig4", slowly)
     assert main(["reproduce", "fig4", "-o", "out", "-q"]) == 0
     assert codes == [2]
-    assert "another run is writing here" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "out: " in said
+    assert f" {os.getpid()})" in said
     assert {path.name for path in here.iterdir()} == {"out"}
     assert (here / "out" / "fig4.tsv").is_file()
 
 
 def test_threads_that_cannot_be_had_are_refused_before_anything_is_written(here, grown, capsys):
     for argv in (("reproduce", "fig5"), ("reproduce", "fig4"), ("bench", "folds")):
-        assert "threads must be 1 to" in refused(capsys, *argv, "--threads", "0", "-o", "out")
+        assert re.search(r"threads .* 1 .* 0\.", refused(capsys, *argv, "--threads", "0", "-o", "out"))
     assert grown == []
     assert list(here.iterdir()) == []
 
