@@ -31,7 +31,7 @@ def reproduced(tmp_path_factory):
 
 
 def at(rows, scene, growth):
-    return next({**row, **{k: float(v) for k, v in row.items() if k in NUMBERS}} for row in rows
+    return next({**row, **{k: float(v.replace("n/a", "nan")) for k, v in row.items() if k in NUMBERS}} for row in rows
                 if row["scene"] == scene and float(row["growth"]) == growth)  # fmt: skip
 
 
