@@ -290,7 +290,7 @@ def test_a_state_that_the_points_do_not_resolve_is_refused():
     smooth_state(Sphere(0.4, 1000.0, "isotropic", 50.0), 2.93)          # and one that they do, just, is not
     found = theory.bifurcation(0.2, 1e4, "isotropic", 10.0)
     assert math.isnan(found.g_crit)
-    assert re.search(r"\bg = 2\.\d+;", found.reason)            # and then that it could be followed no further
+    assert re.search(r"\bg = [\d.]+;", found.reason)           # and then that it could be followed no further
 
 
 def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones(monkeypatch):
