@@ -76,5 +76,5 @@ def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
 
 
 def test_measures_from_a_folder_have_no_net_to_paint(measures):
-    with pytest.raises(MissingPart, match="read"):
+    with pytest.raises(MissingPart, match=r"^read: "):
         net_row(Measures(measures.cortex, {}, {}), "read")

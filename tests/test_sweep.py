@@ -104,7 +104,7 @@ def test_a_scene_without_imperfection_has_no_seed():
         ("cortex_thicknes=1", UnknownName, " cortex_thickness?"),
         ("material.mu=1", UnknownName, " material.mu_ratio?"),
         ("final=1.5,2", UnknownName, " growth.final=1.5,2."),
-        ("mu_ratio=1,2,1.0", NamedTwice, "mu_ratio: names 1.0 "),
+        ("mu_ratio=1,2,1.0", NamedTwice, " 1.0 "),
         ("mu_ratio=1,,2", NotReadable, "mu_ratio: ''"),
         ("mu_ratio=[1,2", NotReadable, "mu_ratio: '[1'"),
         ("mu_ratio=1]\nx=[2", NotReadable, "mu_ratio: "),
