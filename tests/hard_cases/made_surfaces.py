@@ -118,11 +118,11 @@ def changes_of_lines(found, unit):
 
 
 def refusal(cortex, **options):
-    """What ``measure`` refuses the cortex with; empty if it does not."""
+    """What ``measure`` refuses the cortex with, its code last, as commands tell it; empty if it does not."""
     try:
         measure(cortex, **options)
     except ValueError as error:
-        return str(error)
+        return f"{error} [{getattr(error, 'code', '')}]"
     return ""
 
 

@@ -21,22 +21,22 @@ def test_a_bound_is_kept_or_broken():
     holds("error", 0.01, at_most=0.01, unit="%")
     assert told[-1] == {"what": "error", "bound": "≤ 0.01 %", "measured": "0.01 %"}
     for measured in (0.02, float("nan"), float("inf")):
-        with pytest.raises(AssertionError, match="error"):
+        with pytest.raises(AssertionError, match=rf"error\b.* {measured:g}\b"):
             holds("error", measured, at_most=0.01)
-    with pytest.raises(AssertionError, match="below"):
+    with pytest.raises(AssertionError, match=r"share: 0\.5 .*\b0\.9"):
         holds("share", 0.5, at_least=0.9)
     with pytest.raises(AssertionError, match="limit"):
         holds("share", 0.5)
-    with pytest.raises(AssertionError, match="is not"):
+    with pytest.raises(AssertionError, match=r"bytes: b'a' .*b'b'"):
         holds.equal("bytes", b"a", b"b")
-    with pytest.raises(AssertionError, match="lacks"):
+    with pytest.raises(AssertionError, match=r"refusal: .*\['line 3'\]"):
         holds.says("refusal", "x.surf: is empty", "x.surf", "line 3")
 
 
 def test_a_guard_has_words_and_a_removal():
-    with pytest.raises(ValueError, match="neither"):
+    with pytest.raises(ValueError, match=r"rotation: .*'laws'"):
         hard_case("laws", "rotation", guard="the filter")
-    with pytest.raises(ValueError, match="neither"):
+    with pytest.raises(ValueError, match=r"rotation: .*'laws'"):
         hard_case("somewhere", "rotation")
 
 
@@ -70,7 +70,7 @@ def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
 ])  # fmt: skip
 def test_what_needs_linux_is_skipped_elsewhere(use, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
-    with pytest.raises(pytest.skip.Exception, match=r"needs Linux: .* darwin"):
+    with pytest.raises(pytest.skip.Exception, match=r"\bLinux\b.* darwin"):
         use()
 
 

