@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from morphofold.analysis.graph.sensitivity import hinge_sensitivity
     from morphofold.analysis.gyrification.depth import sulcal_depth
     from morphofold.analysis.gyrification.folding import FoldingIndices, folding_indices
-    from morphofold.analysis.gyrification.fractal import fractal_dimension
+    from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
+    from morphofold.analysis.gyrification.fractal_dimension import fractal_dimension
     from morphofold.analysis.gyrification.hull import gyrification_index
-    from morphofold.analysis.gyrification.local import local_gyrification_index
-    from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms
-    from morphofold.analysis.gyrification.spectrum import Spectrum, power_spectrum
+    from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
+    from morphofold.analysis.gyrification.power_spectrum import Spectrum, power_spectrum
     from morphofold.analysis.measures import Measures
     from morphofold.analysis.measuring import measure
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
@@ -48,28 +48,28 @@ _PUBLIC = {
     "Hinge": "analysis.graph.hinges",
     "HingeShapes": "analysis.graph.hinge_shapes",
     "Measures": "analysis.measures",
-    "ShapeTerms": "analysis.gyrification.scaling",
-    "Spectrum": "analysis.gyrification.spectrum",
+    "ShapeTerms": "analysis.gyrification.folding_law",
+    "Spectrum": "analysis.gyrification.power_spectrum",
     "cortical_thickness": "analysis.thickness.cortical",
     "crest_lines": "analysis.crests",
     "curvature": "analysis.curvatures",
     "euler_characteristic": "geometry",
     "folding_indices": "analysis.gyrification.folding",
-    "fractal_dimension": "analysis.gyrification.fractal",
+    "fractal_dimension": "analysis.gyrification.fractal_dimension",
     "gyral_graph": "analysis.graph.gyral_graph",
     "gyral_thickness": "analysis.thickness.gyral",
     "gyrification_index": "analysis.gyrification.hull",
     "hinge_sensitivity": "analysis.graph.sensitivity",
     "hinge_shapes": "analysis.graph.hinge_shapes",
     "hinges": "analysis.graph.hinges",
-    "local_gyrification_index": "analysis.gyrification.local",
+    "local_gyrification_index": "analysis.gyrification.local_gyrification",
     "measure": "analysis.measuring",
-    "power_spectrum": "analysis.gyrification.spectrum",
+    "power_spectrum": "analysis.gyrification.power_spectrum",
     "prominent_peaks": "analysis.graph.prominence",
     "gray_volumes": "analysis.regions",
     "region_table": "analysis.regions",
     "wide_table": "analysis.regions",
-    "shape_terms": "analysis.gyrification.scaling",
+    "shape_terms": "analysis.gyrification.folding_law",
     "sulcal_depth": "analysis.gyrification.depth",
     "vertex_areas": "geometry",
     "vertex_normals": "geometry",

@@ -14,7 +14,7 @@ from morphofold.analysis.curvatures import check_scale, curvature, largest_scale
 from morphofold.analysis.graph.tables import gyral_tables
 from morphofold.analysis.gyrification import hull
 from morphofold.analysis.gyrification.folding import folding_indices
-from morphofold.analysis.gyrification.local import CLOSING, local_gyrification_index
+from morphofold.analysis.gyrification.local_gyrification import CLOSING, local_gyrification_index
 from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import LINE, SCALARS, Measures
 from morphofold.analysis.mesh_quality import checks, defects, plausibility

@@ -132,7 +132,7 @@ def copied(cortex: Cortex, accuracy: Accuracy) -> Copy:
 
 def parameters(name: str, copy: Copy) -> dict[str, Any]:
     """What to record of an accuracy by its name, and of the copy that it led to."""
-    from morphofold.analysis.gyrification.local import CLOSING
+    from morphofold.analysis.gyrification.local_gyrification import CLOSING
 
     return {
         "accuracy": name,

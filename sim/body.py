@@ -16,7 +16,7 @@ from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
 SAFETY = 1.5               # nodal mass over the least that keeps a step of one stable

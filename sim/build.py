@@ -10,7 +10,7 @@ import numpy as np
 from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.mesh.bilayer import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
+from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
 from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Strip
 
 

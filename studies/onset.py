@@ -21,7 +21,7 @@ from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
 KICK = 1e-3             # of the cortical thickness, rms

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from morphofold.sim.body import Body
-from morphofold.sim.mesh.bilayer import bilayer_patch
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
 
 THICKNESS, CORTEX = 4.0, 1.0            # of the beam, and of its cortex [mm]
 RATIO = 3.0                             # of shear moduli

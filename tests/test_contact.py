@@ -17,7 +17,7 @@ from morphofold.sim.effects.contact import (
     triangles,
 )
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.mesh.bilayer import Plane, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import Plane, bilayer_sphere
 
 
 def make_body(portion="full", n=16):

@@ -8,7 +8,7 @@ from morphofold.sim.dynamics import INCREMENT, REFRESH, Dynamics, UnstableError,
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 
 
 def make_run(

@@ -26,7 +26,7 @@ from morphofold.sim.effects.regional_growth import RegionalGrowth
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from morphofold.sim.elements.bricks import BINARY_CORNERS
-from morphofold.sim.mesh.bilayer import (
+from morphofold.sim.mesh.brick_mesh import (
     CORE_CAP,
     CORE_RATIO,
     PLANES,

@@ -58,7 +58,7 @@ def imports(name, file):
 
 
 def room(name):
-    """``sim`` of ``morphofold.sim.mesh.bilayer``; the front hall and what stands on the ground are one room."""
+    """``sim`` of ``morphofold.sim.mesh.brick_mesh``; the front hall and what stands on the ground are one room."""
     part = name.split(".")[1] if "." in name else "ground"
     return {"__main__": "cli"}.get(part, "ground" if part in GROUND else part)
 

@@ -9,7 +9,7 @@ from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
-from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.studies.accuracy.assembly import Twin
 
 MATERIALS = (NeoHookean(), MooneyRivlin(0.4))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyrification_index, local_gyrification_index
-from morphofold.analysis.gyrification.local import envelope
+from morphofold.analysis.gyrification.local_gyrification import envelope
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, vertex_areas
 from morphofold.shapes import ellipsoid, ridged_sphere, sphere

@@ -11,7 +11,7 @@ from morphofold.sim.equilibrium import statics
 from morphofold.sim.materials.elastic import brick_energy, brick_stress, cofactor, energy, stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
-from morphofold.sim.mesh.bilayer import bilayer_patch
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.sim.scene.materials import material_names
 

@@ -16,7 +16,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
-from morphofold.sim.mesh.bilayer import bilayer_patch
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.files import load_scene
 
 TICK = 20.0             # steps

@@ -4,7 +4,7 @@ import pytest
 from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
 from morphofold.sim.health import enclosed_volume, overlap
-from morphofold.sim.mesh.bilayer import PLANES, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import PLANES, bilayer_sphere
 from morphofold.sim.output.surfaces import smooth_diagonals, whole_surfaces
 from morphofold.surface import Surface
 

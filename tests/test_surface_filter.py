@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.equilibrium.statics import equilibrium
-from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.speed.solver import cut_bricks
 

@@ -11,7 +11,7 @@ from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress, stress_of_elements
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
-from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 
 KINDS = ("bricks", "tets")
 

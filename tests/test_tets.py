@@ -18,7 +18,7 @@ from morphofold.sim.growth import growth_tensor
 from morphofold.sim.materials import elastic
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
-from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.speed.solver import cut_bricks
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
+from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
 from morphofold.comparison.thickness import thickness_ratios

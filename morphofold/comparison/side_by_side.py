@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
+from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges

@@ -10,7 +10,7 @@ from morphofold.errors import DoesNotApply
 from morphofold.forecasts.table import costs
 
 if TYPE_CHECKING:
-    from morphofold.sim.mesh.bilayer import Bilayer
+    from morphofold.sim.mesh.brick_mesh import Bilayer
     from morphofold.sim.scene import Scene
 
 GiB = 2**30
@@ -83,7 +83,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     DoesNotApply
         For a shape that isn't made of bricks.
     """
-    from morphofold.sim.mesh.bilayer import PLANES, core_shares
+    from morphofold.sim.mesh.brick_mesh import PLANES, core_shares
     from morphofold.sim.scene import Ellipsoid, Sphere
 
     geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)

@@ -19,7 +19,7 @@ from morphofold.errors import NamedTwice, NotReadable
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
-    from morphofold.sim.mesh.bilayer import Bilayer
+    from morphofold.sim.mesh.brick_mesh import Bilayer
     from morphofold.sim.scene import Scene
 
 PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")   # names that a run has for itself

@@ -25,7 +25,7 @@ from pydantic import Field
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.effects import Effect
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene.tables import EffectOptions, Length, Point, key
 
 if TYPE_CHECKING:

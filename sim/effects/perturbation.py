@@ -10,7 +10,7 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene.tables import EffectOptions, Length, key
 
 if TYPE_CHECKING:

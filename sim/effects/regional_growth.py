@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.mesh.bilayer import spot_factors
+from morphofold.sim.mesh.brick_mesh import spot_factors
 from morphofold.sim.scene.tables import EffectOptions, Spot, key
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FLAT = 1e-7             # singular value, over the largest, below which a stencil is flat that way
 SAME = 1e-4             # distance at which two points of a stencil are one [cell sizes]

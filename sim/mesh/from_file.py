@@ -12,7 +12,7 @@ from skfem import MeshTet
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody, NoCortex
 from morphofold.geometry import morton_codes
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
 from morphofold.sim.scene import MeshFile

@@ -12,7 +12,7 @@ from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import STIFFNESS, Contact
-from morphofold.sim.mesh.bilayer import Bilayer
+from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import LEVELS, Scene, elements_through
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.accuracy.points import Point, Timing

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import gyral_thickness, local_gyrification_index
-from morphofold.analysis.gyrification.local import CLOSING
+from morphofold.analysis.gyrification.local_gyrification import CLOSING
 from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
 from morphofold.arrays import Array
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere

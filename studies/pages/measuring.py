@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, gyral_thickness, hinge_sensitivity
-from morphofold.analysis.gyrification.fractal import box_counts
+from morphofold.analysis.gyrification.fractal_dimension import box_counts
 from morphofold.analysis.relief import relief
 from morphofold.io import atomic_file, sample_path
 from morphofold.quantities import Quantity, quantity

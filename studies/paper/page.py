@@ -16,7 +16,7 @@ from morphofold.report.pictures.png import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.indexes import CURE, FigureIndex
 from morphofold.studies.markdown import health, renewed, write_texts
-from morphofold.studies.paper.parts import PARTS, Image, Table, read_tables
+from morphofold.studies.paper.figures import PARTS, Image, Table, read_tables
 
 
 def write_page(out: Path, page: Path) -> list[str]:

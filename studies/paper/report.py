@@ -9,7 +9,7 @@ from typing import Any
 
 from morphofold.report.pages.templates import write_page
 from morphofold.report.pictures.png import halved, png_bytes, read_png
-from morphofold.studies.paper.parts import PARTS, Image, read_tables
+from morphofold.studies.paper.figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
 SECONDS = 100           # from here on a time is told in minutes

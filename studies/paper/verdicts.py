@@ -9,8 +9,8 @@ from itertools import pairwise
 from morphofold.comparison.hinges import CHANCE
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
+from morphofold.studies.paper.figures import Tables
 from morphofold.studies.paper.folds import FIG7
-from morphofold.studies.paper.parts import Tables
 from morphofold.studies.paper.theory import ONE_D, THREE_D
 from morphofold.words import listed
 

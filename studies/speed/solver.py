@@ -18,7 +18,7 @@ from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import REFRESH, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import BINARY_CORNERS
-from morphofold.sim.mesh.bilayer import Bilayer, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_sphere
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
 from morphofold.sim.scene.files import load_scene
@@ -95,7 +95,7 @@ def speed_body(element: str, cells: int, portion: str = "half", *, single: bool 
     cells : int
         Surface cells along a quarter circle; 32 on half a sphere makes 27,648 bricks.
     portion : str
-        See :func:`morphofold.sim.mesh.bilayer.bilayer_sphere`.
+        See :func:`morphofold.sim.mesh.brick_mesh.bilayer_sphere`.
     single : bool
         As of :class:`Body`; scenes take it by default.
 

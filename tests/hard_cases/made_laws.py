@@ -16,7 +16,7 @@ from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.brick_kernels import WIDTH
 from morphofold.sim.elements.surface_filter import SurfaceFilter
-from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 
 
 def moved(bilayer, rotation, shift):

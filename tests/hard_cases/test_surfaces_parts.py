@@ -11,7 +11,7 @@ from morphofold import geometry
 from morphofold.analysis import curvatures, measure, vertex_areas
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.graph.net import Net
-from morphofold.analysis.gyrification import folding, local
+from morphofold.analysis.gyrification import folding, local_gyrification
 from morphofold.analysis.mesh_quality import checks, repair
 from morphofold.cli import analyze
 from morphofold.intersections.boxes import box_tree
@@ -23,7 +23,7 @@ from morphofold.surface import Cortex, Surface
 def all_of_them(patch):
     """Vertices that no triangle uses are measured and boxed with the others."""
     patch.setattr(repair, "_mended", lambda cortex, *_: repair.as_given(cortex))
-    patch.setattr(local, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
+    patch.setattr(local_gyrification, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
 
 
 @pytest.mark.parametrize("first", [False, True])
@@ -233,7 +233,7 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
 
 @hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
            peers="libigl crashes with fewer than six neighbours (said)",
-           without=lambda patch: patch.setattr(local, "COARSEST", np.inf))  # fmt: skip
+           without=lambda patch: patch.setattr(local_gyrification, "COARSEST", np.inf))  # fmt: skip
 def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     verts, faces = icosphere(0)
     m = measure(Cortex(*(Surface(r * verts, faces, f"lh.{name}") for r, name in ((40, "white"), (50, "pial")))))

@@ -8,8 +8,8 @@ from test_tangent import split
 from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium import statics
-from morphofold.sim.mesh import bilayer as shapes
-from morphofold.sim.mesh.bilayer import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh import brick_mesh as shapes
+from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.onset import onset
 

@@ -27,7 +27,7 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper import compare, folds, thickness_plots
-from morphofold.studies.paper.parts import WORDS
+from morphofold.studies.paper.figures import WORDS
 from morphofold.surface import Regions
 
 

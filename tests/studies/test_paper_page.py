@@ -11,8 +11,8 @@ from morphofold.report.pictures.png import png_bytes
 from morphofold.sim import theory
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.folds import tables
+from morphofold.studies.paper import figures
 from morphofold.studies.paper import page as paper_page
-from morphofold.studies.paper import parts
 from morphofold.studies.paper.folds import FIG5, FIG6, FIG7
 from morphofold.tables import write_table
 
@@ -137,14 +137,14 @@ def test_a_page_without_marks_is_refused_and_stays_as_it_was(out, page, broken):
 
 def test_the_page_of_the_docs_has_a_place_for_every_figure():
     text = PAGE.read_text(encoding="utf-8")
-    for name in set(parts.PARTS) - {"fig4"}:
+    for name in set(figures.PARTS) - {"fig4"}:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
         assert any(PAGE.parent.glob(f"{name}*.png"))                    # test_docs.py follows each link
 
 
 def test_the_tables_of_the_docs_have_the_columns_of_the_code():
     text = PAGE.read_text(encoding="utf-8")
-    heads = f"| {' | '.join(parts.FOLDS)} |"
+    heads = f"| {' | '.join(figures.FOLDS)} |"
     assert heads in text
     assert text.count(heads[2:]) == 3
 

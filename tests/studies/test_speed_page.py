@@ -7,7 +7,7 @@ import pytest
 from morphofold.cli import main
 from morphofold.errors import DamagedFile, MissingPart, NothingToDo, UnknownName, WrongFile
 from morphofold.sim.effects import build_effects
-from morphofold.sim.mesh.bilayer import bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.analysis.gyrification.scaling import ShapeTerms, shape_terms_of
+from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.analysis.mesh_quality.defects import WARNINGS
