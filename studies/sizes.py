@@ -1,0 +1,57 @@
+"""How large the house is: lines of code, which are neither blank, comment nor docstring, of rooms, files and functions.
+
+``python -m morphofold.studies.sizes`` in a checkout prints them.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import tokenize
+from pathlib import Path
+from statistics import median
+
+ROOMS = ("morphofold", "sim", "analysis", "studies", "tests")
+LARGEST = 5             # files and functions that are named
+NO_CODE = (
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
+)  # fmt: skip
+
+
+def code_lines(source: str) -> set[int]:
+    """Numbers of the lines of a Python file that are code."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in NO_CODE:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False):
+            lines.difference_update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    return lines
+
+
+def functions(source: str) -> dict[str, int]:
+    """Lines of code of each function of a file."""
+    lines = code_lines(source)
+    found = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
+    return {f.name: sum(k in lines for k in range(f.lineno, (f.end_lineno or f.lineno) + 1)) for f in found}
+
+
+def report(root: Path) -> str:
+    """A line for each room, and the largest files and functions of the product and its studies."""
+    sources = {p: p.read_text(encoding="utf-8") for room in ROOMS for p in sorted((root / room).rglob("*.py"))
+               if not any(folder.is_symlink() for folder in p.parents)}  # fmt: skip
+    files = {p.relative_to(root): len(code_lines(text)) for p, text in sources.items()}
+    told = []
+    for room in ROOMS:
+        sizes = [n for p, n in files.items() if p.parts[0] == room]
+        told.append(f"{room:12} {sum(sizes):7,} lines in {len(sizes)} files, median {median(sizes):g}")
+    product = [p for p in files if p.parts[0] != "tests"]
+    told += [f"{files[p]:4} {p}" for p in sorted(product, key=lambda p: -files[p])[:LARGEST]]
+    each = [(n, p, name) for p in product for name, n in functions(sources[root / p]).items()]
+    told += [f"{n:4} {p} {name}" for n, p, name in sorted(each, key=lambda f: -f[0])[:LARGEST]]
+    return "\n".join(told)
+
+
+if __name__ == "__main__":
+    print(report(Path(__file__).resolve().parent.parent))

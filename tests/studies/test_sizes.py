@@ -1,0 +1,31 @@
+"""Lines of code are counted, and nothing else."""
+
+from morphofold.studies.sizes import code_lines, functions
+
+SOURCE = '''"""A module."""
+
+# a comment
+TEXT = """two
+lines"""
+
+
+def one(x):
+    """What it
+    does."""
+    return x            # the same
+
+
+class Two:
+    """A class."""
+
+    def three(self):
+
+        return (
+            3
+        )
+'''
+
+
+def test_blank_lines_comments_and_docstrings_do_not_count():
+    assert code_lines(SOURCE) == {4, 5, 8, 11, 14, 17, 19, 20, 21}
+    assert functions(SOURCE) == {"one": 2, "three": 4}
