@@ -371,7 +371,7 @@ def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
 
 def test_a_failure_half_way_leaves_neither_subject_nor_dataset(tmp_path):
     m = made_measures()
-    with pytest.raises(NotFinite, match=r"_H\S*: 1 of \d+\b.*\b3\b"):
+    with pytest.raises(NotFinite, match=r"_curv\S*: 1 of \d+\b.*\b3\b"):
         write_dataset([m, made_measures("rh")], _spoil(m, tmp_path / "d"), "bert", report=False)
     assert list(tmp_path.iterdir()) == []
 

@@ -144,7 +144,7 @@ def test_analyze_leaves_a_folder_of_someone_else_alone(here, capsys):
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("growth.gama=2", ("growth.gama", "gamma")),
+        ("growth.gama=2", ("growth.gama", "[unknown-name]")),
         ("geometry.hole_radius=49", ("hole_radius 49 ", " 47")),
         ("growth.final=nan", ("growth.final",)),
     ],
