@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import morphofold as mf
-from morphofold.shapes import even_directions
 from morphofold.sim.scene import LEVELS, SHAPES
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
-from morphofold.studies.folds.statistics import outer_radius
 
 
 @pytest.mark.slow
@@ -39,23 +37,20 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
 
 
 @pytest.mark.slow
-def test_folds_at_standard_are_those_of_the_fine_mesh(tmp_path):
-    """One imperfection, T/C = 3/50, cortex as stiff as the core: the outer radius in 4,000 directions, and GI.
+def test_the_gyrification_index_at_standard_is_that_of_the_fine_mesh(tmp_path):
+    """One imperfection, T/C = 3/50, cortex as stiff as the core.
 
-    By the last stage folds have amplified what differs by chance some twenty times (docs/solver.md, section 6). GI
-    differs by what the errors of the two levels do (docs/accuracy.md).
+    At rest each mesh folds into a pattern of its own, so single folds are not compared. The index differs by no more
+    than the errors of the two levels together (docs/accuracy.md: 9.3 and 3.6 % at g = 2).
     """
     runs = []
     for level in ("standard", "fine"):
         settings = ["geometry.portion=octant", f"accuracy.edge={3.0 * LEVELS[level]}", "output.stages=[1.5]"]
         runs.append(mf.simulate("demo", tmp_path / level, settings=settings))
-    along = even_directions(4000)
-    for g, least in ((1.5, 0.95), (runs[0].scene.growth.final, 0.8)):
+    for g in (1.5, runs[0].scene.growth.final):
         cortices = [run.cortex(g) for run in runs]
-        radii = [outer_radius(cortex.pial, along) for cortex in cortices]
-        assert np.corrcoef(*radii)[0, 1] > least
         standard, fine = (mf.analysis.gyrification_index(cortex.pial.verts, cortex.faces) for cortex in cortices)
-        assert standard == pytest.approx(fine, rel=0.05)
+        assert standard == pytest.approx(fine, rel=0.13)
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_the_exponent_is_that_of_n_log_n(power):
 def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
     assert main(["bench", "measures", "--vertices", sizes]) == 2
     said = capsys.readouterr().err
-    if not sizes:                                                       # as of any option: argparse's refusal has no code
+    if not sizes:                                                       # argparse's refusal has no code
         assert " --vertices: " in said
         return
     assert f"{sizes!r}" in said
