@@ -16,6 +16,7 @@ from made_simulations import Stop
 from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
+from morphofold.errors import DamagedFile
 from morphofold.io.locks import LOCK, alone
 from morphofold.sim.output.checkpoint import read_arrays
 from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
@@ -138,6 +139,8 @@ def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(
     before = contents(out)
     told = resumed(capsys, "--resume")
     assert f"run/{name.partition('/surf')[0].removesuffix('/volume.vtu')}" in told
+    if name in ("checkpoint.npz", "log.jsonl") and damage is not removed:
+        assert told.endswith(" [damaged-file]\n")
     assert contents(out) == before
 
 
@@ -154,7 +157,7 @@ def test_no_flipped_byte_of_a_checkpoint_changes_what_is_read(stopped, tmp_path,
         (tmp_path / "c.npz").write_bytes(wrong)
         try:
             found = read_arrays(tmp_path / "c.npz", like)
-        except ValueError as error:
+        except DamagedFile as error:
             refused.append(str(error))
         else:
             assert all(np.array_equal(found[k], like[k]) for k in like)
@@ -166,7 +169,7 @@ def test_no_flipped_byte_of_a_checkpoint_changes_what_is_read(stopped, tmp_path,
 def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
     out = at(stopped)
     flipped(out / "checkpoint.npz")
-    assert "run/checkpoint.npz: " in resumed(capsys, "--resume")
+    assert re.search(r"\brun/checkpoint\.npz: .*\[damaged-file\]$", resumed(capsys, "--resume"))
     (out / "checkpoint.npz").unlink()
     simulate("demo", out, settings=TINY, resume=True)
     for g in ("g1.10", "g1.20"):
@@ -188,7 +191,8 @@ def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(st
 def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage, capsys):
     damage(at(finished) / "health.json")
     told = resumed(capsys, "--resume")
-    assert "run/health.json: " in told
+    kind = "not-readable" if damage in (other_json, a_list) else "damaged-file"
+    assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", told)
 
 
 @pytest.mark.parametrize("g", ["1.10", "1.20"])

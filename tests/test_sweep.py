@@ -127,7 +127,7 @@ def test_what_cannot_be_varied_is_refused(vary, kind, said):
         (["--seeds", "2", "--vary", "seed=1,2"], ["--seeds 2: ", "--vary", "[options-clash]"]),
         (["--seeds", str(MOST_RUNS + 1)], ["10,001 ", " 10,000.", "[too-large]"]),
         (["--seeds", "9" * 30], [" 10,000.", "[too-large]"]),
-        (["--vary", "mu_ratio=1,nan"], ["mu_ratio-nan: ", "material.mu_ratio=nan"]),
+        (["--vary", "mu_ratio=1,nan"], ["mu_ratio-nan: ", "material.mu_ratio=nan", "[not-finite]"]),
         (["--vary", "mu_ratio=-inf,1e400"], ["mu_ratio--inf: ", "material.mu_ratio=-inf"]),
         (["--vary", f"mu_ratio={'9' * 400},1"], ["material.mu_ratio"]),
         (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], ["--curvature-scale -1: "]),
@@ -139,7 +139,7 @@ def test_a_sweep_that_makes_no_sense_is_refused(here, capsys, arguments, words):
 
 
 def test_seeds_of_a_scene_without_imperfection_are_refused(here, capsys):
-    words = ["mu_ratio-1, mu_ratio-2: ", "[effects.perturbation]"]
+    words = ["mu_ratio-1, mu_ratio-2: ", "[effects.perturbation]", "[does-not-apply]"]
     refused(capsys, ["sweep", "radial", "--vary", "mu_ratio=1,2", "--seeds", "3"], *words)
 
 

@@ -22,6 +22,7 @@ from morphofold.errors import (
     NotReadable,
     OptionsClash,
     OutOfRange,
+    Refusal,
     TooLarge,
     UnknownName,
 )
@@ -219,23 +220,26 @@ def _points(
 ) -> tuple[tuple[int | None, ...], tuple[Point, ...]]:
     """Seeds and points of a grid; raises as :func:`make_grid` says."""
     problems: dict[str, list[str]] = {}
-    meshes: dict[str, str | None] = {}
+    kinds: list[type[Refusal]] = []                         # of the problems, as they come
+    meshes: dict[str, Exception | None] = {}
     found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
         put = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
         try:
             for seed, scene in _seeded(source, [*settings, *put], seeds):
                 name = _name(axes, at, seed)
-                if told := _no_mesh(scene, meshes):
-                    problems.setdefault(told, []).append(name)
+                if error := _no_mesh(scene, meshes):
+                    kinds.append(_kind(error))
+                    problems.setdefault(in_one_line(error), []).append(name)
                 found.append((name, at, seed, scene))
         except (ValueError, FileNotFoundError) as error:
+            kinds.append(_kind(error))
             for line in (str(error), *getattr(error, "__notes__", ())):
                 problems.setdefault(line, []).append(_name(axes, at, None) or "the scene")
     if problems:
         lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
         more = [f"{len(lines) - MOST_TOLD} problems more."] if len(lines) > MOST_TOLD else []
-        raise with_notes(lines[:MOST_TOLD] + more)
+        raise with_notes(lines[:MOST_TOLD] + more, kinds[0])
     own = _folder_names([name for name, *_ in found])
     points = [
         Point(name, at, seed, scene.model_copy(update={"name": name}))
@@ -262,7 +266,11 @@ def _seeded(
         yield seed, load_scene(source, [*settings, f"{SEED}={toml_value(seed)}"])
 
 
-def _no_mesh(scene: Scene, known: dict[str, str | None]) -> str | None:
+def _kind(error: Exception) -> type[Refusal]:
+    return type(error) if isinstance(error, Refusal) else NotReadable
+
+
+def _no_mesh(scene: Scene, known: dict[str, Exception | None]) -> Exception | None:
     """Why a scene's mesh file cannot be had, looked at once."""
     if not isinstance(scene.geometry, MeshFile):
         return None
@@ -272,7 +280,7 @@ def _no_mesh(scene: Scene, known: dict[str, str | None]) -> str | None:
             inputs_of(scene)
             known[file] = None
         except (ValueError, OSError) as error:
-            known[file] = in_one_line(error)
+            known[file] = error
     return known[file]
 
 

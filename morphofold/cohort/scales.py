@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ConfigDict
 
+from morphofold.cohort.tasks import REFUSALS
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
@@ -86,14 +87,14 @@ def look(subject: Participant) -> list[tuple[float, float]]:
     found = []
     try:
         hemis = subject.hemis or hemispheres(Path(subject.folder))
-    except Exception:                                                   # measuring it says what is wrong with it
+    except (*REFUSALS, OSError):                                        # measuring it says what is wrong with it
         return []
     for hemi in hemis:
         try:
             cortex = read_cortex(subject.folder, hemi)
             lengths = Ground(cortex).scales(None, None)
             found.append((scale_of_curvature(cortex)[0], lengths.width if lengths else float("nan")))
-        except Exception:
+        except (*REFUSALS, OSError):
             continue
     return found
 
