@@ -39,7 +39,7 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.equal("vertices without H", int(np.isnan(found.maps["H"]).sum()), 5)
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: 5 of 2567 ")
+    holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
 
 
 @hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
@@ -48,7 +48,7 @@ def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp
     cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
     status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: 5 of 2567 ")
+    holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
     holds.equal("told to be rounded", "float32" in told, False)
 
 
@@ -71,7 +71,7 @@ def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     hold_all(holds, found, area=1e-3, without=own)      # 12 mm^2 of 40,000
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", "warning: ", " 2 ", " 2562, 42 ")
+    holds.says("analyze", told, "GI n/a", " 2562, 42 ", "[mesh]")
 
 
 @hard_case("surfaces", "a cavity: a closed piece within another, its outside within", without=lambda patch:
@@ -164,7 +164,7 @@ def test_a_hole_takes_the_indices_of_closed_surfaces_and_nothing_else(holds, tmp
     status, told = analyzed(tmp_path, capsys, holed, kind=".vtk")
     holds.equal("exit status", status, 0)
     first = geometry.border_edges(holed.faces)[0, 0]
-    holds.says("analyze", told, "GI n/a", "warning: ", " 3 ", f" {first}, (")
+    holds.says("analyze", told, "GI n/a", f" {first}, (", "[mesh]")
     found = measure(holed)
     hold_all(holds, found, area=1e-3, without=("gyrification_index", "mean_local_gyrification_index"))
     holds.says("note of the index", found.notes["gyrification_index"], "has a border")
@@ -196,7 +196,7 @@ def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges_high"])
     status, told = analyzed(tmp_path, capsys, half[0].cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", "warning: ", f" {len(geometry.border_edges(half[0].cortex.faces))} ")
+    holds.says("analyze", told, "GI n/a", f" {len(geometry.border_edges(half[0].cortex.faces))} ", "[mesh]")
 
 
 def wall_of_nothing(patch):
@@ -267,4 +267,4 @@ def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     status, told = analyzed(tmp_path, capsys, m.cortex)
     holds.equal("exit status", status, 0)
     scale = m.parameters["curvature_scale_mm"]
-    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", "warning: ", f" {scale:.3g}, ")
+    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", f" {scale:.3g}, ", "[curvature_scale]")

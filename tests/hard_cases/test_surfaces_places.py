@@ -44,7 +44,7 @@ def test_coordinates_rounded_far_from_the_origin_are_told(holds, tmp_path, capsy
     holds.says("note", measure(rounded).notes.get("mesh", ""), " 0.062 (float32")
     status, told = analyzed(tmp_path, capsys, rounded)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: ", " lh.white ", " 0.062 (float32")
+    holds.says("analyze", told, " lh.white ", " 0.062 (float32", "[mesh]")
     near = measure(changed(cortex, lambda verts: (verts + 100.0).astype(np.float32)))
     holds.equal("note, 100 mm away", near.notes.get("mesh"), None)
 
@@ -110,7 +110,7 @@ def test_another_unit_changes_lengths_only_and_is_told(holds, tmp_path, capsys, 
     holds("radius it names", abs(radius / (size * np.sqrt(area / (4 * np.pi))) - 1), at_most=5e-3)
     status, told = analyzed(tmp_path, capsys, other)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: ", f" {named}.")
+    holds.says("analyze", told, f" {named}.", "[curvature_scale]")
 
 
 def unwatched(patch):

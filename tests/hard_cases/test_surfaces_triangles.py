@@ -129,7 +129,7 @@ def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     holds.says("measure", told, f": {torn} ", PLACE)
     status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f": {torn} ")
+    holds.says("analyze", told, f": {torn} ", "[bad-mesh]")
 
 
 @hard_case("surfaces", "duplicate vertices: a closed surface torn along a seam", guard="it is mended", without=unmended,
@@ -183,7 +183,7 @@ def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, c
     holds.equal("repaired edges", found.parameters["repaired_pinched_edges"], 1)
     status, told = analyzed(tmp_path, capsys, faulty)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: ", ": 1, ")
+    holds.says("analyze", told, ": 1, ", "[repair]")
 
 
 def two_links_only(patch):
@@ -227,10 +227,10 @@ def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
     run = np.concatenate([turned.faces[:, [k, (k + 1) % 3]] for k in range(3)])
     same = len(run) - len(np.unique(run, axis=0))                       # edges that both of their triangles run alike
     assert same == 3 if count == 1 else same > count
-    holds.says("measure", refusal(turned, repair=False), f": {same} ", PLACE, "fix_winding")
+    holds.says("measure", refusal(turned, repair=False), f": {same} ", PLACE, "fix_winding", "[bad-mesh]")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f": {same} ", "fix_winding")
+    holds.says("analyze", told, f": {same} ", "fix_winding", "[bad-mesh]")
 
 
 @hard_case("surfaces", "a piece that is inside out", guard="the volume of each piece",
@@ -241,20 +241,20 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     faces = np.where((cortex.faces >= n).all(axis=1)[:, None], cortex.faces[:, ::-1], cortex.faces)
     turned = changed(cortex, faces=faces)
     told = refusal(turned, repair=False)
-    holds.says("measure", told, f" {n} of lh.white ")
+    holds.says("measure", told, f" {n} of lh.white ", "[inside-out]")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f" {n} of lh.white ")
+    holds.says("analyze", told, f" {n} of lh.white ", "[inside-out]")
 
 
 @hard_case("surfaces", "all triangles flipped", guard="the volume of each piece",
            without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
 def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
-    holds.says("measure", refusal(turned, repair=False), ": lh.white ", " -")
+    holds.says("measure", refusal(turned, repair=False), ": lh.white ", " -", "[inside-out]")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, ": lh.white ", " -")
+    holds.says("analyze", told, ": lh.white ", " -", "[inside-out]")
 
 
 @hard_case("surfaces", "all triangles flipped", guard="they are turned", without=unmended,

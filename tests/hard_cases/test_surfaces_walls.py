@@ -55,7 +55,7 @@ def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     hold_all(holds, found, without=of_white)
     status, told = analyzed(tmp_path, capsys, crossed)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: ", f" {len(there)} of 2562 ")
+    holds.says("analyze", told, f" {len(there)} of 2562 ", "[crossing]")
     holds.equal("note of the clean one", clean()[1].notes.get("crossing"), None)
 
 
@@ -167,7 +167,7 @@ def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds
     holds.equal("unknown in the map", nowhere, np.flatnonzero(unknown).tolist())
     status, told = analyzed(tmp_path, capsys, whole)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: ", " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (")
+    holds.says("analyze", told, " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (", "[thickness_file]")
     holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
         "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
 
@@ -189,7 +189,7 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
     around = int((cortex.faces == 0).sum())
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: lh.pial ", f": {around + 1} of 5120 ", " 1 mm")
+    holds.says("analyze", told, "lh.pial ", f": {around + 1} of 5120 ", " 1 mm", "[self_crossing]")
     place = np.array(re.search(r" of 5120 .*?\((.*?)\)", told)[1].split(","), dtype=float)
     off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
     holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
@@ -262,7 +262,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
     status, told = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "warning: lh.white ", "; lh.pial ")
+    holds.says("analyze", told, "lh.white ", "; lh.pial ", "[self_crossing]")
 
 
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
