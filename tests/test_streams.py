@@ -94,7 +94,10 @@ def started(argv, here, **options):
     return run
 
 
-SIMULATE = ["simulate", "fig5", "-o", "run", "--set", "geometry.portion=octant"]
+SIMULATE = [
+    *["simulate", "fig5", "-o", "run"],
+    *["--set", "geometry.portion=octant", "--set", "output.checkpoint_minutes=0.02"],     # the log comes with it
+]
 
 
 @needs_shell
@@ -109,7 +112,6 @@ def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(n
     assert "lock" not in names
 
 
-@pytest.mark.slow
 @needs_shell
 def test_two_hang_ups_at_once_are_one(tmp_path):
     """A terminal tells its processes, and its shell does: neither may end the tidying up of the other."""
@@ -120,7 +122,6 @@ def test_two_hang_ups_at_once_are_one(tmp_path):
     assert not list((tmp_path / "run").glob(".*"))
 
 
-@pytest.mark.slow
 @needs_shell
 def test_under_nohup_a_hang_up_is_nothing(tmp_path):
     run = started(SIMULATE, tmp_path, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
