@@ -91,7 +91,7 @@ def test_nothing_is_written_where_no_side_that_is_asked_for_can_be_measured(here
     assert list(here.iterdir()) == [here / "bert"]
 
 
-@pytest.mark.parametrize("command", ["analyze", "cohort"])
+@pytest.mark.parametrize("command", ["analyze", pytest.param("cohort", marks=pytest.mark.slow)])
 def test_without_repair_a_flipped_triangle_is_refused(here, command):
     folder = two_sides(here / "all" / "bert")
     for path in (folder / "surf").glob("lh.*"):

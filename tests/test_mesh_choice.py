@@ -19,11 +19,13 @@ ERRORS = [1.001 * headline(edge)[1].error for edge in (0.9, 0.6, 0.4)]      # th
 
 @pytest.fixture
 def clockwork(monkeypatch):
-    """A machine on which an element-step takes 50 ns and a body is built at once, so that picks do not tremble."""
+    """A machine on which an element-step takes 50 ns and a body is built at once, so that picks do not tremble; a
+    small body stands for the scene's, since nothing is timed on it."""
 
     def timed(run):
         return {"elements": 50e-9 * run.body.elements.n, "contact": 0.0, "grow": 0.0}, 1.0, 1.0
 
+    monkeypatch.setattr(calibration, "LARGEST", 4000)
     monkeypatch.setattr(calibration, "_time_steps", timed)
     monkeypatch.setattr(calibration, "slowness_of_stages", lambda costs: 1.0)
 
