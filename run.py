@@ -24,7 +24,7 @@ TASKS = {
         ["morphofold", "bench", "accuracy", "-o", "accuracy"],
         [
             *["python", "-m", "morphofold.studies.accuracy.page", "accuracy", "docs/accuracy.md"],
-            *["--readme", "README.md", "--table", "morphofold/forecasts/table.json"],
+            *["--table", "morphofold/forecasts/table.json"],
         ],
     ],
     "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],

@@ -1,4 +1,4 @@
-"""Grow folded cortices, read real ones, and measure both with the same ruler."""
+"""Grow folded cortices, read real ones, and measure both with the same code."""
 
 from __future__ import annotations
 

@@ -12,66 +12,12 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
+from morphofold.studies.rooms import APART, EXCEPTION, ORDER, PACKAGES, arrows, imports, modules, room
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = {
-    "morphofold": ROOT / "morphofold",
-    "morphofold.sim": ROOT / "sim",
-    "morphofold.analysis": ROOT / "analysis",
-    "morphofold.studies": ROOT / "studies",
-}
-
-#: the house from the ground floor up: a room imports only what stands before it, late imports included
-ORDER = (
-    "ground", "io", "intersections", "shapes", "sim", "analysis", "simulation", "comparison", "forecasts", "results",
-    "cohort", "report", "studies", "cli",
-)  # fmt: skip
-GROUND = (
-    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words",
-    "errors",
-)  # fmt: skip
-APART = {"sim", "analysis"}                     # they meet in a Cortex
-#: the one arrow that runs back up: Comparison.report() calls the page
-EXCEPTION = ("morphofold.comparison.side_by_side", "morphofold.report.pages.page")
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
 
 in_a_checkout = pytest.mark.skipif(not (ROOT / "pyproject.toml").is_file(), reason="needs a checkout")
-
-
-def modules():
-    """Name and file of every module of the three rooms."""
-    for package, folder in ROOMS.items():
-        for file in sorted(folder.rglob("*.py")):     # follows no symlinks, so every file comes once
-            inside = file.relative_to(folder).with_suffix("").parts
-            yield ".".join((package, *inside)).removesuffix(".__init__"), file
-
-
-def imports(name, file):
-    """Every name that a module imports, anywhere in it, made absolute."""
-    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def room(name):
-    """``sim`` of ``morphofold.sim.mesh.brick_mesh``; the front hall and what stands on the ground are one room."""
-    part = name.split(".")[1] if "." in name else "ground"
-    return {"__main__": "cli"}.get(part, "ground" if part in GROUND else part)
-
-
-def arrows():
-    """Every pair of modules of which the first imports the second."""
-    files = dict(modules())
-    for name, file in files.items():
-        for target in imports(name, file):
-            while target and target not in files:
-                target = target.rpartition(".")[0]
-            if target not in ("", name):
-                yield name, target
 
 
 @in_a_checkout

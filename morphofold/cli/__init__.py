@@ -59,7 +59,7 @@ def parser() -> argparse.ArgumentParser:
 
     top = Parser(
         prog="morphofold",
-        description="Grow folded cortices, read real ones, and measure both with the same ruler.",
+        description="Grow folded cortices, read real ones, and measure both with the same code.",
         formatter_class=RichHelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"morphofold {__version__}")

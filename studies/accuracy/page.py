@@ -1,6 +1,6 @@
-"""The generated parts of docs/accuracy.md and of the README, and the table that forecasts read, from a study.
+"""The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
-``python -m morphofold.studies.accuracy.page OUT PAGE --readme FILE --table FILE``: OUT is what ``morphofold bench
+``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is what ``morphofold bench
 accuracy -o OUT`` wrote. Parts stand between marks such as ``<!-- answer -->`` and ``<!-- /answer -->`` and those that
 end them; pictures are written beside PAGE. What stands outside of the marks is for people to write.
 """
@@ -62,7 +62,7 @@ def text_answers(out: Path) -> list[str]:
     ] or ["no law of the error was found"]  # fmt: skip
 
 
-def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path | None = None) -> list[str]:
+def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]:
     """Renew the marked parts of ``page``, and its pictures beside it; names of the files written.
 
     Parameters
@@ -71,8 +71,6 @@ def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path
         Of the study.
     page : Path
         With one pair of marks for each of ``PARTS``.
-    readme : Path, optional
-        With one pair of marks ``accuracy``.
     forecast : Path, optional
         JSON whose ``"errors"`` are renewed.
 
@@ -87,8 +85,6 @@ def write_page(out: Path, page: Path, readme: Path | None = None, forecast: Path
         raise MissingPart(f"{out}: holds {held} only. Study both halves for the page.")
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
     written = {page: renewed(page, _text(page), parts)}
-    if readme is not None:
-        written[readme] = renewed(readme, _text(readme), {"accuracy": _for_readme(tables, summary)})
     if forecast is not None:
         written[forecast] = strict_json({
             **json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]},
@@ -224,30 +220,15 @@ PARTS = {
 }  # fmt: skip
 
 
-def _for_readme(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    from morphofold.studies.accuracy.plots import HEADLINES
-
-    rows = [row for row in tables["laws"] if row["method"] == OURS and row["half_the_error"] is not None]
-    factors = {(row["quantity"], row["axis"]): _factor(row) for row in reversed(rows)}              # of the first shape
-    names = {**HEADLINES, ("mean curvature", "mesh"): "mean curvature of a mesh"}
-    words = [f"{name}: {factors[key]}" for key, name in names.items() if key in factors]
-    return [
-        "![Error against time of solver and measuring room, and of peers](docs/accuracy-overview.png)",
-        f"How many times longer for half the error (95 % interval)? {'; '.join(words)}. More: "
-        "[docs/accuracy.md](docs/accuracy.md).",
-    ]
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the page; 0 done, 2 bad input."""
     parser = argparse.ArgumentParser(prog="python -m morphofold.studies.accuracy.page", description=__doc__)
     parser.add_argument("out", type=Path, metavar="OUT")
     parser.add_argument("page", type=Path, metavar="PAGE")
-    parser.add_argument("--readme", type=Path, metavar="FILE")
     parser.add_argument("--table", type=Path, metavar="FILE")
     args = parser.parse_args(argv)
     try:
-        print("\n".join(write_page(args.out, args.page, args.readme, args.table)))
+        print("\n".join(write_page(args.out, args.page, args.table)))
     except (ValueError, OSError) as error:
         print(f"accuracy_page: {error}", file=sys.stderr)
         return 2

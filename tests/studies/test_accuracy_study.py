@@ -282,10 +282,9 @@ def page(tmp_path):
 
 
 def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_path):
-    readme, table = tmp_path / "README.md", tmp_path / "table.json"
-    readme.write_text("first\n<!-- accuracy -->\nof last year\n<!-- /accuracy -->\nlast\n")
+    table = tmp_path / "table.json"
     table.write_text('{"costs": {"a": 1}, "errors": {"quantities": {}}}')
-    assert write([str(study), str(page), "--readme", str(readme), "--table", str(table)]) == 0
+    assert write([str(study), str(page), "--table", str(table)]) == 0
     text = page.read_text()
     assert "| solver | fig6-thick, octant | radius | theory | mesh | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
     assert "libigl" in text
@@ -294,8 +293,6 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     assert told["costs"] == {"a": 1}
     assert told["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
     assert told["errors"]["quantities"].keys() >= {"radius"}
-    assert "of last year" not in readme.read_text()
-    assert "gyrification index at g = 2: 6.3" in readme.read_text()
     before = text
     write_page(study, page)
     assert page.read_text() == before                                   # the same study gives the same page

@@ -1,0 +1,136 @@
+"""The rooms of the code and their order, read from its imports: what tests hold, and the picture of the page on it.
+
+``python -m morphofold.studies.rooms docs/rooms.png`` draws the picture, in a checkout.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from morphofold.studies.sizes import code_lines
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {
+    "morphofold": ROOT / "morphofold",
+    "morphofold.sim": ROOT / "sim",
+    "morphofold.analysis": ROOT / "analysis",
+    "morphofold.studies": ROOT / "studies",
+}
+#: rooms that stand beside each other, from the ground up: a room imports only what stands below it, or left of it
+FLOORS = (
+    ("ground",), ("io",), ("intersections", "shapes"), ("sim", "analysis"), ("simulation",),
+    ("comparison", "forecasts", "results"), ("cohort",), ("report",), ("studies",), ("cli",),
+)  # fmt: skip
+ORDER = tuple(room for floor in FLOORS for room in floor)
+GROUND = (
+    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words",
+    "errors",
+)  # fmt: skip
+APART = {"sim", "analysis"}                     # they meet in a Cortex
+#: the one arrow that runs back up: Comparison.report() calls the page
+EXCEPTION = ("morphofold.comparison.side_by_side", "morphofold.report.pages.page")
+HOLDS = {
+    "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
+    "io": "files in and out",
+    "intersections": "exact tests",
+    "shapes": "known answers",
+    "sim": "scene, mesh, elements, effects, run, health, theory",
+    "analysis": "curvature, crests, hinges, thickness, gyrification",
+    "simulation": "grow a scene, measure its stages",
+    "comparison": "side by side",
+    "forecasts": "time and error",
+    "results": "folders of analyses",
+    "cohort": "many subjects, sweeps",
+    "report": "pictures and pages",
+    "studies": "the paper's figures, accuracy, speed, these pages",
+    "cli": "one file a command",
+}
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Name and file of every module."""
+    for package, folder in PACKAGES.items():
+        for file in sorted(folder.rglob("*.py")):     # follows no symlinks, so every file comes once
+            inside = file.relative_to(folder).with_suffix("").parts
+            yield ".".join((package, *inside)).removesuffix(".__init__"), file
+
+
+def imports(name: str, file: Path) -> Iterator[str]:
+    """Every name that a module imports, anywhere in it, made absolute."""
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def room(name: str) -> str:
+    """``sim`` of ``morphofold.sim.mesh.brick_mesh``; ``morphofold`` itself is of the ground floor."""
+    part = name.split(".")[1] if "." in name else "ground"
+    return {"__main__": "cli"}.get(part, "ground" if part in GROUND else part)
+
+
+def arrows() -> Iterator[tuple[str, str]]:
+    """Every pair of modules of which the first imports the second."""
+    files = dict(modules())
+    for name, file in files.items():
+        for target in imports(name, file):
+            while target and target not in files:
+                target = target.rpartition(".")[0]
+            if target not in ("", name):
+                yield name, target
+
+
+def draw(path: Path) -> None:
+    """The rooms as boxes with their lines of code, and the ways of a scene and of a surface through them, as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    sizes = dict.fromkeys(ORDER, 0)
+    for name, file in modules():
+        sizes[room(name)] += len(code_lines(file.read_text(encoding="utf-8")))
+    figure = Figure(figsize=(9, 7.2), dpi=110)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, 7.1))
+    axes.axis("off")
+    for level, floor in enumerate(FLOORS):
+        width = 6.0 / len(floor)
+        for k, name in enumerate(floor):
+            x, y = 1.5 + k * width, 0.1 + 0.68 * level
+            shade = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
+            axes.add_patch(_box(x, y, width, shade))
+            axes.text(x + width / 2, y + 0.36, name, ha="center", va="center", weight="bold", size=11)
+            held = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
+            axes.text(x + width / 2, y + 0.16, held, ha="center", va="center", size=7.5, color="#444444")
+            axes.text(x + width - 0.09, y + 0.44, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
+    _way(axes, 0.75, "#c05a12", ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"])
+    _way(axes, 8.25, "#1f6fb2", ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"])
+    axes.text(4.5, 6.98, "a room imports only what stands below it, or left of it", ha="center", va="center", size=9)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _box(x: float, y: float, width: float, colour: str):  # type: ignore[no-untyped-def]
+    from matplotlib.patches import FancyBboxPatch
+
+    return FancyBboxPatch(
+        (x + 0.06, y), width - 0.12, 0.52, boxstyle="round,pad=0.02", facecolor=colour, edgecolor="#999999"
+    )
+
+
+def _way(axes, x: float, colour: str, stops: list[str]) -> None:  # type: ignore[no-untyped-def]
+    """Stops from the ground up, with arrows between them."""
+    heights = [0.4 + 1.5 * k for k in range(len(stops))]
+    for y, text in zip(heights, stops):
+        axes.text(x, y, text, ha="center", va="center", size=8.5, color=colour)
+    for low, high in zip(heights, heights[1:]):
+        axes.annotate("", (x, high - 0.25), (x, low + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]))
