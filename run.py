@@ -14,8 +14,8 @@ BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
 ALL = "[test,docs,bench,slurm]"
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}      # that a task needs
-SIZES = {"": 390, "[docs]": 420, ALL: 550}                                       # MB to load; each holds those before
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}  # that a task needs
+SIZES = {"": 390, "[docs]": 420, ALL: 550}  # MB to load; each holds those before
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
@@ -27,7 +27,12 @@ TASKS = {
             *["--table", "morphofold/forecasts/table.json"],
         ],
     ],
-    "test": [["ruff", "check", "."], ["mypy"], [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()]],
+    "test": [
+        ["ruff", "check", "."],
+        ["ruff", "format", "--check", "."],
+        ["mypy"],
+        [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()],
+    ],
 }
 
 

@@ -143,7 +143,7 @@ def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
                 pc += d * p[i, 2]
             one[b, 0], one[b, 1], one[b, 2] = pa, pb, pc
         pq, old = _sums(one), rz
-        for k in range(3):                                              # a column may be there before the others
+        for k in range(3):  # a column may be there before the others
             alpha[k] = rz[k] / pq[k] if pq[k] > 0 else 0.0
         for b in prange(BLOCKS):
             one[b], two[b] = 0.0, 0.0

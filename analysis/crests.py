@@ -17,11 +17,11 @@ from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
-CALM = 0.6              # scales over which extremality is smoothed
-SHARP = 1.0             # times the cube of its curvature by which a crest falls away at its median,
+CALM = 0.6  # scales over which extremality is smoothed
+SHARP = 1.0  # times the cube of its curvature by which a crest falls away at its median,
 BESIDE, LESS = 1.0, 0.3  # or the share of it that it lacks so many scales to either side
-ROUND = 0.15            # share of k1 by which k2 is less on a crest
-SHORTEST = 1.0          # scales that a line has at least
+ROUND = 0.15  # share of k1 by which k2 is less on a crest
+SHORTEST = 1.0  # scales that a line has at least
 KINDS = ("gyral", "sulcal")
 
 
@@ -136,7 +136,7 @@ def _trace(
     start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
-    share = far[0] / np.maximum(far[0] + far[1], 1e-300)                # the same from both sides of an edge
+    share = far[0] / np.maximum(far[0] + far[1], 1e-300)  # the same from both sides of an edge
     height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
     good = (falls > 0) & (height > np.abs(level)).all(axis=1) & (level < (1 - ROUND) * height).all(axis=1)
     _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
@@ -146,13 +146,17 @@ def _trace(
     lacks = _lacks(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
-    for path in paths(graph, np.zeros(0, dtype=np.int64)):              # no junctions: an edge has two triangles
+    for path in paths(graph, np.zeros(0, dtype=np.int64)):  # no junctions: an edge has two triangles
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())
         if length > 0 and (np.median(sharp[path]) > SHARP or np.median(lacks[path]) > LESS):
-            yield (line, length, 0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
-                   0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length)  # fmt: skip
+            yield (
+                line,
+                length,
+                0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
+                0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length,
+            )
 
 
 def _lacks(
@@ -166,7 +170,7 @@ def _lacks(
     """
     normal, known = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
     tree = cKDTree(verts[known])
-    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]    # of the circle; no farther than down the wall
+    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]  # of the circle; no farther than down the wall
     down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
     ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
     there = np.max([k[known[tree.query(points + way)[1]]] for way in ways], axis=0)
@@ -176,7 +180,7 @@ def _lacks(
 def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:
     """Triangles (T,) in which extremality changes its sign, by how much it falls there along the direction (T,)
     [1/length^3], and their sides (T, 3), from each corner to the next, on which it does: two of each."""
-    corner = along[faces]                                               # (M, 3, 3), turned the way of the first
+    corner = along[faces]  # (M, 3, 3), turned the way of the first
     corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
     e = np.sum(flow[faces] * corner, axis=2)
     cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)

@@ -14,13 +14,13 @@ from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, 
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
-EDGES = 3.0         # the default scale, in mean edges
-MANY = 128          # points that are fitted at most, evenly out of more: these take time and tell little
-ENOUGH = 14         # points wanted for the ten coefficients; with fewer the neighbourhood grows
-FACING = 0.2        # cosine below which a neighbour's normal belongs to another wall
-GROWTH = 1.4        # of the radius where there are too few points, at most GROWINGS times
+EDGES = 3.0  # the default scale, in mean edges
+MANY = 128  # points that are fitted at most, evenly out of more: these take time and tell little
+ENOUGH = 14  # points wanted for the ten coefficients; with fewer the neighbourhood grows
+FACING = 0.2  # cosine below which a neighbour's normal belongs to another wall
+GROWTH = 1.4  # of the radius where there are too few points, at most GROWINGS times
 GROWINGS = 5
-RANK = 1e-4         # smallest Cholesky pivot, relative to its diagonal, that counts as determined
+RANK = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     check_scale(verts, faces, scale)
     ring = adjacency(len(verts), faces)
     normals = vertex_normals(verts, faces, "max")
-    lost = ~normals.any(axis=1)                 # only triangles without area: borrow the neighbours' direction
+    lost = ~normals.any(axis=1)  # only triangles without area: borrow the neighbours' direction
     if lost.any():
         normals[lost] = unit(ring[lost] @ normals)
     k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
@@ -198,7 +198,7 @@ def _fit(verts, normals, indptr, indices, scale):
             if order < 6:
                 continue
             _principal(i, b, radius, frame, k1, k2, d1, d2, out)
-            for k in range(3):                  # once more, in the frame that was found
+            for k in range(3):  # once more, in the frame that was found
                 frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
             _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
             order = _solve(A, b, order)
@@ -277,7 +277,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         far = x * x + y * y + z * z
         gu, gv = bend_u * u, bend_v * v
         steep = math.sqrt(gu * gu + gv * gv)
-        if steep > 0.0:                         # at the centre, and on a plane, there is nothing to move
+        if steep > 0.0:  # at the centre, and on a plane, there is nothing to move
             out = abs(gu * u + gv * v) / steep
             step = (math.sqrt(out * out + h * h) - out) / steep
             if gu * u + gv * v < 0.0:
@@ -311,7 +311,7 @@ def _solve(A, b, order):
         s = A[r, r]
         for k in range(r):
             s -= A[r, k] * A[r, k]
-        if not s > RANK * A[r, r]:              # also true of 0 and NaN
+        if not s > RANK * A[r, r]:  # also true of 0 and NaN
             order = 6 if r >= 6 else 0
             break
         A[r, r] = math.sqrt(s)
@@ -334,9 +334,9 @@ def _principal(i, a, radius, frame, k1, k2, d1, d2, out):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
     p, q = a[1], a[2]
     E, F = 1.0 + p * p, p * q
-    D2 = 1.0 + p * p + q * q                    # E G - F^2
+    D2 = 1.0 + p * p + q * q  # E G - F^2
     D = math.sqrt(D2)
-    L, M, N = -2.0 * a[3] / D, -a[4] / D, -2.0 * a[5] / D       # minus: a hill is convex
+    L, M, N = -2.0 * a[3] / D, -a[4] / D, -2.0 * a[5] / D  # minus: a hill is convex
     # The second form in the orthonormal basis e = d_u / sqrt(E), f = (E d_v - F d_u) / (sqrt(E) D).
     ee = L / E
     ef = (E * M - F * L) / (E * D)

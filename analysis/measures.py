@@ -12,27 +12,63 @@ if TYPE_CHECKING:
     import networkx as nx
 
 LINE = (
-    "gyral_to_cortical_slope", "gyral_to_cortical_r", "gyral_to_cortical_slope_robust", "gyral_to_cortical_slope_low",
+    "gyral_to_cortical_slope",
+    "gyral_to_cortical_r",
+    "gyral_to_cortical_slope_robust",
+    "gyral_to_cortical_slope_low",
     "gyral_to_cortical_slope_high",
-)  # fmt: skip
+)
 SCALARS = (
-    "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
-    "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm",
-    "mean_sulcal_depth_mm", "wavelength_mm", "n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low",
-    "n_hinges_high", "n_crests", "crest_length_mm", *LINE, "mean_local_gyrification_index", "spectral_wavelength_mm",
-    "gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3", "mean_cortical_thickness_area_weighted_mm",
-)  # fmt: skip
+    "n_vertices",
+    "euler_characteristic",
+    "area_pial_mm2",
+    "area_white_mm2",
+    "gyrification_index",
+    "folding_index",
+    "intrinsic_curvature_index",
+    "mean_cortical_thickness_mm",
+    "median_gyral_thickness_mm",
+    "mean_sulcal_depth_mm",
+    "wavelength_mm",
+    "n_hinges",
+    "n_hinges_3",
+    "n_hinges_4",
+    "n_hinges_low",
+    "n_hinges_high",
+    "n_crests",
+    "crest_length_mm",
+    *LINE,
+    "mean_local_gyrification_index",
+    "spectral_wavelength_mm",
+    "gray_volume_mm3",
+    "volume_white_mm3",
+    "volume_pial_mm3",
+    "mean_cortical_thickness_area_weighted_mm",
+)
 #: what numbers follow from beside the surfaces, and that may differ between two cortices
 PARAMETERS = (
-    "folding_scale_mm", "graph_width_mm", "cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation",
-)  # fmt: skip
+    "folding_scale_mm",
+    "graph_width_mm",
+    "cortical_thickness_cap_mm",
+    "cortex_mask",
+    "accuracy",
+    "annotation",
+)
 _NET = ("graph_width_mm", "cortex_mask", "accuracy")
 #: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them
 FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys((
-        "n_vertices", "euler_characteristic", "area_pial_mm2", "area_white_mm2", "gyrification_index",
-        "volume_white_mm3", "volume_pial_mm3",
-    ), ()),
+    **dict.fromkeys(
+        (
+            "n_vertices",
+            "euler_characteristic",
+            "area_pial_mm2",
+            "area_white_mm2",
+            "gyrification_index",
+            "volume_white_mm3",
+            "volume_pial_mm3",
+        ),
+        (),
+    ),
     **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm",)),
     **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
     **dict.fromkeys(
@@ -42,12 +78,21 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(
         ("median_gyral_thickness_mm", "wavelength_mm", "mean_local_gyrification_index"), ("cortex_mask", "accuracy")
     ),
-    **dict.fromkeys((
-        "n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high", "n_crests", "crest_length_mm",
-        "spectral_wavelength_mm",
-    ), _NET),
+    **dict.fromkeys(
+        (
+            "n_hinges",
+            "n_hinges_3",
+            "n_hinges_4",
+            "n_hinges_low",
+            "n_hinges_high",
+            "n_crests",
+            "crest_length_mm",
+            "spectral_wavelength_mm",
+        ),
+        _NET,
+    ),
     **dict.fromkeys(LINE, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
 
-CURVATURE_SCALE = 3.0   # [mm], unless the mesh is too coarse for it
-COARSE = 2.5            # mean edges that the curvature scale has at least
-SMOOTHED = 1.5          # mean edges over which the folding indices are smoothed at least
-BROAD = 0.1             # of the radius of the sphere of equal area, above which the curvature scale is remarked on
-CROSSED = 0.01          # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
+CURVATURE_SCALE = 3.0  # [mm], unless the mesh is too coarse for it
+COARSE = 2.5  # mean edges that the curvature scale has at least
+SMOOTHED = 1.5  # mean edges over which the folding indices are smoothed at least
+BROAD = 0.1  # of the radius of the sphere of equal area, above which the curvature scale is remarked on
+CROSSED = 0.01  # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
 
 
 def measure(
@@ -128,6 +128,7 @@ def measure(
 
 class _Measuring:
     """One cortex on its way through the measures: its maps, numbers and notes so far, a method for each step."""
+
     def __init__(self, accuracy: str):
         self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
         self.maps: dict[str, PerVertex] = {}
@@ -154,10 +155,12 @@ class _Measuring:
         self.area_white, self.area_pial = (geometry.vertex_areas(s.verts, faces) for s in (cortex.white, cortex.pial))
         self.maps["area"] = self.area_white
         self.scalars.update(
-            n_vertices=cortex.n_vertices, euler_characteristic=self.euler, area_pial_mm2=float(self.area_pial.sum()),
+            n_vertices=cortex.n_vertices,
+            euler_characteristic=self.euler,
+            area_pial_mm2=float(self.area_pial.sum()),
             area_white_mm2=float(self.area_white.sum()),
             gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
-        )  # fmt: skip
+        )
         if self.closed:
             for surface, name in ((cortex.white, "white"), (cortex.pial, "pial")):
                 self.scalars[f"volume_{name}_mm3"] = checks.volume(surface)
@@ -229,21 +232,36 @@ class _Measuring:
         fitted, why = through_regions(rows)
         scalars = {**self.scalars, **tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
         said = {
-            **self.notes, **(notes.of_regions() if rows else {}),
+            **self.notes,
+            **(notes.of_regions() if rows else {}),
             **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS),
-        }  # fmt: skip
+        }
         parameters = _parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
         parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
-        return self.mended.back(Measures(
-            self.cortex, scalars, self.maps, rows, tables.crests, tables.hinges, tables.arms, parameters, said,
-            self.graph,
-        ))  # fmt: skip
+        return self.mended.back(
+            Measures(
+                self.cortex,
+                scalars,
+                self.maps,
+                rows,
+                tables.crests,
+                tables.hinges,
+                tables.arms,
+                parameters,
+                said,
+                self.graph,
+            )
+        )
 
 
 def _parameters(
-    cortex: Cortex, mask: NDArray[np.bool_], scales_of: tuple[float, float], cap: float | None, across: GyralThickness,
+    cortex: Cortex,
+    mask: NDArray[np.bool_],
+    scales_of: tuple[float, float],
+    cap: float | None,
+    across: GyralThickness,
     graph: nx.MultiGraph,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Scales and options that the numbers depend on."""
     scales = graph.graph["scales"]
     return {
@@ -298,9 +316,7 @@ def _usual_scale(size: float) -> float:
     return CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0
 
 
-def _local_gyrification(
-    cortex: Cortex, closed: bool, pieces: int, voxels: float
-) -> tuple[PerVertex | None, str]:
+def _local_gyrification(cortex: Cortex, closed: bool, pieces: int, voxels: float) -> tuple[PerVertex | None, str]:
     """The index (N,) of so many voxels in the radius of the closing, or why there is none."""
     pial = cortex.pial
     if not closed or pieces != 1:

@@ -23,9 +23,9 @@ NO_REGIONS = (
     "No parcellation came with the surfaces (FreeSurfer keeps one in label/?h.aparc.annot): no table of regions, and "
     "no line through them."
 )
-AVERAGES = ("fsaverage", "cvs_avg")    # how the averages that come with FreeSurfer are called
+AVERAGES = ("fsaverage", "cvs_avg")  # how the averages that come with FreeSurfer are called
 USUAL, TWICE = 0.7, 2.0  # gyral width over gyral thickness of people, and the factor beyond which it is remarked on
-COARSEST = 4.0          # gyral width in mean edges, below which the mesh is remarked on
+COARSEST = 4.0  # gyral width in mean edges, below which the mesh is remarked on
 
 HINGES = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
 GRAPH = (*HINGES, "n_crests", "crest_length_mm")
@@ -64,10 +64,16 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
         f"{across.median:.2f} mm, where {USUAL:g} is usual: hinges and crests are in doubt. Look at the white surface, "
         "or give the width (--gyral-width)."
     }
-    odd = ratio < USUAL / TWICE or ratio > USUAL * TWICE                # False for NaN: no gyral thickness
-    return (apart if odd else {}) | dict.fromkeys(GRAPH, text) | dict.fromkeys(HINGES, text + counted) | {
-        "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along the white surface."
-    }
+    odd = ratio < USUAL / TWICE or ratio > USUAL * TWICE  # False for NaN: no gyral thickness
+    return (
+        (apart if odd else {})
+        | dict.fromkeys(GRAPH, text)
+        | dict.fromkeys(HINGES, text + counted)
+        | {
+            "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along "
+            "the white surface."
+        }
+    )
 
 
 def of_input(cortex: Cortex) -> Notes:
@@ -116,8 +122,9 @@ def of_volumes(closed: bool) -> Notes:
     return {
         "gray_volume_mm3": "Sum over the cortex of what lies between the triangles of white and of pial, as "
         "mris_anatomical_stats counts it.",
-        "volume_white_mm3": enclosed, "volume_pial_mm3": enclosed,
-    }  # fmt: skip
+        "volume_white_mm3": enclosed,
+        "volume_pial_mm3": enclosed,
+    }
 
 
 def of_thickness(cap: float | None, with_file: bool) -> Notes:

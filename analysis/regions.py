@@ -19,22 +19,37 @@ if TYPE_CHECKING:
     from morphofold.analysis.thickness.gyral import GyralThickness
 
 COLUMNS = (
-    "hemi", "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm",
-    "gyral_thickness_mm", "n_hinges", "crest_length_mm", "gyrification_index", "gyral_contour_mm",
-    "thickness_file_mm", "gray_volume_mm3", "mean_H_per_mm",
-)  # fmt: skip
+    "hemi",
+    "region",
+    "n_vertices",
+    "area_mm2",
+    "cortical_thickness_mm",
+    "cortical_thickness_sd_mm",
+    "gyral_thickness_mm",
+    "n_hinges",
+    "crest_length_mm",
+    "gyrification_index",
+    "gyral_contour_mm",
+    "thickness_file_mm",
+    "gray_volume_mm3",
+    "mean_H_per_mm",
+)
 #: columns that mean what FreeSurfer's ``aparcstats2table --meas`` of these names gives
 FREESURFER = {
-    "area_mm2": "area", "gray_volume_mm3": "volume", "cortical_thickness_mm": "thickness",
+    "area_mm2": "area",
+    "gray_volume_mm3": "volume",
+    "cortical_thickness_mm": "thickness",
     "cortical_thickness_sd_mm": "thicknessstd",
-}  # fmt: skip
-LEAST_CONTOUR = 2.0     # in median gyral widths: about 20 mm on an adult brain, one fold
+}
+LEAST_CONTOUR = 2.0  # in median gyral widths: about 20 mm on an adult brain, one fold
 
 
 def region_table(
-    cortex: Cortex, maps: Mapping[str, PerVertex], gyral: GyralThickness | None = None,
+    cortex: Cortex,
+    maps: Mapping[str, PerVertex],
+    gyral: GyralThickness | None = None,
     graph: nx.MultiGraph | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """One row per region of the cortex that has vertices, in the order of its annotation.
 
     Parameters
@@ -126,7 +141,7 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
        thickness as a replacement for the analysis of the volume of the cerebral cortex. Cereb. Cortex 28, 738 (2018).
     """
     check_kind(cortex, Cortex, "gray_volumes: cortex")
-    white, pial = cortex.white.verts[cortex.faces], cortex.pial.verts[cortex.faces]     # (M, 3 corners, 3)
+    white, pial = cortex.white.verts[cortex.faces], cortex.pial.verts[cortex.faces]  # (M, 3 corners, 3)
     origin = pial[:, 0]
     a, b, c = (white[:, k] - origin for k in range(3))
     B, C = (pial[:, k] - origin for k in (1, 2))
@@ -149,12 +164,14 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
         else the column's own name. Every row has all columns; a region that a subject lacks is None there.
     """
     rows = [
-        {"subject": name} | {
+        {"subject": name}
+        | {
             f"{row['hemi']}_{row['region']}_{FREESURFER.get(key, key)}": row.get(key)
-            for row in regions for key in COLUMNS[2:]
+            for row in regions
+            for key in COLUMNS[2:]
         }
         for name, regions in subjects.items()
-    ]  # fmt: skip
+    ]
     columns = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in columns} for row in rows]
 

@@ -14,8 +14,8 @@ from morphofold.analysis.conjugate_gradients import solve
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 
-DETOUR = 2 * 3**0.5 / np.pi     # length of edge paths over the straight way, mean over directions in a triangle grid
-COT_CLIP = (0.0, 3.0)      # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
+DETOUR = 2 * 3**0.5 / np.pi  # length of edge paths over the straight way, mean over directions in a triangle grid
+COT_CLIP = (0.0, 3.0)  # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
 
 
 @dataclass(frozen=True, eq=False)

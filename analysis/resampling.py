@@ -42,6 +42,7 @@ class Accuracy:
     least: int
     voxels: float
 
+
 #: docs/accuracy.md has their errors and times, and where they are on the fronts of both
 ACCURACIES = {"draft": Accuracy(50_000, 0, 6.0), "standard": Accuracy(0, 0, 12.0), "fine": Accuracy(0, 40_000, 20.0)}
 
@@ -92,12 +93,13 @@ class Copy:
             return found
         relief, back = found.relief, self._back
         there = replace(
-            relief, height=back(relief.height), amplitude=back(relief.amplitude), phase=back(relief.phase),
+            relief,
+            height=back(relief.height),
+            amplitude=back(relief.amplitude),
+            phase=back(relief.phase),
             vertical=np.column_stack([back(part) for part in relief.vertical.T]),
-        )  # fmt: skip
-        return replace(
-            found, triangle=self.triangle[found.triangle], per_vertex=back(found.per_vertex), relief=there
         )
+        return replace(found, triangle=self.triangle[found.triangle], per_vertex=back(found.per_vertex), relief=there)
 
     def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
         """As :func:`morphofold.analysis.gyral_graph`, its places and vertices on the original's white surface.
@@ -156,7 +158,7 @@ def _thinned(cortex: Cortex, keep: float) -> Copy:
     place = place.astype(np.int64)
     used = np.flatnonzero(place >= 0)
     away = np.linalg.norm(((white + pial) - (inner + outer)[place])[used], axis=1)
-    order = np.lexsort((away, place[used]))                             # of each copied vertex the nearest one first
+    order = np.lexsort((away, place[used]))  # of each copied vertex the nearest one first
     _, first = np.unique(place[used][order], return_index=True)
     twin = used[order][first]
     ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
@@ -183,6 +185,11 @@ def _midway(cortex: Cortex) -> Cortex:
 def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, twin: Ints) -> Cortex:
     """The cortex with other surfaces and the mask of its own."""
     return replace(
-        cortex, white=Surface(white, faces, cortex.white.name), pial=Surface(pial, faces, cortex.pial.name), maps={},
-        cortex=checks.cortex_mask(cortex)[twin], regions=None, inflated=None,
-    )  # fmt: skip
+        cortex,
+        white=Surface(white, faces, cortex.white.name),
+        pial=Surface(pial, faces, cortex.pial.name),
+        maps={},
+        cortex=checks.cortex_mask(cortex)[twin],
+        regions=None,
+        inflated=None,
+    )

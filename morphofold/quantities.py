@@ -36,7 +36,7 @@ QUANTITIES = (
     Quantity("curvedness", "Curvedness", "1/mm", False, (0.0, 0.6)),
     Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
     Quantity("area", "Vertex area on white", "mm²", False, None, ("area_mm2",)),
-)  # fmt: skip
+)
 # Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
 # protanopes and deuteranopes, too.
 CATEGORICAL = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
@@ -83,13 +83,18 @@ SCALAR_WORDS = {
 #: the map that a scalar is made of, where it is one
 MAP_OF = {
     "mean_cortical_thickness_mm": "cortical_thickness",
-    "mean_cortical_thickness_area_weighted_mm": "cortical_thickness", "median_gyral_thickness_mm": "gyral_thickness",
-    "mean_sulcal_depth_mm": "sulcal_depth", "gyrification_index": "local_gyrification_index",
-    "mean_local_gyrification_index": "local_gyrification_index", "folding_index": "curvedness",
-    "intrinsic_curvature_index": "K", "gyral_to_cortical_slope": "gyral_thickness",
-    "gyral_to_cortical_slope_robust": "gyral_thickness", "gyral_to_cortical_r": "gyral_thickness",
+    "mean_cortical_thickness_area_weighted_mm": "cortical_thickness",
+    "median_gyral_thickness_mm": "gyral_thickness",
+    "mean_sulcal_depth_mm": "sulcal_depth",
+    "gyrification_index": "local_gyrification_index",
+    "mean_local_gyrification_index": "local_gyrification_index",
+    "folding_index": "curvedness",
+    "intrinsic_curvature_index": "K",
+    "gyral_to_cortical_slope": "gyral_thickness",
+    "gyral_to_cortical_slope_robust": "gyral_thickness",
+    "gyral_to_cortical_r": "gyral_thickness",
     RATIO: "gyral_thickness",
-}  # fmt: skip
+}
 #: what the columns of the tables hold, where SCALAR_WORDS and a column's own name do not say enough
 COLUMN_WORDS = {
     "hemi": "Hemisphere, lh (left) or rh (right)",
@@ -128,13 +133,15 @@ COLUMN_WORDS = {
     "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
 }
 HEADLINES = (
-    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, CREST_RATIO,
+    "gyrification_index",
+    "mean_cortical_thickness_mm",
+    "median_gyral_thickness_mm",
+    RATIO,
+    CREST_RATIO,
     "mean_sulcal_depth_mm",
-)  # fmt: skip
+)
 
-_UNITS = (
-    ("_deg", "°"), ("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"),
-)  # fmt: skip
+_UNITS = (("_deg", "°"), ("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
 
 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:

@@ -62,6 +62,14 @@ def simulate(
     from morphofold.sim import run
 
     return run.simulate(
-        source, out, settings=settings, resume=resume, threads=threads, describe=freesurfer_maps,
-        progress=progress or silent, effects=effects, after=after, restart_from=restart_from,
-    )  # fmt: skip
+        source,
+        out,
+        settings=settings,
+        resume=resume,
+        threads=threads,
+        describe=freesurfer_maps,
+        progress=progress or silent,
+        effects=effects,
+        after=after,
+        restart_from=restart_from,
+    )

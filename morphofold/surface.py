@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from morphofold.errors import BadMesh, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 
-Verts = NDArray[np.float64]     # (N, 3), mm
-Faces = NDArray[np.int64]       # (M, 3), 0-based, counter-clockwise seen from outside
+Verts = NDArray[np.float64]  # (N, 3), mm
+Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = NDArray[np.float64]  # (N,)
 
 
@@ -22,7 +22,7 @@ _HOW = {
     "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
     "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial).",
     "Measures": "Make them with morphofold.measure(cortex).",
-    "Mapping": "Name each: {\"model\": measures, \"MRI\": others}.",
+    "Mapping": 'Name each: {"model": measures, "MRI": others}.',
     "MultiGraph": "Make one with morphofold.analysis.gyral_graph(cortex).",
     "Simulation": "Make one with morphofold.simulate(scene, out=folder).",
 }
@@ -60,9 +60,7 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     measures that cannot bear them say so themselves.
     """
     _check_indexed(verts, faces, name)
-    flat = np.flatnonzero(
-        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
-    )
+    flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
     if flat.size:
         raise BadMesh(
             f"{name}: {flat.size} of {len(faces)} faces name a vertex twice; the first is face {flat[0]} = "
@@ -160,7 +158,7 @@ def _as_array(values: Any) -> Any:
         return values
     try:
         return np.asarray(values)
-    except ValueError:                                                  # rows of unlike lengths
+    except ValueError:  # rows of unlike lengths
         return values
 
 

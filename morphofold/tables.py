@@ -55,7 +55,7 @@ def cell(value: Any) -> str:
     return _text(str(value))
 
 
-@lru_cache(maxsize=4096)                # names come again and again
+@lru_cache(maxsize=4096)  # names come again and again
 def _text(text: str) -> str:
     text = shown(text).translate(_CONTROLS)
     return f"'{text}" if _GUARDED.match(text) else text

@@ -89,10 +89,10 @@ def peak_memory() -> float | None:
     if status.exists():
         for line in status.read_text().splitlines():
             if line.startswith("VmHWM:"):
-                return round(int(line.split()[1]) / 2**20, 3)           # KiB
+                return round(int(line.split()[1]) / 2**20, 3)  # KiB
     try:
         import resource
-    except ImportError:                                                 # Windows
+    except ImportError:  # Windows
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)      # bytes on macOS, else KiB
+    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)  # bytes on macOS, else KiB

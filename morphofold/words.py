@@ -34,7 +34,7 @@ def span(seconds: float) -> str:
         if name == "d" or whole < {"min": 60, "h": 24}[name]:
             rest //= {"s": 1, "min": 60, "h": 3600}[below]
             return f"{whole} {name} {rest} {below}" if rest else f"{whole} {name}"
-    raise AssertionError                                                # the last unit takes all
+    raise AssertionError  # the last unit takes all
 
 
 def percent(share: float) -> str:

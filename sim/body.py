@@ -19,19 +19,19 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
-SAFETY = 1.5               # nodal mass over the least that keeps a step of one stable
+SAFETY = 1.5  # nodal mass over the least that keeps a step of one stable
 
 
 class Elements(Protocol):
     """What a body asks of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
 
-    LOCAL: float                    # modulus of the local volumetric term over mu
-    LARGEST_J: float                # beyond it the kernels' cube root no longer holds, and no sound element gets there
+    LOCAL: float  # modulus of the local volumetric term over mu
+    LARGEST_J: float  # beyond it the kernels' cube root no longer holds, and no sound element gets there
     n: int
     n_cortex: int
     material: Material
-    volume: Array                   # (n,) of the reference body [mm^3]
-    modulus: Array                  # (block, rows * WIDTH) mu, kappa, 1/V
+    volume: Array  # (n,) of the reference body [mm^3]
+    modulus: Array  # (block, rows * WIDTH) mu, kappa, 1/V
     blocks: Blocks
 
     def grow(self, cortex: Array, core: float = 1.0) -> None: ...
@@ -81,9 +81,17 @@ class Body:
     """
 
     def __init__(
-        self, bilayer: Bilayer, *, mu_cortex: float, mu_core: float, kappa_ratio: float, law: str,
-        X: Array | None = None, single: bool = False, material: Material = NEO_HOOKEAN,
-    ):  # fmt: skip
+        self,
+        bilayer: Bilayer,
+        *,
+        mu_cortex: float,
+        mu_core: float,
+        kappa_ratio: float,
+        law: str,
+        X: Array | None = None,
+        single: bool = False,
+        material: Material = NEO_HOOKEAN,
+    ):
         check_law(law)
         if not kappa_ratio > 2:
             raise OutOfRange(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
@@ -99,7 +107,7 @@ class Body:
             from morphofold.sim.elements.bricks import Bricks as kind
         else:
             from morphofold.sim.elements.tets import Tets as kind
-        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu               # the local term bears the rest
+        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term bears the rest
         elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
         if self.single:
             elements.make_single()
@@ -166,8 +174,8 @@ class Body:
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and from them the nodal mass."""
         self.mass = self.elements.measure(x)
-        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity         # of the step, left by a lagging dashpot
-        factor = 0.25 * max(SAFETY, 1.25 / share**2)                    # a step of one is stable if K <= 4 M
+        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # of the step, left by a lagging dashpot
+        factor = 0.25 * max(SAFETY, 1.25 / share**2)  # a step of one is stable if K <= 4 M
         self.mass *= factor
         self.mass[: self.n_surface] += factor * self.filter.stiffness
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))

@@ -44,6 +44,12 @@ def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | 
         X = effect.reshape(bilayer, X)
     material = scene.material
     return Body(
-        bilayer, mu_cortex=material.mu_ratio, mu_core=1.0, kappa_ratio=material.kappa_ratio, law=scene.growth.law, X=X,
-        single=scene.accuracy.precision == "single", material=material.build(),
-    )  # fmt: skip
+        bilayer,
+        mu_cortex=material.mu_ratio,
+        mu_core=1.0,
+        kappa_ratio=material.kappa_ratio,
+        law=scene.growth.law,
+        X=X,
+        single=scene.accuracy.precision == "single",
+        material=material.build(),
+    )

@@ -29,23 +29,23 @@ from morphofold.timing import working_seconds
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-REFRESH = 12            # steps between measurements of mass and energies,
-INCREMENT = 3           # and between increments of growth: no wave is so fast, so none is in resonance with them
-DAMPING = 0.15          # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
-KINETIC_LIMIT = 1e-3    # kinetic over strain energy above which growth slows down
-COLLAPSE = 0.9          # and when the smallest J falls below this share of itself between two measurements, or below 0
-SLOWEST = 0.05          # least pace of growth while it does
-EARLY = 0.2             # below this growth strain the kinetic energy is held against what strain energy will be there
-SOFT_START = 0.02       # growth over which the pace rises to its full value, so that the body doesn't ring,
-FIRST_PACE = 0.1        # and what it starts from
-NEAR = 0.05             # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
-CALM, PATIENCE = 2.0, 60.0      # once it lasted so long, or after so long in all [ticks],
-BRIEF, SHARE = 10.0, 4 / 3      # or sooner where growth took less since the last rest: that share of it, or so long,
-AWAY = 0.25             # but not beyond such a distance, on the way to other folds,
-SLOW = 6.0           # nor where the body is slow: then after so many times as long
-RINGING = 1.0           # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
-RING_DOWN = 8.0         # how long it is damped for that [ticks], later it is contact that shakes,
-MOST_DAMPING = 0.5      # and the share of the velocity that a step takes from it at most
+REFRESH = 12  # steps between measurements of mass and energies,
+INCREMENT = 3  # and between increments of growth: no wave is so fast, so none is in resonance with them
+DAMPING = 0.15  # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
+KINETIC_LIMIT = 1e-3  # kinetic over strain energy above which growth slows down
+COLLAPSE = 0.9  # and when the smallest J falls below this share of itself between two measurements, or below 0
+SLOWEST = 0.05  # least pace of growth while it does
+EARLY = 0.2  # below this growth strain the kinetic energy is held against what strain energy will be there
+SOFT_START = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring,
+FIRST_PACE = 0.1  # and what it starts from
+NEAR = 0.05  # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
+CALM, PATIENCE = 2.0, 60.0  # once it lasted so long, or after so long in all [ticks],
+BRIEF, SHARE = 10.0, 4 / 3  # or sooner where growth took less since the last rest: that share of it, or so long,
+AWAY = 0.25  # but not beyond such a distance, on the way to other folds,
+SLOW = 6.0  # nor where the body is slow: then after so many times as long
+RINGING = 1.0  # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
+RING_DOWN = 8.0  # how long it is damped for that [ticks], later it is contact that shakes,
+MOST_DAMPING = 0.5  # and the share of the velocity that a step takes from it at most
 #: of a state, beside its arrays
 SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
 
@@ -116,13 +116,19 @@ class Dynamics:
     """
 
     def __init__(
-        self, body: Body, effects: Sequence[Effect] = (), *, steps_per_unit: float, damping: float | None = None,
-        slow: Slow | None = None, start: State | None = None,
-    ):  # fmt: skip
+        self,
+        body: Body,
+        effects: Sequence[Effect] = (),
+        *,
+        steps_per_unit: float,
+        damping: float | None = None,
+        slow: Slow | None = None,
+        start: State | None = None,
+    ):
         self.body, self.effects = body, tuple(effects)
         self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
         self.slow = slow
-        self.waits_for_balance = True                                   # an effect may say that time is real
+        self.waits_for_balance = True  # an effect may say that time is real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.balance = Balance(body.crossing, body.X, NEAR * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
@@ -164,7 +170,7 @@ class Dynamics:
             last = abs(left) <= 1.5 * increment
             self._run(REFRESH, g if last else self.state.growth + math.copysign(increment, left))
             if last:
-                self.balance.forget()                                   # its motion was that of growth
+                self.balance.forget()  # its motion was that of growth
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
@@ -272,9 +278,17 @@ class Dynamics:
                 clock.lap(effect.name)
             before = state.v.copy() if k == steps - 1 else state.v
             lost = brick_kernels.advance(
-                state.x, state.v, blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.mass, body.free,
+                state.x,
+                state.v,
+                blocks.force,
+                blocks.first,
+                blocks.rows,
+                body.rest,
+                self._extra,
+                body.mass,
+                body.free,
                 1.0 - self.damping,
-            )  # fmt: skip
+            )
             clock.lap("advance")
             if lost:
                 self._lost(state.step + k + 1)
@@ -282,7 +296,7 @@ class Dynamics:
                 effect.after_step(state.x, state.v)
                 clock.lap(effect.name)
         state.step += steps
-        pull = state.v - (1.0 - self.damping) * before                  # of the last step; its positions are x - v
+        pull = state.v - (1.0 - self.damping) * before  # of the last step; its positions are x - v
         self.balance.look(state.step, state.x - state.v, pull, body.mass, self.damping)
         clock.lap("balance")
         self._measure(steps)
@@ -296,7 +310,7 @@ class Dynamics:
             f"{np.count_nonzero(lost)} of {n} nodes are not finite at g = {self.state.growth:.3f}, step {step}; "
             f"the first is node {np.argmax(around + lost)}. Slow the growth down (growth.rate) or refine the mesh.",
             self._sound,
-        )  # fmt: skip
+        )
 
     def _check_volumes(self, element: dict[str, Array]) -> None:
         """Stop where elements have no volume left or burst."""
@@ -307,8 +321,9 @@ class Dynamics:
                 f"{broken.size} of {elements.n} elements have no volume left or burst at g = {self.state.growth:.3f}, "
                 f"step {self.state.step}; the first is element {broken[0]} with v/V = "
                 f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
-                "growth down (growth.rate) or refine the mesh.", self._sound,
-            )  # fmt: skip
+                "growth down (growth.rate) or refine the mesh.",
+                self._sound,
+            )
 
     def _measure(self, steps: int = 0) -> None:
         """Of the state, ``steps`` after the last measurement: mass, energies, volume ratios."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 RAYS = 10_000
-TOUCHING = 1e-9             # stretches of a ray shorter than this share of its length are none
+TOUCHING = 1e-9  # stretches of a ray shorter than this share of its length are none
 
 #: how deep the surface may pass through itself [mean edges]: half the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
@@ -37,7 +37,7 @@ BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
     "bending": (0.1, ("hold",)),
     "unstable_modes": (0, ("slower", "stages")),
 }
-LEAST_J = 0.05          # smallest volume ratio of any Gauss point at any time; below 0.1 the material is frozen
+LEAST_J = 0.05  # smallest volume ratio of any Gauss point at any time; below 0.1 the material is frozen
 
 
 def cures(scene: Scene | None = None) -> dict[str, str]:
@@ -68,8 +68,8 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
 class Cover(NamedTuple):
     """How often a closed surface covers the space along radial rays."""
 
-    twice: float        # share of the length inside the surface at all that is inside it twice or more
-    most: int           # largest winding number on any ray: 1 if the surface doesn't pass through itself
+    twice: float  # share of the length inside the surface at all that is inside it twice or more
+    most: int  # largest winding number on any ray: 1 if the surface doesn't pass through itself
 
 
 def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:

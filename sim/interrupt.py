@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-HANG_UP = getattr(signal, "SIGHUP", None)       # Windows has none
+HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
 
 
 @contextmanager
@@ -34,5 +34,5 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-    if came:                                        # too late to stop the work, in time to stop what comes after
+    if came:  # too late to stop the work, in time to stop what comes after
         raise KeyboardInterrupt

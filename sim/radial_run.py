@@ -22,9 +22,9 @@ from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
 
-SPHERE_LEVEL = 4        # of the icosphere that is written: 2,562 vertices
-POINTS = 41             # of the written profile, in each layer
-QUADRATURE = 64         # Gauss points in each layer for the energy
+SPHERE_LEVEL = 4  # of the icosphere that is written: 2,562 vertices
+POINTS = 41  # of the written profile, in each layer
+QUADRATURE = 64  # Gauss points in each layer for the energy
 
 
 class RadialRun:
@@ -33,10 +33,10 @@ class RadialRun:
     def __init__(self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool]):
         self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted
         self._geometry = geometry = cast(Radial, scene.geometry)
-        self._A = geometry.hole_radius / geometry.radius                # radii over that of the sphere, as in the paper
+        self._A = geometry.hole_radius / geometry.radius  # radii over that of the sphere, as in the paper
         self._B = 1 - geometry.cortex_thickness / geometry.radius
         self._effects = build_effects(scene)
-        self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)       # that of core growth, if any
+        self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)  # that of core growth, if any
 
     def go(self) -> None:
         started, growth = time.perf_counter(), 1.0
@@ -50,32 +50,47 @@ class RadialRun:
                 state = self.equilibrium(growth)
                 numbers = {"growth": growth, "step": 0, **self.numbers(state, growth)}
                 solving += time.perf_counter() - before
-                kept = self._writer.health_of(growth)                   # of a stage written before a stop
+                kept = self._writer.health_of(growth)  # of a stage written before a stop
                 if kept is None:
                     self._write_stage(growth, state, numbers)
                 else:
                     numbers = kept
                 stages.append(numbers)
-                log.append({**numbers, "elapsed": round(time.perf_counter() - started, 3),
-                            "effects": {effect.name: {} for effect in self._effects}})  # fmt: skip
+                log.append(
+                    {
+                        **numbers,
+                        "elapsed": round(time.perf_counter() - started, 3),
+                        "effects": {effect.name: {} for effect in self._effects},
+                    }
+                )
                 self._writer.log(log)
-                self._progress(0.99 * len(stages) / len(self._scene.stages),
-                               f"g {growth:.3f}, min J {numbers['min_J']:.2f}")  # fmt: skip
+                self._progress(
+                    0.99 * len(stages) / len(self._scene.stages), f"g {growth:.3f}, min J {numbers['min_J']:.2f}"
+                )
                 if self._interrupted():
                     raise KeyboardInterrupt
             self._writer.health(
-                stages, [], quadrature_points=len(state.R), steps=0,
-                seconds=round(time.perf_counter() - started, 2), seconds_by_phase={"radial": round(solving, 3)},
-            )  # fmt: skip
+                stages,
+                [],
+                quadrature_points=len(state.R),
+                steps=0,
+                seconds=round(time.perf_counter() - started, 2),
+                seconds_by_phase={"radial": round(solving, 3)},
+            )
         self._progress(1.0, "done")
 
     def equilibrium(self, g: float) -> RadialState:
         """The sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
         geometry, material = self._geometry, self._scene.material
         return radial_equilibrium(
-            g, geometry.cortex_thickness / geometry.radius, material.mu_ratio, self._scene.growth.law,
-            material.kappa_ratio, A_over_C=self._A, g_core=self._core(g),
-        )  # fmt: skip
+            g,
+            geometry.cortex_thickness / geometry.radius,
+            material.mu_ratio,
+            self._scene.growth.law,
+            material.kappa_ratio,
+            A_over_C=self._A,
+            g_core=self._core(g),
+        )
 
     def _core(self, g: float) -> float:
         return 1 + (g - 1) * self._share
@@ -126,12 +141,19 @@ class RadialRun:
 
     def _write_stage(self, g: float, state: RadialState, numbers: dict[str, Any]) -> None:
         verts, faces = icosphere(SPHERE_LEVEL)
-        white, pial = (Surface(r * verts, faces, name=f"lh.{name}")
-                       for r, name in zip(self._radii(state), ("white", "pial")))  # fmt: skip
+        white, pial = (
+            Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(self._radii(state), ("white", "pial"))
+        )
         self._writer.stage(
-            g, white, pial, portion=1.0, reference_radius=self._geometry.radius, numbers=numbers, warnings=[],
+            g,
+            white,
+            pial,
+            portion=1.0,
+            reference_radius=self._geometry.radius,
+            numbers=numbers,
+            warnings=[],
             beside=lambda folder: self._write_profile(folder / "profile.tsv", state),
-        )  # fmt: skip
+        )
 
     def _write_profile(self, path: Path, state: RadialState) -> None:
         """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""

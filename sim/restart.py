@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import State
 
-ROUND_OFF = 1e-9        # of the size of a body: within it reference positions are the same
+ROUND_OFF = 1e-9  # of the size of a body: within it reference positions are the same
 
 
 def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, Any] | None:
@@ -57,14 +57,14 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
             f"{place}: holds no state to restart from, which is a checkpoint or a stage with {VOLUME}. A scene with "
             "output.volume = false writes no volume, and one in one dimension has none."
         )
-    growth, file = max(found, key=lambda state: state[0])               # the first of equals: a stage
+    growth, file = max(found, key=lambda state: state[0])  # the first of equals: a stage
     if growth > scene.growth.final:
         raise OutOfRange(
             f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Grow "
             "further, or restart from the folder of an earlier stage."
         )
     if file.name == VOLUME:
-        read_stage(run, growth)                                         # or refuses one that is damaged
+        read_stage(run, growth)  # or refuses one that is damaged
     return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
 
 
@@ -86,7 +86,7 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
         )
     x, v, X, _ = _read(file)
     check_mesh(file, X, body.X, scene)
-    if scene.real_time:                               # velocities are per step, of another length
+    if scene.real_time:  # velocities are per step, of another length
         v[:] = 0.0
     return State(x, v, growth=restart["growth"])
 
@@ -115,9 +115,9 @@ def _read(file: Path) -> tuple[Array, Array, Array, float]:
         else:
             with np.load(existing_file(file), allow_pickle=False) as arrays:
                 if sum(entry.file_size for entry in arrays.zip.infolist()) > file.stat().st_size:
-                    raise DamagedFile("it is packed")                    # no run packs it
+                    raise DamagedFile("it is packed")  # no run packs it
                 x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
-                v *= "inertia.dt" not in arrays.files                   # real ones are per step of its own length
+                v *= "inertia.dt" not in arrays.files  # real ones are per step of its own length
                 growth = float(arrays["growth"].item())
         if not (x.ndim == 2 and x.shape[1] == 3 and x.shape == v.shape == X.shape):
             raise DamagedFile(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")

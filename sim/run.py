@@ -39,13 +39,19 @@ __all__ = ["Progress", "Simulation", "simulate"]
 
 Look = Callable[["Dynamics"], None]
 
-RESTING = 0.75          # of its patience that a body rests at a stage, or so, and
-RAMP = 250.0            # ticks that growth by 1 takes, for the share of the work that is done
-LOG_EVERY = 0.01        # growth between two lines of the log,
-LOG_STEPS = 100         # or steps
+RESTING = 0.75  # of its patience that a body rests at a stage, or so, and
+RAMP = 250.0  # ticks that growth by 1 takes, for the share of the work that is done
+LOG_EVERY = 0.01  # growth between two lines of the log,
+LOG_STEPS = 100  # or steps
 STAGE_NUMBERS = (
-    "step", "strain_energy", "kinetic_energy", "kinetic_over_strain", "dissipated_energy", "distance_over_T", "min_J",
-)  # fmt: skip
+    "step",
+    "strain_energy",
+    "kinetic_energy",
+    "kinetic_over_strain",
+    "dissipated_energy",
+    "distance_over_T",
+    "min_J",
+)
 
 
 def simulate(
@@ -118,15 +124,15 @@ def simulate(
     with deferred_interrupt() as interrupted:
         set_threads(threads)
         if is_finished(folder, scene, resume, names, restart_from):
-            with suppress(OSError):                                     # one that may not be written goes without
+            with suppress(OSError):  # one that may not be written goes without
                 write_series(folder, scene)
         else:
             with alone(folder):
-                if not is_finished(folder, scene, resume, names, restart_from):    # another run may have come first
+                if not is_finished(folder, scene, resume, names, restart_from):  # another run may have come first
                     restart = restart_of(folder, scene, restart_from)
                     writer = FolderWriter(folder, scene, describe, resume, names, restart)
                     added = {"effects": own, "look": after} if own or after else {}
-                    _run_of(scene)(scene, writer, progress, interrupted, **added).go()    # builds before it writes
+                    _run_of(scene)(scene, writer, progress, interrupted, **added).go()  # builds before it writes
     return Simulation(folder, scene)
 
 
@@ -143,9 +149,14 @@ class _Run:
     """One run: the body, its dynamics, and where it writes."""
 
     def __init__(
-        self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool],
-        effects: Sequence[Effect] = (), look: Look | None = None,
-    ):  # fmt: skip
+        self,
+        scene: Scene,
+        writer: FolderWriter,
+        progress: Progress,
+        interrupted: Callable[[], bool],
+        effects: Sequence[Effect] = (),
+        look: Look | None = None,
+    ):
         from morphofold.sim.build import build_body
         from morphofold.sim.dynamics import Dynamics
         from morphofold.sim.effects import build_effects
@@ -265,7 +276,7 @@ class _Run:
         with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
             if not 1 <= growth <= final:
                 raise DamagedFile(f"g = {growth:g} is not within 1 and {final:g}")
-            self.dynamics.load(arrays)                                  # a state out of its bounds was never saved
+            self.dynamics.load(arrays)  # a state out of its bounds was never saved
         check_reached(out, self.scene, growth)
         self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item(), arrays["log"])
         if self.log:
@@ -278,13 +289,13 @@ class _Run:
         from morphofold.sim.output.surfaces import whole_surfaces
 
         before = self.writer.health_of(g)
-        if before is not None:                                          # written before a stop
+        if before is not None:  # written before a stop
             return before
         body, state = self.body, self.dynamics.state
         white, pial = whole_surfaces(body, state.x)
         closed = body.bilayer.closed
         grown = float(np.sum(body.grown_volumes())) / body.bilayer.portion
-        between = closed and body.bilayer.faces.shape[1] == 4           # a white surface through tetrahedra cuts them
+        between = closed and body.bilayer.faces.shape[1] == 4  # a white surface through tetrahedra cuts them
         found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
         numbers = {
             "growth": g,
@@ -298,10 +309,15 @@ class _Run:
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
         }
         self.writer.stage(
-            g, white, pial, portion=body.bilayer.portion,
+            g,
+            white,
+            pial,
+            portion=body.bilayer.portion,
             reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
-            numbers=numbers, warnings=broken_bounds(numbers, self.scene), beside=self._write_volume,
-        )  # fmt: skip
+            numbers=numbers,
+            warnings=broken_bounds(numbers, self.scene),
+            beside=self._write_volume,
+        )
         return numbers
 
     def _unstable_modes(self) -> int | None:
@@ -314,7 +330,7 @@ class _Run:
 
         try:
             return unstable_modes(self.dynamics)
-        except (MemoryError, ZeroDivisionError):                        # too large, or a mode without any stiffness
+        except (MemoryError, ZeroDivisionError):  # too large, or a mode without any stiffness
             return None
 
     def _cortex_volume(self) -> float:

@@ -20,9 +20,16 @@ from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
 from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
 
 __all__ = [
-    "BIOT", "CREASE", "Bifurcation", "Stresses", "bifurcation",
-    "critical_growth", "deformed_radius", "stresses", "thickest_creasing",
-]  # fmt: skip
+    "BIOT",
+    "CREASE",
+    "Bifurcation",
+    "Stresses",
+    "bifurcation",
+    "critical_growth",
+    "deformed_radius",
+    "stresses",
+    "thickest_creasing",
+]
 
 #: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); 0.6661 in equibiaxial stretch
 BIOT = 3.382975767906237

@@ -72,13 +72,19 @@ class Case:
         if self.g_elements is not None:
             checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
         return {
-            **self._named(), "g_crit": b.g_crit, **checked, "degree": _degree(b.mode),
-            "wavelength_mm": b.wavelength * self.radius, "wavelength_over_T": b.wavelength / T,
+            **self._named(),
+            "g_crit": b.g_crit,
+            **checked,
+            "degree": _degree(b.mode),
+            "wavelength_mm": b.wavelength * self.radius,
+            "wavelength_over_T": b.wavelength / T,
             "wavelength_deformed_mm": b.wavelength_deformed * self.radius,
             "wavelength_deformed_over_T": b.wavelength_deformed / T,
             "creasing_amplitude_over_T": b.creasing_amplitude / T,
-            "g_crease": b.g_crease, "first": b.first or None, "reason": "; ".join(reasons) or None,
-        }  # fmt: skip
+            "g_crease": b.g_crease,
+            "first": b.first or None,
+            "reason": "; ".join(reasons) or None,
+        }
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was looked at; NaN, with the reason, where none was found."""
@@ -90,10 +96,14 @@ class Case:
 
     def _named(self) -> Row:
         return {
-            "law": self.law, "thickness_mm": self.thickness, "outer_radius_mm": self.radius,
-            "T_over_C": self.thickness / self.radius, "hole_ratio": self.A_over_C, "mu_ratio": self.mu_ratio,
+            "law": self.law,
+            "thickness_mm": self.thickness,
+            "outer_radius_mm": self.radius,
+            "T_over_C": self.thickness / self.radius,
+            "hole_ratio": self.A_over_C,
+            "mu_ratio": self.mu_ratio,
             "kappa_ratio": "inf" if np.isinf(self.kappa_ratio) else self.kappa_ratio,
-        }  # fmt: skip
+        }
 
 
 def _degree(mode: float) -> int | str | None:
@@ -117,9 +127,13 @@ def radius_rows(
     for law in laws:
         c_bar = theory.deformed_radius(growth, C_bar, law, g_core=g_core, A_bar=A_over_C * C_bar)
         rows += _rows(
-            law=law, thickness_mm=thickness, outer_radius_mm=radius, growth=growth, c_over_B=c_bar,
+            law=law,
+            thickness_mm=thickness,
+            outer_radius_mm=radius,
+            growth=growth,
+            c_over_B=c_bar,
             c_over_C=c_bar / C_bar,
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -144,12 +158,19 @@ def stress_rows(
         A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
         s = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
         rows += _rows(
-            law=law, thickness_mm=thickness, outer_radius_mm=radius, growth=growth, mu_ratio=mu_ratio, layer=layer,
-            R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points), r_mm=s.r,
+            law=law,
+            thickness_mm=thickness,
+            outer_radius_mm=radius,
+            growth=growth,
+            mu_ratio=mu_ratio,
+            layer=layer,
+            R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points),
+            r_mm=s.r,
             position=(s.r - s.r[0]) / (s.r[-1] - s.r[0]),
-            sigma_r_over_mu_core=s.sigma_r, sigma_theta_over_mu_core=s.sigma_theta,
+            sigma_r_over_mu_core=s.sigma_r,
+            sigma_theta_over_mu_core=s.sigma_theta,
             sigma_theta_over_mu_cortex=s.sigma_theta / mu_ratio,
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -166,7 +187,7 @@ def critical_rows(
         raise ImpossibleBody(
             f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}."
         )
-    hole = A_over_C * C_bar if g_core != 1 else None            # it matters only if the core grows
+    hole = A_over_C * C_bar if g_core != 1 else None  # it matters only if the core grows
     rows: list[Row] = []
     for law in laws:
         crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
@@ -199,7 +220,7 @@ def bifurcation_cases(
     """
     wanted = list(product(laws, mu_ratios, thicknesses))
     for _, _, T in wanted:
-        outer_ratio(T, radius, A_over_C)                # before the first of them takes its time
+        outer_ratio(T, radius, A_over_C)  # before the first of them takes its time
     cases = []
     for law, mu_ratio, T in wanted:
         sphere = (T / radius, mu_ratio, law, kappa_ratio)
@@ -215,7 +236,7 @@ def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C:
     from morphofold.sim.sphere_theory.finite_elements import critical_growth_of_degree
 
     if not np.isfinite(mode):
-        return np.nan                                               # no mode, or none that a mesh can resolve
+        return np.nan  # no mode, or none that a mesh can resolve
     return critical_growth_of_degree(int(mode), *sphere, A_over_C=A_over_C, g_max=G_MAX)
 
 
@@ -238,15 +259,27 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     if found.rounded:
         reasons.append("this uneven body bends into folds without a bifurcation: g_crit is about where, and not sharp")
     return {
-        "scene": scene.name, "shape": scene.geometry.shape, "portion": getattr(scene.geometry, "portion", None),
-        "law": scene.growth.law, "thickness_mm": T, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio,
-        "left_out": tuple(scene.effects), "elements": bilayer.mesh.nelements, "edge_over_T": bilayer.edge / T,
-        "g_crit": found.g_crit, "rounded": found.rounded, "degree": found.degree,
-        "wavelength_mm": found.wavelength, "wavelength_over_T": found.wavelength / T,
-        "g_theory": g_theory, "degree_theory": _degree(degree),
-        "difference_percent": 100 * (found.g_crit / g_theory - 1), "seconds": time.perf_counter() - started,
+        "scene": scene.name,
+        "shape": scene.geometry.shape,
+        "portion": getattr(scene.geometry, "portion", None),
+        "law": scene.growth.law,
+        "thickness_mm": T,
+        "mu_ratio": material.mu_ratio,
+        "kappa_ratio": material.kappa_ratio,
+        "left_out": tuple(scene.effects),
+        "elements": bilayer.mesh.nelements,
+        "edge_over_T": bilayer.edge / T,
+        "g_crit": found.g_crit,
+        "rounded": found.rounded,
+        "degree": found.degree,
+        "wavelength_mm": found.wavelength,
+        "wavelength_over_T": found.wavelength / T,
+        "g_theory": g_theory,
+        "degree_theory": _degree(degree),
+        "difference_percent": 100 * (found.g_crit / g_theory - 1),
+        "seconds": time.perf_counter() - started,
         "reason": "; ".join(reasons) or None,
-    }  # fmt: skip
+    }
 
 
 def _theory_of(scene: Scene) -> tuple[float, float, str]:
@@ -254,7 +287,7 @@ def _theory_of(scene: Scene) -> tuple[float, float, str]:
     geometry, material = scene.geometry, scene.material
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
-    assert isinstance(geometry, Sphere)                                 # a radial scene has no body
+    assert isinstance(geometry, Sphere)  # a radial scene has no body
     sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
         found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)

@@ -12,9 +12,7 @@ from morphofold.io import atomic_file
 
 Row = dict[str, Any]
 #: columns of tables that stay text
-WORDS = (
-    "scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number",
-)  # fmt: skip
+WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number")
 
 
 def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:

@@ -24,12 +24,12 @@ from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
-KICK = 1e-3             # of the cortical thickness, rms
-RISE = 3.0              # the difference has turned for good when it is this many times its least
-PURE = 30.0             # and its growing part is nearly alone when it is so many times its least
-STEADY = 1e-3           # the onset stays where it is if it moves by less growth between two pairs,
-PAIRS = 8               # after so many at most
-CREEP = 1.0             # share of the velocity lost over as many steps as a wrinkle has edges
+KICK = 1e-3  # of the cortical thickness, rms
+RISE = 3.0  # the difference has turned for good when it is this many times its least
+PURE = 30.0  # and its growing part is nearly alone when it is so many times its least
+STEADY = 1e-3  # the onset stays where it is if it moves by less growth between two pairs,
+PAIRS = 8  # after so many at most
+CREEP = 1.0  # share of the velocity lost over as many steps as a wrinkle has edges
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def onset(
         raise OutOfRange(
             f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
         )
-    scene = in_double(scene)                                            # differences die away to round-off
+    scene = in_double(scene)  # differences die away to round-off
     scene = scene.without(*(name for name, options in scene.effects.items() if not options.at_onset))
     thickness = scene.geometry.cortex_thickness
     twins = _Twins(scene, rate, bilayer)

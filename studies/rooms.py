@@ -9,6 +9,7 @@ import ast
 import importlib.util
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from morphofold.studies.sizes import code_lines
@@ -22,15 +23,32 @@ PACKAGES = {
 }
 #: rooms that stand beside each other, from the ground up: a room imports only what stands below it, or left of it
 FLOORS = (
-    ("ground",), ("io",), ("intersections", "shapes"), ("sim", "analysis"), ("simulation",),
-    ("comparison", "forecasts", "results"), ("cohort",), ("report",), ("studies",), ("cli",),
-)  # fmt: skip
+    ("ground",),
+    ("io",),
+    ("intersections", "shapes"),
+    ("sim", "analysis"),
+    ("simulation",),
+    ("comparison", "forecasts", "results"),
+    ("cohort",),
+    ("report",),
+    ("studies",),
+    ("cli",),
+)
 ORDER = tuple(room for floor in FLOORS for room in floor)
 GROUND = (
-    "arrays", "surface", "geometry", "quantities", "provenance", "tables", "timing", "threads", "progress", "words",
+    "arrays",
+    "surface",
+    "geometry",
+    "quantities",
+    "provenance",
+    "tables",
+    "timing",
+    "threads",
+    "progress",
+    "words",
     "errors",
-)  # fmt: skip
-APART = {"sim", "analysis"}                     # they meet in a Cortex
+)
+APART = {"sim", "analysis"}  # they meet in a Cortex
 #: the one arrow that runs back up: Comparison.report() calls the page
 EXCEPTION = ("morphofold.comparison.side_by_side", "morphofold.report.pages.page")
 HOLDS = {
@@ -54,7 +72,7 @@ HOLDS = {
 def modules() -> Iterator[tuple[str, Path]]:
     """Name and file of every module."""
     for package, folder in PACKAGES.items():
-        for file in sorted(folder.rglob("*.py")):     # follows no symlinks, so every file comes once
+        for file in sorted(folder.rglob("*.py")):  # follows no symlinks, so every file comes once
             inside = file.relative_to(folder).with_suffix("").parts
             yield ".".join((package, *inside)).removesuffix(".__init__"), file
 
@@ -109,8 +127,18 @@ def draw(path: Path) -> None:
             held = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
             axes.text(x + width / 2, y + 0.16, held, ha="center", va="center", size=7.5, color="#444444")
             axes.text(x + width - 0.09, y + 0.44, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
-    _way(axes, 0.75, "#c05a12", ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"])
-    _way(axes, 8.25, "#1f6fb2", ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"])
+    _way(
+        axes,
+        0.75,
+        "#c05a12",
+        ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"],
+    )
+    _way(
+        axes,
+        8.25,
+        "#1f6fb2",
+        ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"],
+    )
     axes.text(4.5, 6.98, "a room imports only what stands below it, or left of it", ha="center", va="center", size=9)
     figure.savefig(path, metadata={"Software": None})
 
@@ -128,7 +156,7 @@ def _way(axes, x: float, colour: str, stops: list[str]) -> None:  # type: ignore
     heights = [0.4 + 1.5 * k for k in range(len(stops))]
     for y, text in zip(heights, stops):
         axes.text(x, y, text, ha="center", va="center", size=8.5, color=colour)
-    for low, high in zip(heights, heights[1:]):
+    for low, high in pairwise(heights):
         axes.annotate("", (x, high - 0.25), (x, low + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
 
 

@@ -12,10 +12,8 @@ from pathlib import Path
 from statistics import median
 
 ROOMS = ("morphofold", "sim", "analysis", "studies", "tests")
-LARGEST = 5             # files and functions that are named
-NO_CODE = (
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
-)  # fmt: skip
+LARGEST = 5  # files and functions that are named
+NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
 def code_lines(source: str) -> set[int]:
@@ -39,8 +37,12 @@ def functions(source: str) -> dict[str, int]:
 
 def report(root: Path) -> str:
     """A line for each room, and the largest files and functions of the product and its studies."""
-    sources = {p: p.read_text(encoding="utf-8") for room in ROOMS for p in sorted((root / room).rglob("*.py"))
-               if not any(folder.is_symlink() for folder in p.parents)}  # fmt: skip
+    sources = {
+        p: p.read_text(encoding="utf-8")
+        for room in ROOMS
+        for p in sorted((root / room).rglob("*.py"))
+        if not any(folder.is_symlink() for folder in p.parents)
+    }
     files = {p.relative_to(root): len(code_lines(text)) for p, text in sources.items()}
     told = []
     for room in ROOMS:

@@ -15,12 +15,25 @@ import pytest
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-background-networking", "--no-first-run",
-    "--disable-sync", "--disable-component-update", "--disable-quic", "--disable-extensions", "--hide-scrollbars",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-component-update",
+    "--disable-quic",
+    "--disable-extensions",
+    "--hide-scrollbars",
     "--disable-smooth-scrolling",
-    "--window-size=1280,1000", "--remote-debugging-port=0", "--remote-allow-origins=*",
-)  # fmt: skip
+    "--window-size=1280,1000",
+    "--remote-debugging-port=0",
+    "--remote-allow-origins=*",
+)
 """Software GL, and no conversation with anyone but the test."""
 BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"no browser here; looked for {', '.join(BROWSERS)}")
@@ -121,11 +134,12 @@ def assert_quiet(tab):
     assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
     assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
     wrong = [
-        e for e in tab.events
+        e
+        for e in tab.events
         if e.get("method") == "Runtime.exceptionThrown"
         or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
         or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
-    ]  # fmt: skip
+    ]
     assert wrong == []
 
 

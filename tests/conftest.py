@@ -4,7 +4,7 @@ import json
 import os
 from pathlib import Path
 
-if "PYTEST_XDIST_WORKER" in os.environ:         # several processes share the cores: before numpy is imported
+if "PYTEST_XDIST_WORKER" in os.environ:  # several processes share the cores: before numpy is imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
@@ -49,10 +49,26 @@ def rough(rng):
 
 
 #: tests that compile most kernels, of the solver and of the measuring room: two processes shall not compile the same
-SOLVER = ("test_kernels", "test_effects", "test_contact", "test_run", "test_solver_faults", "test_solver_moduli",
-          "test_solver_shapes", "test_laws")  # fmt: skip
-MEASURING = ("test_measures", "test_curvatures", "test_crests", "test_gyral_thickness", "test_surfaces_laws",
-             "test_surfaces_walls", "test_surfaces_triangles", "test_accuracy_measuring")  # fmt: skip
+SOLVER = (
+    "test_kernels",
+    "test_effects",
+    "test_contact",
+    "test_run",
+    "test_solver_faults",
+    "test_solver_moduli",
+    "test_solver_shapes",
+    "test_laws",
+)
+MEASURING = (
+    "test_measures",
+    "test_curvatures",
+    "test_crests",
+    "test_gyral_thickness",
+    "test_surfaces_laws",
+    "test_surfaces_walls",
+    "test_surfaces_triangles",
+    "test_accuracy_measuring",
+)
 
 
 @pytest.hookimpl(trylast=True)

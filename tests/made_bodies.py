@@ -7,8 +7,8 @@ import numpy as np
 from morphofold.sim.body import Body
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 
-THICKNESS, CORTEX = 4.0, 1.0            # of the beam, and of its cortex [mm]
-RATIO = 3.0                             # of shear moduli
+THICKNESS, CORTEX = 4.0, 1.0  # of the beam, and of its cortex [mm]
+RATIO = 3.0  # of shear moduli
 
 
 def beam(half_length=16.0, half_width=1.0, edge=1.0, layers=2) -> Body:
@@ -29,5 +29,5 @@ def timoshenko(g: float) -> float:
 def curvature(body: Body, x) -> float:
     """Of the line of the pial surface that the plane y = 0 cuts [1/mm], positive where the middle stands out."""
     line = np.flatnonzero(body.on_plane[: body.n_surface, 1])
-    inside = line[body.X[line, 0] < 0.75 * body.X[line, 0].max()]       # the ends are not those of a long beam
+    inside = line[body.X[line, 0] < 0.75 * body.X[line, 0].max()]  # the ends are not those of a long beam
     return -2 * float(np.polyfit(x[inside, 0] ** 2, x[inside, 2], 1)[0])

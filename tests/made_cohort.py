@@ -35,10 +35,15 @@ def quick_measure(cortex, *, progress=None, **options):
     radius = float(np.linalg.norm(cortex.pial.verts, axis=1).mean())
     scalars.update(n_vertices=cortex.n_vertices, mean_cortical_thickness_mm=radius / 10, gyrification_index=1.5)
     rows = [
-        {"hemi": cortex.hemi, "region": name, "n_vertices": int((cortex.regions.labels == i).sum()),
-         "cortical_thickness_mm": radius / 10 + i, "gyral_thickness_mm": radius / 4}
+        {
+            "hemi": cortex.hemi,
+            "region": name,
+            "n_vertices": int((cortex.regions.labels == i).sum()),
+            "cortical_thickness_mm": radius / 10 + i,
+            "gyral_thickness_mm": radius / 4,
+        }
         for i, name in enumerate(cortex.regions.names if cortex.regions else ())
-    ]  # fmt: skip
+    ]
     maps = {"H": np.full(cortex.n_vertices, 1 / radius)}
     scalars.update(n_hinges=20, folding_index=30.0)
     how = {
@@ -46,7 +51,7 @@ def quick_measure(cortex, *, progress=None, **options):
         "folding_scale_mm": options.get("curvature_scale") or 3.0,
         "accuracy": options.get("accuracy", "standard"),
         "graph_width_mm": options.get("gyral_width") or 9.0,
-    }  # fmt: skip
+    }
     return Measures(cortex, scalars, maps, rows, parameters=how, notes={})
 
 

@@ -7,9 +7,13 @@ from morphofold.cohort.tables import Group
 
 #: mean of made-up measures, and how far they lie from it at most
 MEASURES = {
-    "area_pial_mm2": (110_000, 9000), "gyrification_index": (2.8, 0.12), "mean_cortical_thickness_mm": (2.5, 0.1),
-    "median_gyral_thickness_mm": (11.0, 0.6), "mean_sulcal_depth_mm": (9.0, 0.5), "wavelength_mm": (30.0, 1.5),
-}  # fmt: skip
+    "area_pial_mm2": (110_000, 9000),
+    "gyrification_index": (2.8, 0.12),
+    "mean_cortical_thickness_mm": (2.5, 0.1),
+    "median_gyral_thickness_mm": (11.0, 0.6),
+    "mean_sulcal_depth_mm": (9.0, 0.5),
+    "wavelength_mm": (30.0, 1.5),
+}
 
 
 def made_group(n, *, seed=0, failures=(), remarks=None, results=None, same=(), names=None, simulated=0, **scalars):
@@ -40,6 +44,7 @@ def failed_group(n, reason="lh.white: no such file."):
     nothing = {name: np.full((n, 2), np.nan) for name in SCALARS}
     failures = [
         {"subject": name, "hemi": hemi, "reason": reason, "log": f"logs/{name}.log"}
-        for name in group.subjects for hemi in ("lh", "rh")
-    ]  # fmt: skip
+        for name in group.subjects
+        for hemi in ("lh", "rh")
+    ]
     return Group(group.subjects, nothing, {}, failures, {}, group.results)

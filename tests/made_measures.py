@@ -51,11 +51,19 @@ def made_measures(hemi="lh", **options):
     if cortex.regions is not None:
         for i, (region, t) in enumerate(zip(REGIONS, (2.0, 2.5, 3.5))):
             n = int(np.count_nonzero(cortex.regions.labels == i))
-            rows.append({
-                "hemi": hemi, "region": region, "n_vertices": n, "area_mm2": 10.0 * n, "cortical_thickness_mm": t,
-                "cortical_thickness_sd_mm": 0.25, "gyral_thickness_mm": 1 + 3 * t, "n_hinges": None,
-                "crest_length_mm": None,
-            })  # fmt: skip
+            rows.append(
+                {
+                    "hemi": hemi,
+                    "region": region,
+                    "n_vertices": n,
+                    "area_mm2": 10.0 * n,
+                    "cortical_thickness_mm": t,
+                    "cortical_thickness_sd_mm": 0.25,
+                    "gyral_thickness_mm": 1 + 3 * t,
+                    "n_hinges": None,
+                    "crest_length_mm": None,
+                }
+            )
     scalars = dict.fromkeys(SCALARS)
     scalars.update(
         n_vertices=cortex.n_vertices,
@@ -65,25 +73,66 @@ def made_measures(hemi="lh", **options):
         median_gyral_thickness_mm=10.0,
     )
     hinges = [
-        {"hemi": hemi, "hinge": 0, "x": 1.5, "y": -2.0, "z": 30.0, "degree": 3, "shape": "Y", "min_angle_deg": 110.0,
-         "max_angle_deg": 130.0, "region": "front", "vertex": 5, "mean_arm_length_mm": 8.0, "persistence_mm": None,
-         "blind": 1, "confidence": 0.75},
-    ]  # fmt: skip
+        {
+            "hemi": hemi,
+            "hinge": 0,
+            "x": 1.5,
+            "y": -2.0,
+            "z": 30.0,
+            "degree": 3,
+            "shape": "Y",
+            "min_angle_deg": 110.0,
+            "max_angle_deg": 130.0,
+            "region": "front",
+            "vertex": 5,
+            "mean_arm_length_mm": 8.0,
+            "persistence_mm": None,
+            "blind": 1,
+            "confidence": 0.75,
+        }
+    ]
     arms = [
-        {"hemi": hemi, "hinge": 0, "arm": k, "angle_deg": 120.0 * k, "length_mm": 8.0, "curvature_per_mm": 0.01,
-         "to_hinge": None, "altitude_mm": 4.0, "lowest_altitude_mm": 1.5, "blind": int(k == 2), "crest": k}
+        {
+            "hemi": hemi,
+            "hinge": 0,
+            "arm": k,
+            "angle_deg": 120.0 * k,
+            "length_mm": 8.0,
+            "curvature_per_mm": 0.01,
+            "to_hinge": None,
+            "altitude_mm": 4.0,
+            "lowest_altitude_mm": 1.5,
+            "blind": int(k == 2),
+            "crest": k,
+        }
         for k in range(3)
-    ]  # fmt: skip
+    ]
     return Measures(
-        cortex, scalars, maps, rows, hinges=hinges, arms=arms, parameters={"curvature_scale_mm": 3.0},
+        cortex,
+        scalars,
+        maps,
+        rows,
+        hinges=hinges,
+        arms=arms,
+        parameters={"curvature_scale_mm": 3.0},
         notes={"n_hinges": "Hinges were not counted."},
-    )  # fmt: skip
+    )
 
 
 SUBJECT_MAPS = (
-    "H", "K", "k1", "k2", "curvedness", "shape_index", "cortical_thickness", "gyral_thickness", "sulcal_depth",
-    "local_gyrification_index", "area", "thickness_file",
-)  # fmt: skip
+    "H",
+    "K",
+    "k1",
+    "k2",
+    "curvedness",
+    "shape_index",
+    "cortical_thickness",
+    "gyral_thickness",
+    "sulcal_depth",
+    "local_gyrification_index",
+    "area",
+    "thickness_file",
+)
 
 
 def large_pair(rng):
@@ -93,7 +142,7 @@ def large_pair(rng):
     names = tuple(f"region {k}" for k in range(34))
     labels = np.floor(34 * np.argsort(np.argsort(y)) / len(y)).astype(np.int64)
     regions = Regions(labels, names, np.zeros((34, 3), dtype=np.uint8))
-    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))    # as rough as curvature is
+    noisy = lambda f: np.sin(f / 5) + 0.05 * rng.standard_normal(len(f))  # as rough as curvature is
     maps = {name: noisy(x + k * y - z) for k, name in enumerate(SUBJECT_MAPS)}
     pair = []
     for hemi, flip in (("lh", 1.0), ("rh", -1.0)):

@@ -13,7 +13,7 @@ from morphofold.sim.radial_run import RadialRun
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 
-LEVEL = 4           # 2,562 vertices
+LEVEL = 4  # 2,562 vertices
 
 
 class Stop(Exception):
@@ -32,7 +32,13 @@ def three_mm(cortex):
 
 
 def made_simulation(
-    out, scene, settings=(), *, height=lambda g, verts: 0 * verts[:, 0], warnings=(), describe=three_mm,
+    out,
+    scene,
+    settings=(),
+    *,
+    height=lambda g, verts: 0 * verts[:, 0],
+    warnings=(),
+    describe=three_mm,
     log=({"growth": 1.0, "effects": {}},),
 ):
     """A sphere whose pial surface lies ``height(g, verts)`` [mm] outside of 50 mm at growth g, white 2 mm below."""
@@ -49,9 +55,14 @@ def made_simulation(
     for g, numbers in zip(scene.stages, stages):
         pial = verts * (1 + height(g, verts) / scene.geometry.radius)[:, None]
         writer.stage(
-            g, Surface(pial * 0.96, faces, name="lh.white"), Surface(pial, faces, name="lh.pial"), portion=0.5,
-            reference_radius=scene.geometry.radius, numbers=numbers, warnings=[],
-        )  # fmt: skip
+            g,
+            Surface(pial * 0.96, faces, name="lh.white"),
+            Surface(pial, faces, name="lh.pial"),
+            portion=0.5,
+            reference_radius=scene.geometry.radius,
+            numbers=numbers,
+            warnings=[],
+        )
     writer.log(list(log))
     writer.health(stages, list(warnings), elements=len(faces), steps=7, seconds=1.5)
     return Simulation(out, scene)

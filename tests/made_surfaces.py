@@ -2,16 +2,18 @@
 
 import numpy as np
 
-FORMATS = [
-    "lh.white", "bare", "a.gii", "a.surf.gii.gz", "a.ply", "a.obj", "a.off", "a.glb", "a.vtp", "a.vtk",
-    "a.vtu",
-]  # fmt: skip
+FORMATS = ["lh.white", "bare", "a.gii", "a.surf.gii.gz", "a.ply", "a.obj", "a.off", "a.glb", "a.vtp", "a.vtk", "a.vtu"]
 FOOTER = {
-    "head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": "../mri/orig.mgz",
-    "volume": np.array([256, 256, 256]), "voxelsize": np.ones(3),
-    "xras": np.array([-1.0, 0.0, 0.0]), "yras": np.array([0.0, 0.0, -1.0]), "zras": np.array([0.0, 1.0, 0.0]),
+    "head": np.array([2, 0, 20]),
+    "valid": "1  # volume info valid",
+    "filename": "../mri/orig.mgz",
+    "volume": np.array([256, 256, 256]),
+    "voxelsize": np.ones(3),
+    "xras": np.array([-1.0, 0.0, 0.0]),
+    "yras": np.array([0.0, 0.0, -1.0]),
+    "zras": np.array([0.0, 1.0, 0.0]),
     "cras": np.array([-0.5, 29.25, -48.875]),
-}  # fmt: skip
+}
 NO_SURFACE = "Dear colleague,\n\nplease find the surface attached.\n" * 40
 
 

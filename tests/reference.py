@@ -51,10 +51,10 @@ def principal_curvatures(verts, normals, neighbours, i, scale, facing=0.2):
     away = verts[near] - verts[i]
     distance = np.linalg.norm(away, axis=1)
     powers = [(p, q) for p in range(4) for q in range(4 - p)]
-    k1 = k2 = 1.0                                   # a first fit as on a sphere, a second in its principal frame
+    k1 = k2 = 1.0  # a first fit as on a sphere, a second in its principal frame
     for _ in range(2):
         flat, height = away @ np.stack([t1, t2], axis=1), away @ n
-        g = flat * [k1, k2]                         # gradient of the surface, up to its sign and length
+        g = flat * [k1, k2]  # gradient of the surface, up to its sign and length
         g *= np.sign(np.sum(g * flat, axis=1))[:, None]
         length = np.linalg.norm(g, axis=1)[:, None]
         g = np.divide(g, length, out=np.zeros_like(g), where=length > 0)
@@ -89,13 +89,18 @@ def distance_to_convex_hull(verts, points):
     for p in points:
         best = np.inf
         for a, b, c in verts[hull.simplices]:
+
             def squared(st, a=a, b=b, c=c, p=p):
                 return np.sum((a + st[0] * (b - a) + st[1] * (c - a) - p) ** 2)
 
             found = minimize(
-                squared, (1 / 3, 1 / 3), method="SLSQP", bounds=((0, 1), (0, 1)), tol=1e-14,
+                squared,
+                (1 / 3, 1 / 3),
+                method="SLSQP",
+                bounds=((0, 1), (0, 1)),
+                tol=1e-14,
                 constraints={"type": "ineq", "fun": lambda st: 1 - st[0] - st[1]},
-            )  # fmt: skip
+            )
             best = min(best, np.sqrt(found.fun))
         answer.append(best)
     return np.array(answer)

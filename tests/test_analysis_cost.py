@@ -38,7 +38,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
     cost = cost_in(here / "out" / "cost.json")
-    assert list(cost["stages"]) == list(STAGES)                         # those of measure, in its order, and no other
+    assert list(cost["stages"]) == list(STAGES)  # those of measure, in its order, and no other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
     assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 7000}, "standard", 1)
@@ -91,7 +91,7 @@ def test_times_of_both_hemispheres_are_added(monkeypatch):
     monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
     for name in (READING, "areas", "curvature", "areas", "curvature", WRITING):
-        clock.begin(name)                               # 1, 5, 9, 13, 17 and 21 s: the clock is asked twice at each
+        clock.begin(name)  # 1, 5, 9, 13, 17 and 21 s: the clock is asked twice at each
     ball = folded_ball(1000)
     measures = [Measures(replace(ball, hemi=h), {}, {}, parameters={"accuracy": "fine"}) for h in ("lh", "rh")]
     cost = cost_of_analysis(measures, clock)
@@ -113,7 +113,7 @@ def test_expected_errors_are_those_of_the_person_with_about_as_many_vertices(acc
         }
         assert f"{person['vertices']:,} vertices" in found.how
         assert accuracy in found.how
-        assert bool(found.doubts) == (n in (50_000, 30_000))            # more than half as many again
+        assert bool(found.doubts) == (n in (50_000, 30_000))  # more than half as many again
 
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
@@ -128,8 +128,10 @@ def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it
 
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])
-@pytest.mark.parametrize(("n", "known"), [(42, False), (642, False), (6_600, False), (6_700, True), (229_000, True),
-                                          (230_000, False), (1_000_000, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("n", "known"),
+    [(42, False), (642, False), (6_600, False), (6_700, True), (229_000, True), (230_000, False), (1_000_000, False)],
+)
 def test_no_errors_are_told_of_meshes_beyond_those_that_were_measured(accuracy, n, known):
     ball = folded_ball(1000)
     found = measured_errors([replace_count(ball, n), replace_count(ball, max(n, 152_893))], accuracy)

@@ -74,14 +74,14 @@ def test_curvature_of_160_000_vertices(benchmark, threads):
 def test_cortical_thickness_of_an_individual(benchmark):
     cortex = read_cortex(sample_path("S1"))
     thickness = benchmark.pedantic(analysis.cortical_thickness, (cortex.white, cortex.pial), rounds=3, warmup_rounds=1)
-    assert 2 < np.nanmedian(thickness) < 3                  # mm, a human cortex
+    assert 2 < np.nanmedian(thickness) < 3  # mm, a human cortex
 
 
 def test_gyral_thickness_of_an_individual(benchmark):
     """Asked: below 3 s."""
     cortex = read_cortex(sample_path("S1"))
     found = benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=5, warmup_rounds=1)
-    assert 5 < np.nanmedian(found.width) < 15               # mm, of a human brain
+    assert 5 < np.nanmedian(found.width) < 15  # mm, of a human brain
 
 
 def test_gyral_graph_of_an_individual(benchmark):
@@ -102,7 +102,7 @@ def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):
     bodies = {f"T{n}": folded_ball(n) for n in (20_000, 40_000, 160_000)}
     for name, cortex in {"S1": read_cortex(sample_path("S1")), **bodies}.items():
         write_analysis([analysis.measure(cortex)], tmp_path / name, report=False)
-    shutil.copytree(tmp_path / "S1", tmp_path / "again")                # as large as another hemisphere
+    shutil.copytree(tmp_path / "S1", tmp_path / "again")  # as large as another hemisphere
 
     def page():
         read = {name: read_analysis(tmp_path / name) for name in ("S1", "again", *bodies)}
@@ -120,7 +120,7 @@ def test_the_first_picture_of_a_page_of_two_large_hemispheres(benchmark, tmp_pat
         away = lambda: tab.call("Page.navigate", url="about:blank") and None
         benchmark.pedantic(tab.go, (page, "viewer"), setup=away, rounds=10)
         assert tab.frame()["viewer"] == "ready"
-        assert np.ptp(tab.pixels(), axis=1).max() > 20                      # colours
+        assert np.ptp(tab.pixels(), axis=1).max() > 20  # colours
     assert benchmark.stats.stats.min < 2
 
 
@@ -150,8 +150,13 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     scene = load_scene("fig5", [f"accuracy.level={level}"])
     found = benchmark.pedantic(forecast, (scene,), rounds=1)
     health = simulate(scene, tmp_path / "run").health
-    told = {"forecast_s": found.seconds, "run_s": health["seconds"], "forecast_steps": found.steps,
-            "run_steps": health["steps"], "forecast_GiB": found.memory_GiB}  # fmt: skip
+    told = {
+        "forecast_s": found.seconds,
+        "run_s": health["seconds"],
+        "forecast_steps": found.steps,
+        "run_steps": health["steps"],
+        "forecast_GiB": found.memory_GiB,
+    }
     benchmark.extra_info.update(told)
     print(told)
     assert found.elements == health["elements"]
@@ -159,8 +164,9 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     assert found.seconds == pytest.approx(health["seconds"], rel=0.3)
 
 
-@pytest.mark.parametrize(("name", "accuracy"), [("fsaverage5", "standard"), ("fsaverage5", "fine"), ("S1", "standard"),
-                                                ("S1", "draft")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "accuracy"), [("fsaverage5", "standard"), ("fsaverage5", "fine"), ("S1", "standard"), ("S1", "draft")]
+)
 def test_a_forecast_is_within_30_percent_of_the_analysis(benchmark, tmp_path, name, accuracy):
     """Asked of 10,242 and 152,893 vertices, as the command does it, on a machine that does nothing else."""
     clock = Stages()

@@ -61,11 +61,21 @@ def test_the_dataset_says_who_made_it_and_every_file_has_a_bids_name(written):
     assert place == dataset / "sub-bert01"
     names = sorted(p.name for p in (place / "anat").iterdir())
     assert [n for n in names if not FILE.fullmatch(n)] == []
-    assert {f"sub-bert01_hemi-{side}_{end}" for side in "LR" for end in (
-        "white.surf.gii", "pial.surf.gii", "thickness.shape.gii", "curv.shape.gii", "desc-gyral_thickness.shape.gii",
-        "desc-sulcalDepth_morph.shape.gii", "desc-input_thickness.shape.gii", "desc-cortex_mask.label.gii",
-        "seg-aparc_dseg.label.gii",
-    )} <= set(names)  # fmt: skip
+    assert {
+        f"sub-bert01_hemi-{side}_{end}"
+        for side in "LR"
+        for end in (
+            "white.surf.gii",
+            "pial.surf.gii",
+            "thickness.shape.gii",
+            "curv.shape.gii",
+            "desc-gyral_thickness.shape.gii",
+            "desc-sulcalDepth_morph.shape.gii",
+            "desc-input_thickness.shape.gii",
+            "desc-cortex_mask.label.gii",
+            "seg-aparc_dseg.label.gii",
+        )
+    } <= set(names)
     data = {n.split(".")[0] for n in names if n.endswith((".shape.gii", ".label.gii", ".tsv"))}
     assert data == {n.split(".")[0] for n in names if n.endswith(".json")} - {"sub-bert01_desc-morphofold_provenance"}
 
@@ -118,7 +128,7 @@ def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(wr
             assert nib.nifti1.xform_codes.label[space] == {"L": "scanner", "R": "unknown"}[side]
             assert meta["AnatomicalStructurePrimary"] == {"L": "CortexLeft", "R": "CortexRight"}[side]
             assert meta["AnatomicalStructureSecondary"] == {"white": "GrayWhite", "pial": "Pial"}[kind]
-            assert surface.geometry is None                         # or its c_ras would be added once more
+            assert surface.geometry is None  # or its c_ras would be added once more
         flat = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_inflated.surf.gii")
         np.testing.assert_allclose(flat.verts, m.cortex.inflated.verts, atol=8e-6)
     with (place / "anat" / "sub-bert01_desc-hinges_morph.tsv").open(newline="") as file:
@@ -140,7 +150,8 @@ def test_regions_and_mask_have_a_key_per_vertex_and_say_what_it_stands_for(writt
             rows = {int(row["index"]): row for row in csv.DictReader(file, delimiter="\t")}
         table = nib.load(f"{stem}_seg-aparc_dseg.label.gii").labeltable
         assert {k: row["name"] for k, row in rows.items() if k} == {
-            label.key: label.label for label in table.labels if label.key}  # fmt: skip
+            label.key: label.label for label in table.labels if label.key
+        }
         colours = [tuple(bytes.fromhex(rows[label.key]["color"][1:])) for label in table.labels[1:]]
         assert colours == [tuple(colour) for colour in m.cortex.regions.colours.tolist()]
         np.testing.assert_allclose([label.rgba[:3] for label in table.labels[1:]], np.array(colours) / 255, atol=1e-6)
@@ -156,7 +167,7 @@ def test_the_gyral_graph_lies_on_the_surface_beside_it(both):
     off = np.linalg.norm(there - pial.verts[[node["vertex"] for node in nodes]], axis=1)
     assert off.max() < np.linalg.norm(edges, axis=2).max()
     outward = np.array([node["normal"] for node in nodes])
-    assert (((there - pial.verts.mean(0)) * outward).sum(1) > 0).all()                 # it was turned, too
+    assert (((there - pial.verts.mean(0)) * outward).sum(1) > 0).all()  # it was turned, too
 
 
 def test_an_analysis_reads_back_alike_from_both_layouts(both):
@@ -214,10 +225,11 @@ def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
     place = tmp_path / "sub-bert"
     shutil.copytree(both[1], place)
     files = [
-        file for file in sorted((place / "anat").iterdir())
+        file
+        for file in sorted((place / "anat").iterdir())
         if ("hemi-L" in file.name and (file.name.endswith(".gii") or "graph" in file.name))
         or file.name.endswith(("hinges_morph.tsv", "provenance.json"))
-    ]  # fmt: skip
+    ]
     assert len(files) == 13
     for file in files:
         content = file.read_bytes()
@@ -298,8 +310,9 @@ def validate(tmp_path):
         issues = [(i["severity"], i["code"], i["location"]) for i in said["issues"]["issues"]]
         return (
             [(code, place) for severity, code, place in issues if severity == "error"],
-            {code for severity, code, _ in issues if severity != "error"}, said["summary"]["subjects"],
-        )  # fmt: skip
+            {code for severity, code, _ in issues if severity != "error"},
+            said["summary"]["subjects"],
+        )
 
     return run
 
@@ -312,10 +325,10 @@ def test_the_official_validator_finds_no_error(written, validate, tmp_path):
         (dataset / "sub-bert01" / name).write_text("as with a report")
     errors, warnings, subjects = validate(dataset)
     assert (errors, subjects) == ([], ["bert01"])
-    assert warnings <= {"TOO_FEW_AUTHORS"}                                   # which we cannot know
+    assert warnings <= {"TOO_FEW_AUTHORS"}  # which we cannot know
     regions = dataset / "sub-bert01" / "anat" / "sub-bert01_hemi-L_seg-aparc_dseg.label.gii"
     regions.rename(regions.with_name("sub-bert01_hemi-L_parcellation-aparc_dseg.label.gii"))
-    assert validate(dataset)[0]                                              # it looks at names, and at this one
+    assert validate(dataset)[0]  # it looks at names, and at this one
 
 
 def test_a_pair_of_its_surfaces_is_read_as_a_cortex(written):
@@ -332,7 +345,13 @@ def test_other_subjects_stay_and_the_same_one_is_replaced(tmp_path):
     (tmp_path / "d" / "sub-anna" / "anat" / "more.txt").unlink()
     write_dataset([made_measures("rh")], tmp_path / "d", "anna", report=False)
     assert sorted(p.name for p in (tmp_path / "d").iterdir()) == [
-        ".bidsignore", "README.md", "dataset_description.json", "participants.tsv", "sub-anna", "sub-bert"]  # fmt: skip
+        ".bidsignore",
+        "README.md",
+        "dataset_description.json",
+        "participants.tsv",
+        "sub-anna",
+        "sub-bert",
+    ]
     assert (tmp_path / "d" / "sub-bert" / "anat" / "more.txt").is_file()
     assert not list((tmp_path / "d" / "sub-anna").rglob("*hemi-L*"))
 
@@ -346,7 +365,7 @@ def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
     assert json_of(tmp_path / "d" / "dataset_description.json") == said
     lines = (tmp_path / "d" / ".bidsignore").read_text().splitlines()
     assert "mine" in lines
-    assert sorted(lines) == sorted({*IGNORED.splitlines(), "mine"})     # those of an older version are renewed
+    assert sorted(lines) == sorted({*IGNORED.splitlines(), "mine"})  # those of an older version are renewed
 
 
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
@@ -366,7 +385,7 @@ def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):
     with pytest.raises(FileExistsError, match=r"'a-b'.*'ab'"):
         write_dataset(m, tmp_path / "ours", "ab", report=False)
     with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / 'ours'}: ")):
-        write_analysis(m, tmp_path / "ours", report=False)                         # with its subjects
+        write_analysis(m, tmp_path / "ours", report=False)  # with its subjects
 
 
 def test_a_failure_half_way_leaves_neither_subject_nor_dataset(tmp_path):

@@ -67,7 +67,7 @@ def test_no_triangle_that_a_ray_meets_is_missed(rng):
         origin = np.round(rng.uniform(0, 100, 3))
         through = rng.dirichlet(np.ones(3)) @ verts[faces[f]]
         if f % 2:
-            origin[f % 3] = through[f % 3]                               # no component along one axis
+            origin[f % 3] = through[f % 3]  # no component along one axis
         for direction in (through - origin, origin - through):
             triangles, _ = found(tree, lambda node, o=origin, d=direction: meets_ray(node, o, d))
             assert {g for g in range(500) if meets_ray(tree.single[g], origin, direction)} <= set(triangles)
@@ -80,4 +80,4 @@ def test_a_small_box_asks_for_few_of_the_boxes_however_stretched_the_surface(str
     tree = box_tree(verts * [1, 1, stretch], faces)
     assert len(tree.bounds) <= len(faces)
     looked = [found(tree, partial(meets, box))[1] for box in tree.single[::500]]
-    assert max(looked) < 400                                             # of 16,000
+    assert max(looked) < 400  # of 16,000

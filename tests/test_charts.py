@@ -24,9 +24,18 @@ def test_ticks_are_round_and_inside():
 
 @pytest.mark.parametrize(
     ("x", "text"),
-    [(None, "–"), (float("nan"), "–"), (2.456, "2.46"), (-0.01234, "−0.0123"), (152893, "152\u202f893"), (0.0, "0"),
-     (3e-13, "3.00e−13"), (12345.6, "12\u202f346"), (7, "7")],
-)  # fmt: skip
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (2.456, "2.46"),
+        (-0.01234, "−0.0123"),
+        (152893, "152\u202f893"),
+        (0.0, "0"),
+        (3e-13, "3.00e−13"),
+        (12345.6, "12\u202f346"),
+        (7, "7"),
+    ],
+)
 def test_numbers_read_well(x, text):
     assert number(x) == text
 
@@ -61,7 +70,7 @@ def test_a_histogram_holds_all_of_the_area():
     low, high = np.percentile(values, [0.5, 99.5])
     ends = low - 0.02 * (high - low), high + 0.02 * (high - low)
     heights = path[:, 1].max() - path[:, 1]
-    share = np.trapezoid(heights, path[:, 0]) / np.ptp(path[:, 0]) / heights.max()      # of a box around it
+    share = np.trapezoid(heights, path[:, 0]) / np.ptp(path[:, 0]) / heights.max()  # of a box around it
     peak = np.histogram(values, np.linspace(*ends, 49), weights=weights)[0].max() / weights.sum()
     assert share * 48 * peak == pytest.approx(0.995, abs=0.01)
     assert charts.histograms([(Look(), np.full(3, np.nan), np.ones(3))], "x", "") is None
@@ -113,7 +122,7 @@ def test_surfaces_lie_on_the_line_of_their_k_and_bodies_move_towards_larger_ones
     assert beside(drawn_path(level, "level"), x) == pytest.approx(y, abs=1e-3)
     (x0, y0), (x1, y1) = drawn_path(svg, "theory")
     assert x0 == x1 < x
-    assert y1 < y0                                                      # up
+    assert y1 < y0  # up
     assert charts.folding_plot([], []) is None
 
 

@@ -34,7 +34,7 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["euler_characteristic"] == 2
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
-    assert measures["median_gyral_thickness_mm"] is None                  # a sphere has no gyri
+    assert measures["median_gyral_thickness_mm"] is None  # a sphere has no gyri
 
 
 @pytest.mark.parametrize(("word", "hemi"), [("LH", "lh"), ("L", "lh"), ("left", "lh"), ("Right", "rh"), ("rh", "rh")])
@@ -47,7 +47,7 @@ def test_a_hemisphere_is_understood_in_any_spelling(word, hemi):
 def test_what_is_no_hemisphere_is_refused(capsys, command):
     try:
         code = main([command, "there", *(["out", "group"] if command == "bids" else []), "--hemi", "middle"])
-    except SystemExit as ended:                                         # argparse's own refusal
+    except SystemExit as ended:  # argparse's own refusal
         code = ended.code
     assert code == 2
     assert "'middle'" in capsys.readouterr().err
@@ -193,7 +193,7 @@ def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout,
     used = told["surfaces"][0]["parameters"]
     assert used["accuracy"] == name
     n = told["surfaces"][0]["measures"]["n_vertices"]
-    assert (used["accuracy_vertices"] > n) == (name == "fine")              # 2 to 10 thousand are split
+    assert (used["accuracy_vertices"] > n) == (name == "fine")  # 2 to 10 thousand are split
     assert ("accuracy" in told["surfaces"][0]["notes"]) == (name == "fine")
 
 
@@ -262,7 +262,7 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     told = capsys.readouterr().out
     content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
     assert content["growth"]["body"]["growth"] == [1.8, 2.0]
-    for name, sliders in (("a", 0), ("body", 1)):                       # only a body of the name can grow there
+    for name, sliders in (("a", 0), ("body", 1)):  # only a body of the name can grow there
         assert main(["compare", f"{name}=grown/g2.00", "--growth", "body=grown", "-q", "-o", "both"]) == 0
         assert (here / "both" / "report.html").read_text().count('<input type="range" id="growth"') == sliders
     assert main(["analyze", "sim", "-q", "-o", "seen"]) == 0
@@ -407,7 +407,7 @@ def test_a_stopped_analysis_leaves_nothing_behind(here, number):
     argv = pair(here, levels=(5, 5))
     before = sorted(here.iterdir())
     process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
-    while sorted(here.iterdir()) == before:                             # until it writes
+    while sorted(here.iterdir()) == before:  # until it writes
         assert process.poll() is None, "ended before it could be stopped"
         time.sleep(0.005)
     process.send_signal(number)

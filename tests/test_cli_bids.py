@@ -39,7 +39,7 @@ def test_names_that_bids_has_no_place_for_fail_alone(here, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     dataset(here)
-    for name in ("sub-02sesa", "---"):                                  # as sub-02_ses-a is shortened; nothing left
+    for name in ("sub-02sesa", "---"):  # as sub-02_ses-a is shortened; nothing left
         write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
     assert main(["bids", "data", "out", "participant", "--no-report", "-q", "--json"]) == 1
     said = json.loads(capsys.readouterr().out)

@@ -54,10 +54,15 @@ def lacking(folder, hemi):
     (folder / "surf" / f"{hemi}.white").unlink()
 
 
-@pytest.mark.parametrize(("fault", "hemi", "other", "bids"), [
-    (cannot_be_measured, "rh", "lh", False), (cut, "lh", "rh", False), (lacking, "rh", "lh", True),
-    (cannot_be_measured, "lh", "rh", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fault", "hemi", "other", "bids"),
+    [
+        (cannot_be_measured, "rh", "lh", False),
+        (cut, "lh", "rh", False),
+        (lacking, "rh", "lh", True),
+        (cannot_be_measured, "lh", "rh", True),
+    ],
+)
 def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, capsys, fault, hemi, other, bids):
     fault(two_sides(here / "bert"), hemi)
     more = ["--layout", "bids"] if bids else []
@@ -115,7 +120,7 @@ def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
         (here / "bert" / "surf" / name).unlink()
     assert hemispheres(here / "bert") == ("rh",)
     (here / "bert" / "surf" / "rh.pial").unlink()
-    assert hemispheres(here / "bert") == ("rh",)                        # for the reader to say what is missing
+    assert hemispheres(here / "bert") == ("rh",)  # for the reader to say what is missing
 
 
 @pytest.mark.slow
@@ -123,7 +128,7 @@ def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_le
     there = subjects(here / "all", "bert")
     before = sorted((p, p.stat().st_mtime_ns) for p in there.rglob("*"))
     monkeypatch.setenv("SUBJECTS_DIR", str(there))
-    assert main(["analyze", "-s", "bert/", "-q", "--no-report"]) == 0       # as a shell completes it
+    assert main(["analyze", "-s", "bert/", "-q", "--no-report"]) == 0  # as a shell completes it
     told = capsys.readouterr().out
     assert "bert lh: 10,242 vertices" in told
     assert "bert rh: 10,242 vertices" in told

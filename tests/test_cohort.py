@@ -123,9 +123,9 @@ def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch
     measured(three, out)
     before = contents(out)
     assert b"done in" in before["logs/ben.log"]
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", None)       # nothing may be measured
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", None)  # nothing may be measured
     assert states(measured(three, out, "2")) == dict.fromkeys(("anna", "ben", "cleo"), "reused")
-    assert contents(out) == before                                      # logs, too: they tell of what is there
+    assert contents(out) == before  # logs, too: they tell of what is there
 
 
 @pytest.mark.parametrize("name", ["surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"])
@@ -155,7 +155,7 @@ def test_an_input_that_comes_or_goes_is_a_change(three, tmp_path, quick, name):
 
 def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(three, tmp_path, quick):
     measured(three, tmp_path / "first")
-    folder = tmp_path / "first" / "subjects" / "ben"                    # analysed, and analysed again
+    folder = tmp_path / "first" / "subjects" / "ben"  # analysed, and analysed again
     assert states(measured([folder], tmp_path / "out")) == {"ben": "done"}
     said = json.loads((folder / "summary.json").read_text())
     for entry in said["surfaces"]:
@@ -232,7 +232,7 @@ def test_a_subject_whose_list_of_files_is_damaged_fails_alone(three, tmp_path, q
     out = tmp_path / "out"
     measured(three, out)
     folder = out / "subjects" / "ben"
-    (folder / ".morphofold").write_text("")                             # what is in the folder is then somebody's
+    (folder / ".morphofold").write_text("")  # what is in the folder is then somebody's
     kept = (folder / "summary.json").read_bytes()
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "failed", "cleo": "reused"}
     assert (folder / "summary.json").read_bytes() == kept
@@ -245,7 +245,7 @@ def test_results_that_are_not_as_they_were_written_are_measured_anew(three, tmp_
     rows, before = grouped(three, out), contents(out / "subjects")
     change(out / "subjects" / "ben", out / "subjects" / "cleo")
     touched = {"ben", "cleo"} if change is exchanged else {"ben"}
-    if change in (another_number, exchanged):                           # tables are of no such numbers until then
+    if change in (another_number, exchanged):  # tables are of no such numbers until then
         assert {row["subject"] for row in grouped(three, out)}.isdisjoint(touched)
         assert {row["subject"] for row in failures(out)} == touched
     found = measured(three, out, "2")
@@ -291,6 +291,7 @@ def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_pat
 @pytest.fixture
 def commanded(here, quick, monkeypatch):
     """The command in this process, its exit code and what it says."""
+
     def run(*words):
         return main(["cohort", "subjects", "-o", "out", "--no-report", "-q", "--json", *words])
 
@@ -345,7 +346,7 @@ def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, c
         (out / "records" / "ben.lock").symlink_to(victim)
     elif bad == "file for all":
         (out / "subjects" / "ben").write_text("mine")
-    for _ in range(2):                                                  # the next run tells the same
+    for _ in range(2):  # the next run tells the same
         assert commanded() == 1
         said = json.loads(capsys.readouterr().out)
         assert (said["with_results"], set(said["failures"])) == (2, {name})
@@ -374,9 +375,16 @@ def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, 
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("hemi", "left"), ("measures", [1.0]), ("measures", {"n_vertices": "many"}), ("measures", {"n_vertices": [1]}),
-     ("measures", {"n_vertices": np.nan}), ("measures", {"n_vertices": 10**400}), ("notes", None)],
-)  # fmt: skip
+    [
+        ("hemi", "left"),
+        ("measures", [1.0]),
+        ("measures", {"n_vertices": "many"}),
+        ("measures", {"n_vertices": [1]}),
+        ("measures", {"n_vertices": np.nan}),
+        ("measures", {"n_vertices": 10**400}),
+        ("notes", None),
+    ],
+)
 def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
     measured(three[:1], tmp_path / "out")
     file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
@@ -403,11 +411,20 @@ def test_a_damaged_number_in_a_table_is_told_and_measured_anew(three, tmp_path, 
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"key": "a"}', '{"key": 1, "failures": {}, "results": true}', "[" * 10**5,
-             '{"key": "a", "failures": {"lh": 5}, "results": false}', "\ud800",
-             '{"key": "a", "failures": {}, "results": true, "files": {}}',
-             '{"key": "a", "failures": {}, "results": false, "files": {}}'],
-)  # fmt: skip
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"key": "a"}',
+        '{"key": 1, "failures": {}, "results": true}',
+        "[" * 10**5,
+        '{"key": "a", "failures": {"lh": 5}, "results": false}',
+        "\ud800",
+        '{"key": "a", "failures": {}, "results": true, "files": {}}',
+        '{"key": "a", "failures": {}, "results": false, "files": {}}',
+    ],
+)
 def test_a_damaged_record_is_none(tmp_path, text):
     (tmp_path / "anna.json").write_bytes(text.encode("utf-8", "surrogatepass"))
     assert tasks.read_record(tmp_path / "anna.json") == {}
@@ -518,7 +535,7 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
     monkeypatch.setattr(tasks, "PAUSE", 0.01)
     lost = threading.Thread(target=measured, args=(three[:1], out))
     following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
-    with warnings.catch_warnings():                                     # what two threads do to them is undone
+    with warnings.catch_warnings():  # what two threads do to them is undone
         lost.start()
         assert at_it.wait(60)
         following.start()
@@ -547,7 +564,7 @@ def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):
         with pytest.raises(Killed):
             measured(three[:1], out)
     assert measured(three[:1], out)["anna"].attempt == 2
-    assert measured(three[:1], out, "2")["anna"].attempt == 1           # another run of the command
+    assert measured(three[:1], out, "2")["anna"].attempt == 1  # another run of the command
 
 
 def test_tables_are_the_same_however_the_work_went(three, tmp_path, quick):
@@ -587,7 +604,7 @@ def test_numbers_of_hemispheres_measured_unlike_are_not_pooled(three, tmp_path, 
     rows = read_table(out / "group" / "hemispheres.tsv", ("subject", "hemi", "morphofold", "cortex_mask", "accuracy"))
     assert [row["graph_width_mm"] for row in rows] == [11, 11, 9, 9, 9, 9]
     values = [r["value"] for r in grouped(three, out) if (r["region"], r["measure"]) == ("hemisphere", "n_hinges")]
-    assert values == ["20"] * 6                                         # the table has all of them
+    assert values == ["20"] * 6  # the table has all of them
 
 
 def test_regions_of_hemispheres_measured_unlike_are_not_averaged(three, tmp_path, quick):
@@ -629,7 +646,7 @@ def test_the_bids_layout_holds_the_same_numbers(three, tmp_path, quick):
 def test_subjects_are_found_and_templates_left_out(tmp_path):
     write_subject(tmp_path / "anna")
     write_subject(tmp_path / "fsaverage5")
-    (tmp_path / "half" / "mri").mkdir(parents=True)                     # FreeSurfer stopped in it
+    (tmp_path / "half" / "mri").mkdir(parents=True)  # FreeSurfer stopped in it
     (tmp_path / "notes").mkdir()
     (tmp_path / "table.csv").touch()
     assert find_subjects(tmp_path) == (["anna", "half"], ["fsaverage5"])
@@ -641,9 +658,13 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "kind", "said"),
-    [(b"anna\nben\nanna\n", NamedTwice, " anna "), (b"# none\n\n", NothingToDo, ""),
-     (b"../anna\n", NotReadable, "'\\.\\./anna'"), (b"\xff\xfe\x00", WrongFile, "UTF-8")],
-)  # fmt: skip
+    [
+        (b"anna\nben\nanna\n", NamedTwice, " anna "),
+        (b"# none\n\n", NothingToDo, ""),
+        (b"../anna\n", NotReadable, "'\\.\\./anna'"),
+        (b"\xff\xfe\x00", WrongFile, "UTF-8"),
+    ],
+)
 def test_lists_of_subjects_that_are_none(tmp_path, text, kind, said):
     file = tmp_path / "list.txt"
     file.write_bytes(text)
@@ -662,11 +683,13 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
     (here / "theirs").mkdir()
     (here / "theirs" / "notes.txt").touch()
     for words, told in (
-        (["nowhere"], "no such folder"), (["subjects", "-o", "theirs"], "did not write this folder"),
-        (["subjects", "-o", "subjects"], "is, or holds, the input"), (["subjects", "--workers", "0"], "[out-of-range]"),
+        (["nowhere"], "no such folder"),
+        (["subjects", "-o", "theirs"], "did not write this folder"),
+        (["subjects", "-o", "subjects"], "is, or holds, the input"),
+        (["subjects", "--workers", "0"], "[out-of-range]"),
         (["subjects", "--gyral-width", "-1"], "--gyral-width -1: "),
         (["subjects", "--subjects", "none.txt"], "no such file"),
-    ):  # fmt: skip
+    ):
         refused(capsys, ["cohort", *words], told)
     assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
     assert sorted(os.listdir(here)) == ["subjects", "theirs"]
@@ -686,11 +709,12 @@ def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(h
 def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
     begin_collection(tmp_path / "study", "cohort")
     (tmp_path / "study" / "kept").touch()
-    begin_collection(tmp_path / "study", "cohort")                      # the next run
+    begin_collection(tmp_path / "study", "cohort")  # the next run
     with pytest.raises(FileExistsError, match=r"\bstudy\b.*\bcohort\b.*\bsweep\b"):
         begin_collection(tmp_path / "study", "sweep")
-    with pytest.raises(FileExistsError, match="is a cohort or a sweep, which is not replaced"), atomic_folder(
-        tmp_path / "study"
+    with (
+        pytest.raises(FileExistsError, match="is a cohort or a sweep, which is not replaced"),
+        atomic_folder(tmp_path / "study"),
     ):
         pass
     assert (tmp_path / "study" / "kept").exists()
@@ -707,7 +731,7 @@ def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
         (["--memory", "0.001"], (" 0.0 GiB", "[too-large]")),
         (["--workers", "2", "--slurm", "2"], ("workers", "slurm", "[options-clash]")),
-    ):  # fmt: skip
+    ):
         refused(capsys, ["cohort", "subjects", "-o", "out", *words], *told)
         refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], *told)
         refused(capsys, ["bids", "subjects", "out", "participant", *words], *told)
@@ -772,14 +796,14 @@ def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
     process.kill()
     process.communicate()
     _, alive = psutil.wait_procs(workers, timeout=30)
-    assert not alive                                                    # no orphan goes on
+    assert not alive  # no orphan goes on
     done = {p.name: p.stat().st_mtime_ns for p in (out / "records").glob("*.json")}
     assert 0 < len(done) < 8
 
     process, _ = running(folder, out, "--workers", "2")
     told = process.communicate()[0]
     assert "from before" in told.splitlines()[-1]
-    for name, when in done.items():                                     # what was done is not done twice
+    for name, when in done.items():  # what was done is not done twice
         assert (out / "records" / name).stat().st_mtime_ns == when
     assert contents(out / "group") == contents(whole / "group")
     assert not [p.name for p in (out / "subjects").iterdir() if not p.name.startswith((".", "sub-"))]
@@ -830,4 +854,4 @@ def test_what_freesurfer_says_of_a_brain_is_in_the_table_of_hemispheres(three, t
     told = [(row["etiv_mm3"], row["surface_holes"]) for row in rows[:3]]
     assert told == [(1500000, None), (1500000, 7), (None, None)]
     (three[0] / "stats" / "aseg.stats").unlink()
-    assert states(measured(three, out, "2"))["anna"] == "done"          # it is an input like the surfaces
+    assert states(measured(three, out, "2"))["anna"] == "done"  # it is an input like the surfaces

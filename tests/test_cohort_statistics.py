@@ -231,9 +231,13 @@ def test_tables_are_written_with_all_their_columns_and_no_infinity(tmp_path):
     statistics.write_statistics(tmp_path, distributions(group.scalars), asymmetry(group.scalars), far)
     rows = read_table(tmp_path / "outliers.tsv", ("subject", "hemi", "measure"), len(far))
     assert rows[0] == {
-        "subject": "sub-00000", "hemi": "lh", "measure": "euler_characteristic", "value": 0, "robust_z": None,
+        "subject": "sub-00000",
+        "hemi": "lh",
+        "measure": "euler_characteristic",
+        "value": 0,
+        "robust_z": None,
         "median": 2,
-    }  # fmt: skip
+    }
     assert len(read_table(tmp_path / "distributions.tsv", ("measure", "hemi"))) == 14
     assert len(read_table(tmp_path / "asymmetry.tsv", ("measure",))) == 6
     text = "".join(path.read_text(encoding="utf-8") for path in tmp_path.iterdir())

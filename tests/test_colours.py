@@ -47,13 +47,13 @@ def test_limits_are_the_quantity_own_when_they_suit_and_rounded_percentiles_when
     bound = common_limits(quantity("H"), [rng.normal(0.5, 1, 999)])
     assert bound[0] == -bound[1]
     few, many = rng.uniform(6, 8, 99), rng.uniform(1.2, 4.6, 9999)
-    low, high = common_limits(thickness, [few, many])                    # a small surface is not drowned by a large one
+    low, high = common_limits(thickness, [few, many])  # a small surface is not drowned by a large one
     assert low <= 1.3
     assert high >= 7.9
-    low, high = common_limits(thickness, [np.linspace(1, 9, 999)])       # half of it lies beyond 5
+    low, high = common_limits(thickness, [np.linspace(1, 9, 999)])  # half of it lies beyond 5
     assert low < 1.5
     assert high > 8.5
-    assert common_limits(thickness, [np.linspace(1, 5.9, 999)]) == (1, 5)   # a fifth may
+    assert common_limits(thickness, [np.linspace(1, 5.9, 999)]) == (1, 5)  # a fifth may
     assert common_limits(thickness, []) == (1, 5)
     flat = common_limits(quantity("odd_mm"), [np.full(9, 7.0)])
     assert flat[0] < 7 < flat[1]
@@ -77,13 +77,22 @@ def test_colours_of_surfaces_stay_apart_for_every_eye(sight):
     """By distance in OKLab: 0.02 is just seen, 1 lies between black and white; amber and vermilion had 0.004."""
     rgb = np.array([colours.rgb_of(c) for c in CATEGORICAL]) / 255
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ np.transpose(SIGHT[sight])
-    cones = np.cbrt(np.clip(linear, 0, 1) @ np.transpose([
-        [0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
-        [0.0883024619, 0.2817188376, 0.6299787005],
-    ]))  # fmt: skip
-    lab = cones @ np.transpose([
-        [0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
-        [0.0259040371, 0.7827717662, -0.8086757660],
-    ])  # fmt: skip
+    cones = np.cbrt(
+        np.clip(linear, 0, 1)
+        @ np.transpose(
+            [
+                [0.4122214708, 0.5363325363, 0.0514459929],
+                [0.2119034982, 0.6806995451, 0.1073969566],
+                [0.0883024619, 0.2817188376, 0.6299787005],
+            ]
+        )
+    )
+    lab = cones @ np.transpose(
+        [
+            [0.2104542553, 0.7936177850, -0.0040720468],
+            [1.9779984951, -2.4285922050, 0.4505937099],
+            [0.0259040371, 0.7827717662, -0.8086757660],
+        ]
+    )
     apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lab), 1)]
     assert apart.min() > 0.09

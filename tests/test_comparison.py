@@ -68,7 +68,7 @@ def test_crests_stand_in_for_regions():
 
 
 def test_crests_of_a_medial_wall_are_no_points():
-    m = made_measures(regions=False)                                       # its cortex is 2.5 mm thick
+    m = made_measures(regions=False)  # its cortex is 2.5 mm thick
     for number, thickness in enumerate((0.1, 1.2, 1.3)):
         m.crests.append({"crest": number, "cortical_thickness_mm": thickness, "gyral_thickness_mm": 5.0})
     assert [p.cortical for p in thickness_cloud(m).points] == [1.3]
@@ -141,7 +141,7 @@ def test_stiffness_comes_from_the_surfaces_unless_given():
     soft, stiff = made_measures(info={"mu_ratio": 1.0}), made_measures(info={"mu_ratio": 3.0})
     assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
     assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
-    assert compare({"a": made_measures()}).theory == ()       # a brain has no stiffness that is known
+    assert compare({"a": made_measures()}).theory == ()  # a brain has no stiffness that is known
     unsaid = made_measures(info={"mu_ratio": None})
     assert [t.mu_ratio for t in compare({"a": unsaid, "b": stiff}).theory] == [3.0]
     assert compare({"a": unsaid}).theory == ()
@@ -174,7 +174,7 @@ def test_hinges_of_groups_are_compared_and_those_of_each_name_without_groups(bal
     assert alone.groups == {"a": ("a lh", "a rh"), "b": ("b",)}
     (found,) = alone.hinges
     assert (found.one, found.other, found.shape.n, found.shape.m) == ("a", "b", 2 * found.shape.m, found.shape.m)
-    assert found.shape.p == 1.0                                         # two copies and one
+    assert found.shape.p == 1.0  # two copies and one
     grouped = compare({"a": balls[0], "b": balls[0], "c": balls[1]}, groups={"model": ["a"], "MRI": ["c"]})
     assert [(h.one, h.other) for h in grouped.hinges] == [("model", "MRI")]
     assert compare({"a": balls[0]}).hinges == ()

@@ -11,9 +11,13 @@ from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 def stage(g, index=2.0, gyral=10.0, cortical=4.0, **more):
     m = made_measures(info={"g": g} if g else {})
     m.scalars.update(
-        gyrification_index=index, median_gyral_thickness_mm=gyral, mean_cortical_thickness_mm=cortical,
-        area_pial_mm2=9e4, wavelength_mm=30.0, **more,
-    )  # fmt: skip
+        gyrification_index=index,
+        median_gyral_thickness_mm=gyral,
+        mean_cortical_thickness_mm=cortical,
+        area_pial_mm2=9e4,
+        wavelength_mm=30.0,
+        **more,
+    )
     return m
 
 
@@ -24,8 +28,8 @@ def test_a_brain_is_met_where_the_lines_between_stages_have_its_number():
     np.testing.assert_array_equal(curve.numbers["gyral over cortical thickness"], [np.nan, 2.5, 2.5])
     met = matching_growth(curve, stage(None, index=2.6, gyral=8.0))
     assert met["gyrification index"] == pytest.approx([1.8])
-    assert met["gyral over cortical thickness"] == []                   # 2 is never reached
-    assert met["hinges per gyral width²"] == []            # nobody has a net
+    assert met["gyral over cortical thickness"] == []  # 2 is never reached
+    assert met["hinges per gyral width²"] == []  # nobody has a net
     assert set(met) == set(NUMBERS)
 
 

@@ -20,7 +20,7 @@ def test_every_two_groups_are_compared_in_their_order_and_empty_ones_left_out(rn
     (found,) = compare_hinges(known, groups)
     assert (found.one, found.other) == ("model", "MRI")
     assert (found.shape.n, found.shape.m) == (12, 6)
-    assert found.surfaces == (2, 1)                                     # of unequal groups the page says so
+    assert found.surfaces == (2, 1)  # of unequal groups the page says so
     assert [c.source for c in found.controls] == ["model", "MRI itself", "net at chance"]
     assert [c.n for c in found.controls][:2] == [12, 6]
     assert len(compare_hinges(known, {name: [name] for name in "abc"})) == 3
@@ -38,7 +38,7 @@ def test_a_mirrored_copy_is_matched_hinge_by_hinge_at_no_distance(rng):
     assert all(match.pose >= 3 for match in found.matches)
     assert [row.ks for row in found.numbers] == [0] * 5
     assert found.controls[0].median == pytest.approx(0, abs=1e-12)
-    assert found.controls[1].p < 0.01                                   # others of the same brain are farther
+    assert found.controls[1].p < 0.01  # others of the same brain are farther
 
 
 def test_one_law_is_not_told_apart_and_chance_is():

@@ -41,7 +41,7 @@ def test_each_margin_is_the_one_stated_and_the_least_counts():
     assert labelled(star(0, 10, 180)) == pytest.approx(2 * np.sin(np.radians(5)))
     assert labelled(star(0, 60, 180)) == pytest.approx(1)
     assert labelled(even(length=1.1 * WIDTH), free=True) == pytest.approx(0.1)
-    assert labelled(even(length=1.1 * WIDTH)) == 1                       # ended by the mask, not by the gyrus
+    assert labelled(even(length=1.1 * WIDTH)) == 1  # ended by the mask, not by the gyrus
 
 
 def test_arms_ten_degrees_apart_are_no_t_and_are_doubtful():
@@ -143,10 +143,18 @@ def test_doubtful_hinges_are_in_no_group_of_shapes_and_tables_without_confidence
     ones = np.ones(len(verts))
 
     def shapes(hinge_rows):
-        return hinge_shapes(Measures(
-            cortex, {}, {"area": ones, "H": ones}, [], [{"crest": 0, "mean_H_per_mm": 0.1}], hinge_rows,
-            [{**arm, "hinge": k, "arm": j} for k in range(3) for j in range(3)], {"graph_width_mm": 6.0},
-        ))  # fmt: skip
+        return hinge_shapes(
+            Measures(
+                cortex,
+                {},
+                {"area": ones, "H": ones},
+                [],
+                [{"crest": 0, "mean_H_per_mm": 0.1}],
+                hinge_rows,
+                [{**arm, "hinge": k, "arm": j} for k in range(3) for j in range(3)],
+                {"graph_width_mm": 6.0},
+            )
+        )
 
     assert shapes(rows).hinge.tolist() == [0, 1]
     old = [{key: value for key, value in row.items() if key != "confidence"} for row in rows]

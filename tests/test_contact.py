@@ -36,7 +36,7 @@ def test_facing_nodes_are_those_of_brute_force():
     n = body.n_surface
     x = pinched(body, 3.0)[:n]
     tri = triangles(body.bilayer.faces)
-    normals = -vertex_normals(x, tri)                                   # inwards: the two sheets face each other
+    normals = -vertex_normals(x, tri)  # inwards: the two sheets face each other
     found = np.empty(n, dtype=np.int64)
     find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, 20.0, found)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
@@ -71,7 +71,7 @@ def two_sheets(distance):
 
 def test_sheets_within_the_gap_are_pushed_apart_and_others_left_alone():
     _, x, extra = two_sheets(distance=0.4)
-    near = np.abs(x[: len(extra), 2]) > 0.17                             # the flat middle of each sheet
+    near = np.abs(x[: len(extra), 2]) > 0.17  # the flat middle of each sheet
     assert (np.sign(extra[near, 2]) == np.sign(x[: len(extra), 2])[near]).mean() > 0.9
     _, _, extra = two_sheets(distance=12.0)
     assert not extra[np.abs(x[: len(extra), 2]) > 0.17].any()
@@ -89,13 +89,13 @@ def test_contact_keeps_momentum_and_angular_momentum():
 
 def test_contact_energy_is_that_of_its_springs_and_ends_with_them():
     contact, x, _ = two_sheets(distance=0.4)
-    springs = 0.5 * np.linalg.norm(contact._push, axis=1) * contact._depth   # at rest, force = stiffness times depth
+    springs = 0.5 * np.linalg.norm(contact._push, axis=1) * contact._depth  # at rest, force = stiffness times depth
     assert springs.sum() > 0
     assert contact.energy() == pytest.approx(springs.sum(), rel=1e-12)
     assert contact.record()["pairs"] == np.count_nonzero(contact._depth)
     body = make_body()
     body.update_state(body.X)
-    contact.refresh(standing(body, body.X))                                  # a sphere again: nothing faces anything
+    contact.refresh(standing(body, body.X))  # a sphere again: nothing faces anything
     contact.add_forces(body, body.X, np.zeros_like(x), np.zeros((body.n_surface, 3)))
     assert contact.record()["pairs"] == 0
     assert contact.energy() == 0.0
@@ -106,7 +106,7 @@ def test_contact_never_attracts():
     body = make_body()
     body.update_state(body.X)
     v = np.zeros_like(x)
-    v[:, 2] = 10 * np.sign(x[:, 2])                                      # flying apart
+    v[:, 2] = 10 * np.sign(x[:, 2])  # flying apart
     extra = np.zeros((body.n_surface, 3))
     contact.add_forces(body, x, v, extra)
     assert not extra.any()
@@ -146,11 +146,13 @@ def walls(distance, *, n=9, mass=1.0, aside=0.0, reference=40.0):
 
     body = SimpleNamespace(
         bilayer=SimpleNamespace(
-            faces=np.concatenate([quads, quads[:, ::-1] + n * n]), edge=1.0, planes=(Plane(0, 0.0, 1),),
+            faces=np.concatenate([quads, quads[:, ::-1] + n * n]), edge=1.0, planes=(Plane(0, 0.0, 1),)
         ),
-        n_surface=2 * n * n, X=pair(reference), mass=np.broadcast_to(mass, 2 * n * n).astype(float),
+        n_surface=2 * n * n,
+        X=pair(reference),
+        mass=np.broadcast_to(mass, 2 * n * n).astype(float),
         cell=1.0,
-    )  # fmt: skip
+    )
     x = pair(distance)
     x[: n * n] += shift
     return body, x
@@ -161,8 +163,10 @@ def halved(body):
     n = body.n_surface // 2
     return SimpleNamespace(
         bilayer=SimpleNamespace(mesh=SimpleNamespace(p=body.X[:n].T), planes=body.bilayer.planes),
-        n_surface=n, mass=body.mass[:n], cell=body.cell,
-    )  # fmt: skip
+        n_surface=n,
+        mass=body.mass[:n],
+        cell=body.cell,
+    )
 
 
 def pushes(body, x, v=None):
@@ -187,7 +191,7 @@ def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, gaps
     np.testing.assert_allclose(one, both[:n], atol=1e-14)
     np.testing.assert_allclose(both[n:], both[:n] * [-1, 1, 1], atol=1e-14)
     assert 2 * plane.energy() == pytest.approx(contact.energy())
-    assert (one[:, 0] > 0).all() == (speed > -1)                        # and nothing holds what flies off
+    assert (one[:, 0] > 0).all() == (speed > -1)  # and nothing holds what flies off
     assert one.any() == (speed > -1)
 
 
@@ -195,11 +199,11 @@ def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
     body, x = walls(0.6 * GAP)
     v = np.zeros_like(x)
     push = []
-    for speed in (-0.01, 0.0, 0.01):                                    # of the upper wall, down
+    for speed in (-0.01, 0.0, 0.01):  # of the upper wall, down
         v[: len(x) // 2, 0] = -speed
         push.append(pushes(body, x, v)[0][: len(x) // 2, 0])
     depth = 0.4 * GAP
-    np.testing.assert_allclose(push[1], 2 * STIFFNESS * depth)          # of its own springs, and those of the other
+    np.testing.assert_allclose(push[1], 2 * STIFFNESS * depth)  # of its own springs, and those of the other
     np.testing.assert_allclose(push[2] - push[1], 2 * DASHPOT * 0.01)
     np.testing.assert_allclose(push[0] - push[1], -2 * DASHPOT * 0.01)
 
@@ -253,19 +257,23 @@ def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_unti
     Below zero the walls stand back to back in the reference; above, across a gap, and then they never are neighbours.
     """
     for reference, distance, pushed in (
-        (-0.5, 0.5 * GAP, False), (-1.01 * APART, 0.5 * GAP, True),
-        (-2.0 * APART, -0.49 * GAP, True), (-2.0 * APART, -0.51 * GAP, False), (-2.51 * APART, -0.51 * GAP, True),
-        (0.5, 0.5 * GAP, True), (2.0 * APART, -0.51 * GAP, True),
-    ):  # fmt: skip
+        (-0.5, 0.5 * GAP, False),
+        (-1.01 * APART, 0.5 * GAP, True),
+        (-2.0 * APART, -0.49 * GAP, True),
+        (-2.0 * APART, -0.51 * GAP, False),
+        (-2.51 * APART, -0.51 * GAP, True),
+        (0.5, 0.5 * GAP, True),
+        (2.0 * APART, -0.51 * GAP, True),
+    ):
         body, x = walls(distance, reference=reference)
-        middle = len(x) // 4                                            # away from the edges of the walls
+        middle = len(x) // 4  # away from the edges of the walls
         assert pushes(body, x)[0][middle].any() == pushed, (reference, distance)
 
 
 def test_a_node_that_slid_off_its_triangle_by_a_cell_is_pushed_no_more():
     """The walls overlap by the rows that are left; one cell is five gaps."""
     for beyond, pushed in ((0.99, True), (1.01, False)):
-        body, x = walls(0.5 * GAP, aside=8.0 + beyond)                  # the first row of the upper wall lies beyond
+        body, x = walls(0.5 * GAP, aside=8.0 + beyond)  # the first row of the upper wall lies beyond
         row = x[: len(x) // 2, 1] == 8.0 + beyond
         extra, contact = pushes(body, x)
         assert (contact.save()["facing"][: len(row)][row] >= 0).all()

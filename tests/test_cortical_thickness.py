@@ -26,14 +26,14 @@ def test_thickness_of_a_shell_converges_to_the_gap_at_second_order():
     error = [np.abs(cortical_thickness(*shell(level, 48, 50.5, turn=0.03)) - 2.5) for level in (3, 4, 5)]
     order = np.polyfit(np.arange(3), np.log2([e.mean() for e in error]), 1)[0]
     assert order == pytest.approx(-2, abs=0.3)
-    assert error[-1].max() < 1.8**2 / 8 / 48            # no more than the triangles' sag
+    assert error[-1].max() < 1.8**2 / 8 / 48  # no more than the triangles' sag
 
 
 def test_thickness_does_not_depend_on_how_far_partners_have_slid():
-    white, pial = shell(5, 48, 50.5, turn=0.06)                        # up to 3 mm along the surface
+    white, pial = shell(5, 48, 50.5, turn=0.06)  # up to 3 mm along the surface
     assert np.linalg.norm(white.verts - pial.verts, axis=1).max() > 3.8
     assert np.abs(cortical_thickness(white, pial) - 2.5).max() < 0.02
-    assert cortical_thickness(white, pial, mode="freesurfer").mean() > 2.55     # vertices are never that near
+    assert cortical_thickness(white, pial, mode="freesurfer").mean() > 2.55  # vertices are never that near
 
 
 def sulcus(step=0.5):
@@ -56,8 +56,8 @@ def test_thickness_never_jumps_across_a_sulcus(mode, slack):
     thickness = cortical_thickness(white, pial, mode=mode, rings=40)
     middle = (pial.verts[:, 1] > 4) & (pial.verts[:, 1] < 8) & (pial.verts[:, 2] > 2.2) & (pial.verts[:, 2] < 9)
     left, right = middle & (pial.verts[:, 0] < -0.09), middle & (pial.verts[:, 0] > 0.09)
-    assert (normal[left, 0] > 0.9).all()                                # outward is into the sulcus
-    assert np.abs(thickness[left] - 3).max() < slack                    # the other bank's white is only 1.2 away
+    assert (normal[left, 0] > 0.9).all()  # outward is into the sulcus
+    assert np.abs(thickness[left] - 3).max() < slack  # the other bank's white is only 1.2 away
     assert np.abs(thickness[right] - 1).max() < slack
 
 
@@ -66,7 +66,7 @@ def test_each_direction_is_capped_before_averaging():
     np.testing.assert_allclose(cortical_thickness(white, pial, cap=None), 7, atol=0.05)
     np.testing.assert_array_equal(cortical_thickness(white, pial, cap=5.0), 5)
     bump = pial.verts.copy()
-    bump[0] *= 60 / 50                                  # a spike: 17 from its partner, 5.0x from white's side
+    bump[0] *= 60 / 50  # a spike: 17 from its partner, 5.0x from white's side
     tall = cortical_thickness(white, Surface(bump, pial.faces), cap=None)[0]
     assert cortical_thickness(white, Surface(bump, pial.faces), cap=8.0)[0] < tall - 2
 
@@ -152,7 +152,7 @@ def test_the_average_brain_has_the_thickness_that_independent_code_found():
     coarse = cortical_thickness(cortex.white, cortex.pial, mode="freesurfer")
     assert fine[fine > 0].mean() == pytest.approx(2.33, abs=0.02)
     assert coarse[coarse > 0].mean() == pytest.approx(2.51, abs=0.02)
-    both = (fine > 0) & (cortex.maps["thickness"] > 0)                  # the file is a mean over subjects: order only
+    both = (fine > 0) & (cortex.maps["thickness"] > 0)  # the file is a mean over subjects: order only
     assert np.corrcoef(fine[both], cortex.maps["thickness"][both])[0, 1] > 0.6
 
 

@@ -20,7 +20,7 @@ def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry(rng):
     assert found.length("gyral") > 100
     for line in found.of_kind("gyral"):
         away = np.abs(line.points / [60.0, 40.0, 25.0]).min(axis=1)
-        assert np.median(away) < 0.01                                   # of a semi-axis
+        assert np.median(away) < 0.01  # of a semi-axis
         assert line.mean_H > 0
         assert line.strength > 0
     assert found.of_kind("sulcal") == []
@@ -74,8 +74,9 @@ def true_crests(level=7):
     i, j = np.concatenate([shape.faces[:, [a, b]] for a in range(3) for b in range(3) if a != b]).T
     found = {}
     for kind, k, other, along, across in (
-        ("gyral", shape.k1, shape.k2, shape.d1, d2), ("sulcal", -shape.k2, -shape.k1, d2, shape.d1),
-    ):  # fmt: skip
+        ("gyral", shape.k1, shape.k2, shape.d1, d2),
+        ("sulcal", -shape.k2, -shape.k1, d2, shape.d1),
+    ):
         step = shape.verts[j] - shape.verts[i]
         u = np.stack([np.sum(step * along[i], axis=1), np.sum(step * across[i], axis=1)], axis=1)
         normal, right = np.zeros((len(k), 2, 2)), np.zeros((len(k), 2))
@@ -119,7 +120,7 @@ def swept(edge, radius=2.0, wall=4.0, tilt=75.0, ridges=4, length=30.0):
     for sign in (-1.0, 1.0) * ridges:
         pieces += [(2 * half * radius, sign / radius), (wall, 0.0)]
     steps = [(size / n, bend) for size, bend in pieces for n in [round(size / edge)] for _ in range(n)]
-    x, z, angle, curve = 0.0, 0.0, half, [(0.0, 0.0)]                   # begins on a wall that climbs to a crown
+    x, z, angle, curve = 0.0, 0.0, half, [(0.0, 0.0)]  # begins on a wall that climbs to a crown
     for step, bend in steps:
         x, z = x + step * np.cos(angle + 0.5 * bend * step), z + step * np.sin(angle + 0.5 * bend * step)
         angle += bend * step
@@ -130,7 +131,7 @@ def swept(edge, radius=2.0, wall=4.0, tilt=75.0, ridges=4, length=30.0):
     i = np.arange(len(verts)).reshape(len(curve), len(y))
     a, b, c, d = (part.ravel() for part in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    top = np.flatnonzero(np.diff(np.sign(np.diff(curve[:, 1]))))        # z turns there
+    top = np.flatnonzero(np.diff(np.sign(np.diff(curve[:, 1]))))  # z turns there
     turns = curve[top + 1, 0]
     return verts, faces, {"gyral": turns[::2], "sulcal": turns[1::2]}
 
@@ -148,14 +149,14 @@ def test_round_caps_between_straight_walls_have_a_crest_along_their_middle(noise
         away = np.abs(points[:, :1] - middle).min(axis=1)
         inner = (points[:, 1] > 3) & (points[:, 1] < length - 3)
         assert np.quantile(away[inner], 0.95) < edge
-        for place in middle:                                            # all along, but near the borders
+        for place in middle:  # all along, but near the borders
             covered = points[np.abs(points[:, 0] - place) < 2 * edge, 1]
             assert np.diff(np.sort(np.concatenate([[3.0, length - 3], covered[(covered > 3)]]))).max() < 2
 
 
 def test_vertices_without_curvature_do_not_make_crests_of_a_cylinder(rng):
     noisy = with_noise(cylinder(), 0.01)
-    near = noisy.verts[::7] * [0.9, 0.9, 1.0]                           # that no face uses
+    near = noisy.verts[::7] * [0.9, 0.9, 1.0]  # that no face uses
     verts = np.concatenate([noisy.verts, near])
     edge = mean_edge_length(noisy.verts, noisy.faces)
     assert crest_lines(verts, noisy.faces, scale=4 * edge).lines == []

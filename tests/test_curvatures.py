@@ -29,7 +29,7 @@ def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
         off.append([error(shape, scale[-1], name) for name in ("H", "K", "k1", "k2")])
     order = np.polyfit(np.log(scale), np.log(off), 1)[0]
     assert np.allclose(order, 2, atol=0.15), order
-    assert np.all(np.less(off[-1], (0.0045, 0.0085, 0.0030, 0.0085))), off[-1]          # 40,962 vertices
+    assert np.all(np.less(off[-1], (0.0045, 0.0085, 0.0030, 0.0085))), off[-1]  # 40,962 vertices
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
 
 def test_a_cylinder_is_exact_however_coarse_the_scale():
     tube = shapes.cylinder()
-    c = curvature(tube.verts, tube.faces, 9.0)                                      # of radius 10
+    c = curvature(tube.verts, tube.faces, 9.0)  # of radius 10
     inner = np.abs(tube.verts[:, 2] - tube.verts[:, 2].mean()) < 0.5 * np.ptp(tube.verts[:, 2]) - 9
     assert inner.any()
     assert np.allclose(c.k1[inner], 0.1, rtol=0.005)
@@ -174,7 +174,7 @@ def test_rotation_and_order_of_vertices_do_not_matter(rng):
 def test_shape_index_and_curvedness_name_the_known_forms():
     tube = shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 3.0)
-    assert np.median(c.shape_index) == pytest.approx(0.5, abs=0.01)                  # ridge
+    assert np.median(c.shape_index) == pytest.approx(0.5, abs=0.01)  # ridge
     assert np.median(c.curvedness) == pytest.approx(0.1 / np.sqrt(2), rel=0.01)
     ball = shapes.sphere(3)
     assert np.allclose(curvature(ball.verts, ball.faces).shape_index, 1)
@@ -219,7 +219,7 @@ def test_two_sheets_in_contact_do_not_see_each_other():
 def test_the_walls_of_a_closed_sulcus_do_not_mix():
     """A plate of thickness 0.2 bent round its edge: its two sides are nearer than the scale, and flat."""
     side, faces = grid(np.linspace(-10, 10, 41), np.linspace(0, 10, 21))
-    rim = np.arange(41) * 21                                        # z = 0, where the two sides are joined
+    rim = np.arange(41) * 21  # z = 0, where the two sides are joined
     verts = np.concatenate([side + [0, -0.1, 0], side + [0, 0.1, 0]])
     n, a, b = len(side), rim[:-1], rim[1:]
     faces = np.concatenate([faces, faces[:, ::-1] + n, np.stack([a, a + n, b], 1), np.stack([b, a + n, b + n], 1)])
@@ -243,7 +243,7 @@ def test_hard_meshes_give_nan_where_nothing_can_be_said_and_numbers_elsewhere():
 
 
 def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
-    shape = shapes.sphere(2, 10.0)                                  # one edge is about 3
+    shape = shapes.sphere(2, 10.0)  # one edge is about 3
     c = curvature(shape.verts, shape.faces, 3.2)
     assert np.allclose(c.k1, 0.1, rtol=1e-6)
     tiny = curvature(*shapes.icosphere(0, 10.0))

@@ -22,9 +22,9 @@ def test_depth_is_zero_on_a_convex_surface(rng):
 
 
 def test_depth_in_a_hole_is_the_way_to_the_nearest_side_of_the_hull():
-    for depth, floor in ((0.1, 0.1), (0.2, 0.2), (0.9, 0.1)):         # the last is nearer to the bottom
+    for depth, floor in ((0.1, 0.1), (0.2, 0.2), (0.9, 0.1)):  # the last is nearer to the bottom
         verts, faces = box_with_a_hole(depth)
-        for axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):                # the hole opens to each of the six sides
+        for axes in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):  # the hole opens to each of the six sides
             for sign in (1, -1):
                 got = sulcal_depth(sign * verts[:, axes], faces[:, ::sign])
                 assert np.allclose(got[:12], 0, atol=1e-12)
@@ -91,7 +91,7 @@ def test_geodesic_depth_is_the_length_of_the_wall_from_crest_to_floor(rng):
     s = np.linspace(0, spacing / 2, 20_001)
     profile = np.stack([(50 + 4 * np.exp2(-((s / 3) ** 2))) * f(s / 50) for f in (np.cos, np.sin)])
     way = np.r_[0, np.cumsum(np.linalg.norm(np.diff(profile, axis=1), axis=0))]
-    crest = s[np.searchsorted(-(50 + 4 * np.exp2(-((s / 3) ** 2))), -53.8)]     # what is less than 0.2 mm deep touches
+    crest = s[np.searchsorted(-(50 + 4 * np.exp2(-((s / 3) ** 2))), -53.8)]  # what is less than 0.2 mm deep touches
     latitude = np.arccos(verts[:, 2] / np.linalg.norm(verts, axis=1))
     away = 50 * np.abs(latitude % (np.pi / 10) - np.pi / 20)
     floor = (np.abs(away - spacing / 2) < 0.3) & (np.abs(latitude - np.pi / 2) < 1.2)

@@ -24,7 +24,7 @@ def test_altitude_of_a_small_wave_is_what_the_equation_says():
     radius, degree, reach = 50.0, 6, 20.0
     verts, faces, wave = bumpy(0.5, degree, radius)
     meter = Altimeter(verts, faces)
-    D = meter.altitude(reach, 1e-9)                                     # smoothed over one edge
+    D = meter.altitude(reach, 1e-9)  # smoothed over one edge
     share = (degree - 1) * (degree + 2) / (degree * (degree + 1) + (radius / reach) ** 2)
     share *= (1 + degree * (degree + 1) / radius**2 * meter.edge**2 / 6) ** -3
     assert np.corrcoef(D, wave)[0, 1] > 0.999

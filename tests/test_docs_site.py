@@ -32,9 +32,11 @@ NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 #: pages whose Python runs, those that take longer marked
 RUN = [
     "docs/extending.md",
-    *(pytest.param(page, marks=pytest.mark.slow)
-      for page in ("docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")),
-]  # fmt: skip
+    *(
+        pytest.param(page, marks=pytest.mark.slow)
+        for page in ("docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")
+    ),
+]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
 
@@ -130,7 +132,7 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
             asked = words[1 : words.index(">")] if ">" in words else words[1:]
             if asked == ["--version"]:
                 continue
-            given = vars(top.parse_args(asked))                         # leaves the test with what is wrong
+            given = vars(top.parse_args(asked))  # leaves the test with what is wrong
             scene = given.get("scene") or given.get("body")
             if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
                 monkeypatch.chdir(tmp_path)
@@ -150,8 +152,8 @@ def changed(text, change):
 
 def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_path):
     for room in ("morphofold", "sim", "analysis", "studies", "data_samples"):
-        shutil.copytree(ROOT / room, tmp_path / room, symlinks=True)    # with what is compiled
-    (tmp_path / "pyproject.toml").touch()                               # what a checkout is known by
+        shutil.copytree(ROOT / room, tmp_path / room, symlinks=True)  # with what is compiled
+    (tmp_path / "pyproject.toml").touch()  # what a checkout is known by
     page = (DOCS / "extending.md").read_text(encoding="utf-8")
     whole = [code for _, code in fences("docs/extending.md", "python") if code.startswith('"""')]
     for code, name in zip(whole, re.findall(r"The whole file,\s`([^`]*)`", page), strict=True):
@@ -248,7 +250,7 @@ def test_formulas_become_mathml_and_code_stays():
     page = "Take $x_1$ and $`\\mu_2`$, not `$HOME$`.\n\n```math\nx^2\n```\n\n```sh\necho $a$\n```\n"
     text, formulas = site_math.take_out(page)
     assert [html.unescape(re.sub("<[^>]*>", "", formula)) for formula in formulas] == ["x1", "μ2", "x2"]
-    assert ["display=\"block\"" in formula for formula in formulas] == [False, False, True]
+    assert ['display="block"' in formula for formula in formulas] == [False, False, True]
     assert "`$HOME$`" in text
     assert "echo $a$" in text
     assert "```math" not in text

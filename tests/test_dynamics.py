@@ -31,8 +31,8 @@ def test_radius_before_onset_follows_equation_11(law, T):
     exact = (B**3 + (g**3 if law == "isotropic" else g**2) * (C**3 - B**3)) ** (1 / 3)
     radius = np.linalg.norm(run.state.x[: run.body.n_surface], axis=1)
     assert radius.mean() == pytest.approx(exact, rel=3e-3)
-    assert abs(radius.mean() - exact) < 0.03 * (exact - C)              # three per cent of the displacement itself
-    assert np.ptp(radius) < 2e-3 * exact                                # still a sphere
+    assert abs(radius.mean() - exact) < 0.03 * (exact - C)  # three per cent of the displacement itself
+    assert np.ptp(radius) < 2e-3 * exact  # still a sphere
 
 
 def test_radius_before_onset_approaches_equation_11_as_the_body_becomes_incompressible():
@@ -89,7 +89,7 @@ def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
         numba.set_num_threads(threads)
         run = make_run(3.0, n=12, amplitude=0.05, contact=True, steps=600, portion="half")
         pairs = _pairs_on_the_way(run, 1.9)
-        assert max(pairs) > 0                                           # contact took part
+        assert max(pairs) > 0  # contact took part
         results.append(run.state.x.copy())
     assert np.array_equal(*results)
 
@@ -137,7 +137,7 @@ def test_growth_slows_down_while_the_kinetic_energy_is_high(monkeypatch):
         run.grow_to(1.3)
         steps[limit] = run.state.step
     full_pace = 180
-    assert full_pace < steps[1.0] < 1.25 * full_pace                        # the start is soft
+    assert full_pace < steps[1.0] < 1.25 * full_pace  # the start is soft
     assert steps[1e-9] == pytest.approx(full_pace / dynamics.SLOWEST, rel=0.05)
 
 
@@ -169,8 +169,9 @@ def test_no_wave_is_as_fast_as_the_increments_of_growth():
 
 def bulged_swing(n, layers, crossings, **options):
     """A sphere let go with a smooth bulge: crossings done, energies, and how much of the bulge is left (1 at first)."""
-    body = Body(bilayer_sphere(50, 3.0, 25, "octant", n, layers), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
-                law="isotropic")  # fmt: skip
+    body = Body(
+        bilayer_sphere(50, 3.0, 25, "octant", n, layers), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic"
+    )
     run = Dynamics(body, steps_per_unit=1.0, **options)
     r, volume = np.linalg.norm(body.X, axis=1, keepdims=True), body.nodal_volumes()[:, None]
     bulge = 1e-3 * body.X * (((body.X / r) ** 4).sum(axis=1, keepdims=True) - 0.6) * (r / 25 - 1)
@@ -224,7 +225,7 @@ def test_the_imperfection_is_a_function_of_position_and_seed_alone():
     for bilayer, seed in ((coarse, 0), (fine, 0), (coarse, 1)):
         X = Perturbation(0.15, 24.0, seed=seed).reshape(bilayer, bilayer.mesh.p.T)
         r, n = np.linalg.norm(X, axis=1), bilayer.n_surface
-        np.testing.assert_allclose(r[3 * n : 4 * n], 47.0)              # the white surface stays
+        np.testing.assert_allclose(r[3 * n : 4 * n], 47.0)  # the white surface stays
         fields.append(dict(zip(map(tuple, np.round(bilayer.mesh.p.T[:n], 9)), r[:n] - 50)))
     common = fields[0].keys() & fields[1].keys()
     assert len(common) >= len(fields[0]) // 2
@@ -267,12 +268,12 @@ def inner_node(run):
 def test_growth_halves_as_an_element_collapses_and_crawls_while_one_is_inside_out():
     """A corner that sinks by a share s of its brick leaves J = 1 - 0.62 s at the nearest of the Gauss points."""
     run = make_run(n=16)
-    run.state.growth = 1.5                                              # past the soft start
+    run.state.growth = 1.5  # past the soft start
     node, seen = inner_node(run), []
-    for by in (0.0, 0.05, 0.3, 0.3, 1.75, 0.05, 0.05):                  # bricks are 1 mm thick
+    for by in (0.0, 0.05, 0.3, 0.3, 1.75, 0.05, 0.05):  # bricks are 1 mm thick
         sink(run, node, by)
         seen.append((run.state.record["inverted"], run._pace()))
-    assert -0.2 < run.state.lowest_J < 0                                # of all times, not of the last
+    assert -0.2 < run.state.lowest_J < 0  # of all times, not of the last
     assert seen == [(0, 1.0), (0, 1.0), (0, 0.5), (0, 1.0), (3, dynamics.SLOWEST), (0, 1.0), (0, 1.0)]
 
 
@@ -293,7 +294,7 @@ def test_a_run_taken_up_has_the_pace_that_it_had():
 
 def test_relaxation_takes_the_steps_it_is_asked_for_once():
     run = make_run(n=8)
-    run.relax(8 * REFRESH - 5)                                          # rounded up
+    run.relax(8 * REFRESH - 5)  # rounded up
     assert run.state.step == 8 * REFRESH
     for steps in (8 * REFRESH, 50):
         run.relax(steps)
@@ -318,7 +319,7 @@ def test_a_step_from_rest_follows_the_forces_of_elements_and_filter(rng):
 def test_a_gauss_point_that_bursts_stops_the_run_though_its_element_has_volume():
     run = make_run(n=16)
     node = inner_node(run)
-    sink(run, node, -8.0)                                               # J near 6
+    sink(run, node, -8.0)  # J near 6
     assert 5 < run.state.record["max_J"] < run.body.elements.LARGEST_J
     with pytest.raises(UnstableError, match=rf"^3 of {run.body.elements.n} .*\bv/V = 4\."):
         sink(run, node, -14.0)

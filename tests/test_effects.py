@@ -33,13 +33,17 @@ from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 
 def sphere(n=8, **options):
-    return Body(bilayer_sphere(50, 3, 25, "octant", n), **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0,
-                                                           "law": "isotropic", **options})  # fmt: skip
+    return Body(
+        bilayer_sphere(50, 3, 25, "octant", n),
+        **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0, "law": "isotropic", **options},
+    )
 
 
 def block(size=(4.0, 4.0), depth=12.0, thickness=3.0, edge=1.0, **options):
-    return Body(bilayer_patch(size, depth, thickness, edge), **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0,
-                                                                "law": "isotropic", **options})  # fmt: skip
+    return Body(
+        bilayer_patch(size, depth, thickness, edge),
+        **{"mu_cortex": 1.0, "mu_core": 1.0, "kappa_ratio": 50.0, "law": "isotropic", **options},
+    )
 
 
 def standing(body, x, v=None):
@@ -59,10 +63,10 @@ def test_a_core_that_grows_lifts_the_cortex_as_equation_10_says(law):
     run.relax(600)
     radius = np.linalg.norm(run.state.x[: body.n_surface], axis=1).mean()
     grown = g ** (3 if law == "isotropic" else 2)
-    exact = (25.0**3 + g_core**3 * (B**3 - 25.0**3) + grown * (C**3 - B**3)) ** (1 / 3)     # Eq. (10), incompressible
+    exact = (25.0**3 + g_core**3 * (B**3 - 25.0**3) + grown * (C**3 - B**3)) ** (1 / 3)  # Eq. (10), incompressible
     assert radius == pytest.approx(exact, rel=5e-3)
     same = C * radial_equilibrium(g, 3 / 50, law=law, kappa_ratio=50.0, g_core=g_core).r[-1]
-    assert abs(radius - same) < 0.01 * (exact - C)                      # a hundredth of the displacement
+    assert abs(radius - same) < 0.01 * (exact - C)  # a hundredth of the displacement
 
 
 # --- a map of growth
@@ -74,12 +78,12 @@ def test_each_part_of_the_cortex_takes_its_share_of_the_growth():
     Dynamics(body, [RegionalGrowth([(centre, 40.0, 0.5)])], steps_per_unit=600)
     body.grow(1.4)
     body.elements.measure(body.X)
-    stretch = body.elements.state()["volume_ratio"] ** (-1 / 3)         # undeformed: v/V = 1/g^3
+    stretch = body.elements.state()["volume_ratio"] ** (-1 / 3)  # undeformed: v/V = 1/g^3
     corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
     away = np.linalg.norm(body.bilayer.foot[corners].mean(axis=0) - centre, axis=1) / 40.0
     want = 1 + 0.4 * np.where(away < 1, 1 - 0.25 * (1 + np.cos(np.pi * away)), 1.0)
     np.testing.assert_allclose(stretch[: len(want)], want, rtol=1e-12)
-    np.testing.assert_allclose(stretch[len(want) :], 1.0, rtol=1e-12)   # the core doesn't grow
+    np.testing.assert_allclose(stretch[len(want) :], 1.0, rtol=1e-12)  # the core doesn't grow
     assert want.min() < 1.21
     assert (want == 1.4).any()
 
@@ -120,7 +124,7 @@ def test_the_waves_of_the_imperfection_have_its_wavelength_and_its_rms(rng):
     height, ways = field(at), step * np.eye(3)
     slope = [(field(at + way) - field(at - way)) / (2 * step) for way in ways]
     assert height.std() == pytest.approx(0.3, rel=0.05)
-    spread = (1 + 0.3**2 / 3) ** 0.5                                    # wave numbers lie evenly within 30 %
+    spread = (1 + 0.3**2 / 3) ** 0.5  # wave numbers lie evenly within 30 %
     rms = np.mean(np.square(slope).sum(axis=0)) ** 0.5
     assert rms / height.std() == pytest.approx(spread * 2 * np.pi / 12.0, rel=0.05)
 
@@ -143,11 +147,11 @@ def growths(shape, final=1.8, steps_per_unit=2000):
     """Growth at each measurement of a run with a ramp (none: linear), the first at g = 1."""
     run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final)], steps_per_unit=steps_per_unit)
 
-    def alone(steps, growth):                                           # no mechanics
+    def alone(steps, growth):  # no mechanics
         run.state.step, run.state.growth = run.state.step + steps, growth
 
     run._run = alone
-    run.waits_for_balance = False                                       # nor a soft start
+    run.waits_for_balance = False  # nor a soft start
     seen = [1.0]
     run.grow_to(final, lambda state: seen.append(state.growth))
     return np.array(seen)
@@ -202,7 +206,7 @@ def test_an_enclosure_pushes_back_what_is_outside_along_its_normal(rng):
     normal = (x / axes**2) / np.linalg.norm(x / axes**2, axis=1, keepdims=True)
     push = np.einsum("ij,ij->i", extra, normal)
     assert (push[1::2] < 0).all()
-    np.testing.assert_allclose(extra, push[:, None] * normal, atol=1e-12)      # no friction
+    np.testing.assert_allclose(extra, push[:, None] * normal, atol=1e-12)  # no friction
     depth = -push / mass / STIFFNESS
     assert energy == pytest.approx(0.5 * STIFFNESS * np.sum(mass * depth**2))
     np.testing.assert_allclose(np.abs(((x - depth[:, None] * normal) / axes)[1::2] ** 2).sum(axis=1), 1, atol=3e-4)
@@ -232,7 +236,7 @@ def test_an_enclosure_damps_what_moves_out_and_never_attracts():
 @pytest.mark.parametrize(
     ("settings", "fills"),
     [
-        ([], 47.5**3 + 1.6**3 * (50**3 - 47.5**3)),                     # Eq. (11)
+        ([], 47.5**3 + 1.6**3 * (50**3 - 47.5**3)),  # Eq. (11)
         (["growth.law=tangential"], 47.5**3 + 1.6**2 * (50**3 - 47.5**3)),
         (["effects.core_growth.final=1.1"], 25**3 + 1.1**3 * (47.5**3 - 25**3) + 1.6**3 * (50**3 - 47.5**3)),
     ],
@@ -265,7 +269,7 @@ def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
     run.relax(300)
     radius = np.linalg.norm(run.state.x[: body.n_surface], axis=1)
     free = (47.0**3 + 1.15**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
-    assert radius.max() < 51 + 0.05 * body.cell                     # the shell's springs yield a little
+    assert radius.max() < 51 + 0.05 * body.cell  # the shell's springs yield a little
     assert radius.max() < 51 + 0.6 * (free - 51)
     assert run.state.record["effects"]["enclosure"]["pressed"] == body.n_surface
     assert run.state.record["effects"]["enclosure"]["energy"] > 0
@@ -273,7 +277,7 @@ def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
 
 # --- inertia
 
-P_WAVE = 50 + 4 / 3                                                     # modulus of uniaxial strain, mu = rho = 1
+P_WAVE = 50 + 4 / 3  # modulus of uniaxial strain, mu = rho = 1
 
 
 def tall_block():
@@ -322,7 +326,7 @@ def test_velocities_stay_when_the_step_changes():
     (inertia,) = run.effects
     run.state.v[:] = 0.1
     dt = inertia.record()["time_step"]
-    body.mass[:] = 4 * body.mass.max()                                  # as if the elements had become stiffer
+    body.mass[:] = 4 * body.mass.max()  # as if the elements had become stiffer
     inertia.refresh(run)
     np.testing.assert_allclose(run.state.v / inertia.record()["time_step"], 0.1 / dt)
     assert inertia.record()["time_step"] < dt
@@ -334,14 +338,15 @@ def test_growth_keeps_the_time_that_its_duration_gives():
     run = Dynamics(body, [Inertia(2.0, 30.0, 0.05)], steps_per_unit=1.0)
     run.grow_to(1.1)
     seen = run.state.record["effects"]["inertia"]
-    assert seen["time"] == pytest.approx(0.1 * 30.0 * 2.0**0.5, rel=0.15)      # whole tens of steps
+    assert seen["time"] == pytest.approx(0.1 * 30.0 * 2.0**0.5, rel=0.15)  # whole tens of steps
     np.testing.assert_allclose(body.mass.sum(), 2.0 * body.elements.volume.sum() / seen["time_step"] ** 2)
 
 
 def test_a_run_with_inertia_goes_on_from_a_checkpoint_bitwise():
     def start():
-        return Dynamics(sphere(6), [Inertia(1.0, 60.0, 0.05), BulkViscosity(0.06, 1.2), Ramp("smooth", 1.3)],
-                        steps_per_unit=1.0)  # fmt: skip
+        return Dynamics(
+            sphere(6), [Inertia(1.0, 60.0, 0.05), BulkViscosity(0.06, 1.2), Ramp("smooth", 1.3)], steps_per_unit=1.0
+        )
 
     whole, again, saved = start(), start(), []
     whole.grow_to(1.3, lambda state: saved.append(whole.save()))
@@ -376,15 +381,18 @@ def moving(rng, size):
 def test_viscous_forces_are_those_of_scikit_fem(rng, linear, quadratic):
     body, x, v = moving(rng, 0.02)
     mesh = body.bilayer.mesh
-    now, before = (Basis(MeshHex(np.ascontiguousarray(at.T), mesh.t), ElementVector(ElementHex1()), intorder=3)
-                   for at in (x, x - v))  # fmt: skip
+    now, before = (
+        Basis(MeshHex(np.ascontiguousarray(at.T), mesh.t), ElementVector(ElementHex1()), intorder=3)
+        for at in (x, x - v)
+    )
     volume, last = now.dx.sum(axis=1), before.dx.sum(axis=1)
     rate = 1 - last / volume
     rho = (body.mass / body.nodal_volumes())[mesh.t].mean(axis=0)
-    c = np.sqrt((body.kappa + 2 * body.mu + 4 / 3 * body.mu) / rho)     # bulk modulus kappa + 2 mu, see Bricks
-    corner = x[mesh.t.T][:, BINARY_CORNERS].reshape(-1, 2, 2, 2, 3)     # along i, j, k
-    i, j, k = (np.take(corner, 1, axis).mean(axis=(1, 2)) - np.take(corner, 0, axis).mean(axis=(1, 2))
-               for axis in (1, 2, 3))  # fmt: skip
+    c = np.sqrt((body.kappa + 2 * body.mu + 4 / 3 * body.mu) / rho)  # bulk modulus kappa + 2 mu, see Bricks
+    corner = x[mesh.t.T][:, BINARY_CORNERS].reshape(-1, 2, 2, 2, 3)  # along i, j, k
+    i, j, k = (
+        np.take(corner, 1, axis).mean(axis=(1, 2)) - np.take(corner, 0, axis).mean(axis=(1, 2)) for axis in (1, 2, 3)
+    )
     L = volume / np.max([np.linalg.norm(np.cross(a, b), axis=1) for a, b in ((i, j), (j, k), (k, i))], axis=0)
     p = linear * rho * c * L * rate - np.where(rate < 0, rho * (quadratic * L * rate) ** 2, 0.0)
     form = LinearForm(lambda w, fields: fields["p"] * (w.grad[0, 0] + w.grad[1, 1] + w.grad[2, 2]))
@@ -399,7 +407,7 @@ def test_viscous_forces_never_do_work_on_the_body(rng):
     force = viscous_forces(body, x, v)
     assert np.sum(force * v) < 0
     mesh, part = body.bilayer.mesh, np.zeros(body.elements.n)
-    for k in range(0, body.elements.n, 7):                              # each brick by itself
+    for k in range(0, body.elements.n, 7):  # each brick by itself
         alone = np.zeros_like(v)
         alone[mesh.t[:, k]] = v[mesh.t[:, k]]
         part[k] = np.sum(viscous_forces(body, x, alone) * alone)
@@ -413,7 +421,7 @@ def test_viscosity_feels_neither_rest_nor_rigid_nor_isochoric_motion(rng):
     shear = np.array([[1, 0.03, 0], [0, 1, 0.02], [0, 0, 1.0]])
     swelling = np.abs(viscous_forces(body, x, x - x * 0.98)).max()
     at_rest = np.abs(viscous_forces(body, x, np.zeros_like(x))).max()
-    assert at_rest < 1e-12 * swelling           # round-off of two volumes, which differs between processors
+    assert at_rest < 1e-12 * swelling  # round-off of two volumes, which differs between processors
     for motion in (x @ turn.T + [0.1, 0.2, 0.3], x @ shear.T):
         assert np.abs(viscous_forces(body, x, x - motion)).max() < 1e-9 * swelling
 
@@ -423,12 +431,12 @@ def test_viscosity_damps_a_breathing_block_as_its_linear_part_says():
     plain, viscous = (breathing(extra=extra) for extra in ((), (BulkViscosity(0.6, 0.0),)))
     body = tall_block()
     height = np.ptp(body.X[body.bilayer.mesh.t.T][:, :, 2], axis=1)
-    L = np.minimum(height, 1.0)                                         # bricks are 1 mm wide
+    L = np.minimum(height, 1.0)  # bricks are 1 mm wide
     middle = body.X[body.bilayer.mesh.t.T].mean(axis=1)[:, 2]
     strain = np.cos(0.5 * np.pi * (middle + 24) / 24) ** 2 * body.elements.volume
     c = P_WAVE**0.5
     decay = 0.5 * 0.6 * (0.5 * np.pi / 24) ** 2 * c * np.average(L, weights=strain)
-    time, damped = viscous                                              # its steps are shorter: a lagging dashpot
+    time, damped = viscous  # its steps are shorter: a lagging dashpot
     without = np.interp(time, *plain)
     last = (time > 0.95 * time[-1]) & (time <= plain[0][-1])
     assert last.sum() >= 3
@@ -473,15 +481,15 @@ def test_both_sides_of_a_strip_stay_the_same_to_the_bit_as_it_folds():
     pairs = np.array([(twin[X[j, 0], X[j, 2]], j) for j in far])
     for both in (x, run.state.v):
         assert np.array_equal(both[pairs[:, 0]][:, [0, 2]], both[pairs[:, 1]][:, [0, 2]])
-    assert np.array_equal(x[:, 1], X[:, 1])                             # plane strain
-    assert np.ptp(x[: body.n_surface, 2]) > 2.0                         # folded
+    assert np.array_equal(x[:, 1], X[:, 1])  # plane strain
+    assert np.ptp(x[: body.n_surface, 2]) > 2.0  # folded
 
 
 def test_contact_keeps_the_walls_of_a_sulcus_from_passing_through_each_other():
     deepest = []
     for effects in ((), (Contact(), Symmetry())):
         body, run = folding_strip(0.5, *effects, mu_cortex=1.0)
-        depth = []                                                      # in mean edges
+        depth = []  # in mean edges
         for g in (1.4, 1.55):
             run.grow_to(g)
             depth.append(self_intersections(whole_surfaces(body, run.state.x)[1]).deepest_share)
@@ -501,7 +509,7 @@ def test_no_node_is_in_contact_with_its_own_surroundings_and_walls_in_touch_come
     away = body.X[contact._tri[contact._partner[paired]]] - body.X[paired, None]
     assert np.linalg.norm(away, axis=2).min() >= APART * body.bilayer.edge
     assert run.state.record["effects"]["contact"]["pairs"] > 0
-    assert run.state.record["kinetic_over_strain"] < 5e-4               # nodes that swap triangles leave 2.6e-4
+    assert run.state.record["kinetic_over_strain"] < 5e-4  # nodes that swap triangles leave 2.6e-4
 
 
 # --- one at a time
@@ -530,13 +538,14 @@ ALONE = {
     "inertia": "[effects.inertia]\nduration = 50.0",
     "bulk_viscosity": "[effects.bulk_viscosity]",
 }
-OF_THE_SHAPE = {                                                        # effects that the geometry brings along
+OF_THE_SHAPE = {  # effects that the geometry brings along
     "symmetry": (PLAIN.replace("PORTION", "octant") + ALONE["contact"], {"contact", "symmetry"}),
     "plane_strain": (
         'name = "plain"\n[geometry]\nshape = "strip"\nlength = 8.0\ndepth = 8.0\n[growth]\nfinal = 1.04\n'
-        "[accuracy]\nedge = 2.0\n[output]\nvolume = false\n", {"plane_strain"},
+        "[accuracy]\nedge = 2.0\n[output]\nvolume = false\n",
+        {"plane_strain"},
     ),
-}  # fmt: skip
+}
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys

@@ -65,7 +65,7 @@ def get(address):
     except urllib.error.HTTPError as error:
         return error.code
     except (OSError, http.client.HTTPException):
-        return None                                                     # it does not speak HTTP
+        return None  # it does not speak HTTP
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_nothing_listens_beyond_this_machine_and_nothing_shows_pages():
     with open_fleet(workers=2, memory=1.0) as fleet:
         assert len(list(fleet.run(square, [Job("a", 2)]))) == 1
         there = set(listening(psutil.Process())) - before
-        assert len(there) >= 5                                          # else they were not seen
+        assert len(there) >= 5  # else they were not seen
         assert {address.ip for address in there} == {"127.0.0.1"}
         assert {get(address) for address in there} == {None, 404}
 
@@ -173,10 +173,10 @@ def test_a_worker_does_one_job_at_a_time_with_all_its_threads_and_ours_stay(monk
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with open_fleet(workers=1, threads=2, memory=1.0) as fleet:
         assert list(fleet.client.nthreads().values()) == [1]
-        names = ("NUMBA_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_")         # Dask has another value of the second
+        names = ("NUMBA_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_")  # Dask has another value of the second
         found = {job.argument: value for job, value in fleet.run(environment_of_worker, [Job(n, n) for n in names])}
         assert found == {"NUMBA_NUM_THREADS": "2", "MALLOC_TRIM_THRESHOLD_": str(2**28)}
-    assert os.environ["NUMBA_NUM_THREADS"] == "7"                       # which Dask had set to those of its workers
+    assert os.environ["NUMBA_NUM_THREADS"] == "7"  # which Dask had set to those of its workers
     assert "OMP_NUM_THREADS" not in os.environ
 
 
@@ -185,7 +185,7 @@ def test_workers_share_what_the_machine_has(monkeypatch):
     monkeypatch.setattr("dask.system.CPU_COUNT", 8)
     assert _shares(None, 1, None, 0.0) == (8, pytest.approx(18 / 8))
     assert _shares(None, 2, None, 0.0) == (4, pytest.approx(18 / 4))
-    assert _shares(None, 1, None, 5.0) == (3, pytest.approx(6))         # 3 x 5 GiB fit into 18
+    assert _shares(None, 1, None, 5.0) == (3, pytest.approx(6))  # 3 x 5 GiB fit into 18
     assert _shares(None, 1, 4.0, 3.0) == (4, 4.0)
     assert _shares(2, 1, None, 0.0) == (2, pytest.approx(9))
     assert _shares(None, 1, None, 17.0) == (1, pytest.approx(18))
@@ -257,4 +257,4 @@ def test_slurm_jobs_ask_for_what_was_said():
     assert "#SBATCH --mem=4G" in script
     assert "export NUMBA_NUM_THREADS=2" in script
     assert "export MALLOC_TRIM_THRESHOLD_=268435456" in script
-    assert "--nthreads 1" in script                                     # the last of the two counts
+    assert "--nthreads 1" in script  # the last of the two counts

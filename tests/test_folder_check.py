@@ -23,9 +23,13 @@ from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporar
 from morphofold.simulation import simulate
 
 TINY = [
-    "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]",
+    "geometry.portion=octant",
+    "accuracy.edge=9.82",
+    "growth.rate=4",
+    "growth.final=1.2",
+    "output.stages=[1.1]",
     "output.checkpoint_minutes=1e-6",
-]  # fmt: skip
+]
 
 
 @pytest.fixture(scope="module")
@@ -118,9 +122,18 @@ def removed(path):
 
 DAMAGE = {
     "checkpoint.npz": [
-        cut, emptied, text, flipped, checkpoint(v=None), checkpoint(lines=None), checkpoint(x=np.zeros((3, 3))),
-        checkpoint(growth=np.array(np.nan)), checkpoint(growth=np.array(9.0)), checkpoint(other=np.zeros(2)),
-        checkpoint(step=np.array("one")), checkpoint(x=np.array([None], dtype=object)),
+        cut,
+        emptied,
+        text,
+        flipped,
+        checkpoint(v=None),
+        checkpoint(lines=None),
+        checkpoint(x=np.zeros((3, 3))),
+        checkpoint(growth=np.array(np.nan)),
+        checkpoint(growth=np.array(9.0)),
+        checkpoint(other=np.zeros(2)),
+        checkpoint(step=np.array("one")),
+        checkpoint(x=np.array([None], dtype=object)),
     ],
     "log.jsonl": [cut, emptied, text, other_json, a_list, without_a_line, removed],
     "stages/g1.10/stage.json": [cut, emptied, text, other_json, a_list, removed],
@@ -129,7 +142,7 @@ DAMAGE = {
     "stages/g1.10/volume.vtu": [cut, flipped, removed],
     "stages/g1.10/files.json": [text],
     "scene.toml": [text, emptied],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("name", "damage"), [(name, damage) for name, list_ in DAMAGE.items() for damage in list_])
@@ -197,9 +210,15 @@ def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage,
 
 @pytest.mark.parametrize("g", ["1.10", "1.20"])
 @pytest.mark.parametrize(
-    ("name", "damage"), [("stage.json", other_json), ("surf/lh.white", cut), ("surf/lh.sulc", removed),
-                         ("surf/lh.pial", flipped), ("volume.vtu", emptied)],
-)  # fmt: skip
+    ("name", "damage"),
+    [
+        ("stage.json", other_json),
+        ("surf/lh.white", cut),
+        ("surf/lh.sulc", removed),
+        ("surf/lh.pial", flipped),
+        ("volume.vtu", emptied),
+    ],
+)
 def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_whole(
     finished, at, g, name, damage, capsys
 ):
@@ -208,7 +227,7 @@ def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_wh
     damage(stage / name)
     told = resumed(capsys, "--resume")
     assert re.search(rf"\brun/stages/g{g}\b.* run/stages/g{g} and run/health\.json\b.*--resume\b", told)
-    if (g, name) != ("1.10", "volume.vtu"):                             # one is enough
+    if (g, name) != ("1.10", "volume.vtu"):  # one is enough
         return
     shutil.rmtree(stage)
     told = resumed(capsys, "--resume")
@@ -253,7 +272,7 @@ def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path,
     def second(share, text):
         if told:
             return
-        (out / "scene.toml").rename(tmp_path / "scene.toml")            # as if the first had not come so far yet
+        (out / "scene.toml").rename(tmp_path / "scene.toml")  # as if the first had not come so far yet
         told.extend([resumed(capsys), resumed(capsys, "--resume")])
         (tmp_path / "scene.toml").rename(out / "scene.toml")
         told.append(resumed(capsys, "--resume"))
@@ -280,8 +299,8 @@ def of_another_seed(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["log.jsonl"], ["stages/g1.10"]], ids=" ".join,
-)  # fmt: skip
+    "taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["log.jsonl"], ["stages/g1.10"]], ids=" ".join
+)
 def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, capsys, taken):
     """All of it has the right shape, and sums that are right."""
     out = at(stopped)
@@ -327,7 +346,7 @@ def test_only_what_a_run_wrote_is_cleared(finished, at):
 def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypatch):
     out = at(stopped)
     assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
-    (out / "scene.toml").unlink()                                       # then it is nothing that we know
+    (out / "scene.toml").unlink()  # then it is nothing that we know
     for words in ((), ("--resume",)):
         assert re.search(r"\brun: (?!.*\bresume\b)", resumed(capsys, *words))
 
@@ -383,9 +402,7 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
     kept = (out / "inputs.json").read_bytes()
     for damage in (other_json, removed):
         damage(out / "inputs.json")
-        assert "run/inputs.json: " in resumed(
-            capsys, "--resume", scene="mesh.toml", settings=MESH
-        )
+        assert "run/inputs.json: " in resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
     (out / "inputs.json").write_bytes(kept)
     assert simulate("mesh.toml", out, settings=MESH, resume=True).stages == (1.02,)
     (tmp_path / "body.vtu").unlink()
@@ -434,8 +451,13 @@ def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypat
 def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped, at, tmp_path):
     out = at(stopped)
     before = contents(out)
-    ours = [".0a1b2c3d.checkpoint.npz", ".0a1b2c3d.log.jsonl", ".ffffffff.scene.toml", "stages/.g1.20.01234567",
-            "stages/.g1.10.01234567.old"]  # fmt: skip
+    ours = [
+        ".0a1b2c3d.checkpoint.npz",
+        ".0a1b2c3d.log.jsonl",
+        ".ffffffff.scene.toml",
+        "stages/.g1.20.01234567",
+        "stages/.g1.10.01234567.old",
+    ]
     others = [".0a1b2c3d.mine.npz", ".hidden", ".0a1b2c.log.jsonl", "stages/.g1.20.mine", "0a1b2c3d.log.jsonl"]
     for name in (*ours, *others):
         path = out / name
@@ -475,8 +497,13 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
     monkeypatch.setattr(os, "replace", look)
     simulate("demo", out, settings=TINY)
     assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
-        "scene.toml", "inputs.json", "log.jsonl", "checkpoint.npz", "health.json", "stages.pvd"
-    }  # fmt: skip
+        "scene.toml",
+        "inputs.json",
+        "log.jsonl",
+        "checkpoint.npz",
+        "health.json",
+        "stages.pvd",
+    }
     assert len([name for name in seen if name.startswith(".g1.")]) == 2
 
 

@@ -58,7 +58,7 @@ def test_noise_of_a_fiftieth_of_an_edge_moves_the_indices_by_less_than_a_percent
 def test_thinning_a_brain_to_half_its_vertices_hardly_moves_the_indices():
     """A fit within the same radius gains 10 % and more."""
     white = read_surface(sample_path("fsaverage5") / "surf" / "lh.white")
-    scale = 6.0                                                         # 1.5 edges of the thin one
+    scale = 6.0  # 1.5 edges of the thin one
     few = simplify(white.verts.astype(np.float32), white.faces.astype(np.int32), 0.5)
     one, other = (folding_indices(v, f, scale) for v, f in ((white.verts, white.faces), few))
     assert other.intrinsic_curvature_index == pytest.approx(one.intrinsic_curvature_index, rel=0.03)

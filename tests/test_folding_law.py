@@ -21,7 +21,7 @@ def test_size_changes_size_alone_and_the_three_directions_are_at_right_angles():
     one, other = shape_terms(9e4, 4e4, 2.5), shape_terms(9e4 * 7**2, 4e4 * 7**2, 2.5 * 7)
     assert (other.k, other.log_k, other.shape) == pytest.approx((one.k, one.log_k, one.shape), rel=1e-12)
     assert other.size - one.size == pytest.approx(6 * math.log10(7), rel=1e-12)
-    base = np.array([4.8, 4.5, 0.6])                                    # log A_total, log A_exposed, log T^2
+    base = np.array([4.8, 4.5, 0.6])  # log A_total, log A_exposed, log T^2
 
     def terms(x):
         found = shape_terms(10 ** x[0], 10 ** x[1], 10 ** (x[2] / 2))

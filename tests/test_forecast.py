@@ -83,8 +83,10 @@ def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path
 
     tets = cut_bricks(build_bilayer(load_scene("fig6-thick", ["geometry.portion=full", "accuracy.edge=12"]))).mesh
     meshio.Mesh(tets.p.T, [("tetra", tets.t.T)]).write(tmp_path / "body.vtu")
-    scene = load_scene("mesh", [f"geometry={{shape = 'mesh', file = '{tmp_path / 'body.vtu'}', cortex_thickness = 8}}",
-                                "output.stages=[]"])  # fmt: skip
+    scene = load_scene(
+        "mesh",
+        [f"geometry={{shape = 'mesh', file = '{tmp_path / 'body.vtu'}', cortex_thickness = 8}}", "output.stages=[]"],
+    )
     found = forecast(scene, threads=1)
     assert (found.elements, found.nodes) == (tets.nelements, tets.nvertices)
     assert "shape" in found.not_studied
@@ -93,15 +95,16 @@ def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path
     assert found.elements_through_cortex is None
 
 
-@pytest.mark.parametrize("extra", [(), ("growth.rate=0.5",), ('effects.ramp={shape = "smooth"}',),
-                                   ("output.stages=[1.01, 1.03]",)])  # fmt: skip
+@pytest.mark.parametrize(
+    "extra", [(), ("growth.rate=0.5",), ('effects.ramp={shape = "smooth"}',), ("output.stages=[1.01, 1.03]",)]
+)
 def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=4", "growth.final=1.06", *extra])
     body = build_body(scene)
     expected = steps_of(scene, scene.steps_per_unit(body.crossing), body.crossing, costs())
     took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
     assert expected.waiting == 0
-    assert took == pytest.approx(expected.expected, rel=0.08)           # contact and balance hardly ask for more
+    assert took == pytest.approx(expected.expected, rel=0.08)  # contact and balance hardly ask for more
 
 
 def test_a_body_that_does_not_grow_takes_the_steps_alone_in_which_that_is_seen():
@@ -125,11 +128,13 @@ def test_the_crossing_time_is_scaled_between_meshes_as_bodies_have_it():
     for layers in (2, 3, 4):
         squares = []
         for edge in (3.0, 1.2):
-            scene = load_scene("fig6-thick", ["geometry.portion=octant", f"accuracy.edge={edge}",
-                                              f"accuracy.elements_through_cortex={layers}"])  # fmt: skip
+            scene = load_scene(
+                "fig6-thick",
+                ["geometry.portion=octant", f"accuracy.edge={edge}", f"accuracy.elements_through_cortex={layers}"],
+            )
             body = build_body(scene)
             squares.append(body.crossing**2 / (through * layers**2 + (3 / body.bilayer.edge) ** 2))
-        assert squares[0] == pytest.approx(squares[1], rel=0.06)        # 3 % in steps
+        assert squares[0] == pytest.approx(squares[1], rel=0.06)  # 3 % in steps
 
 
 def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
@@ -145,7 +150,7 @@ def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
 
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
     found = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), costs(), threads=1)
-    scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])         # half, finer, more layers
+    scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])  # half, finer, more layers
     assert (found.scene.elements_through_cortex, scene.elements_through_cortex) == (2, 3)
     scaled, body = forecast_from(scene, found), build_body(scene)
     assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
@@ -161,7 +166,7 @@ def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
     source, *settings = BODIES[name]
     scene = load_scene(source, [*settings[:1], "accuracy.edge=0.9", f"accuracy.precision={precision}"])
     kind = {"bricks": True, "single": precision == "single"}
-    for _ in range(2):                                                  # the first time modules and kernels count, too
+    for _ in range(2):  # the first time modules and kernels count, too
         effects = build_effects(scene)
         tracemalloc.start()
         body = build_body(scene, effects)
@@ -299,7 +304,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert (like.not_studied, like.errors) == ((), expected_errors(0.5))
     assert percent(headline(0.5)[1].error) in cost_line(like)
     assert like.doubts
-    assert ".." not in cost_line(like)                                  # doubts are sentences, joined as such
+    assert ".." not in cost_line(like)  # doubts are sentences, joined as such
     stage = next((tmp_path / "run" / "stages").glob("*/stage.json"))
     assert cost_beside(stage) == cost
     (tmp_path / "run" / "health.json").unlink()
@@ -315,8 +320,18 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
     said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
-    for word in ("by 1 thread", "GiB", "elements", REST, "symmetry", "perturbation", "once, within rest",
-                 "Relative error of", "gyrification index", "before the run, from its edge and a table"):  # fmt: skip
+    for word in (
+        "by 1 thread",
+        "GiB",
+        "elements",
+        REST,
+        "symmetry",
+        "perturbation",
+        "once, within rest",
+        "Relative error of",
+        "gyrification index",
+        "before the run, from its edge and a table",
+    ):
         assert word in said
 
 

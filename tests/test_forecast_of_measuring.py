@@ -57,7 +57,7 @@ def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second)
     assert list(one.seconds_by_stage) == list(STAGES)
     starting = costs()["analysis"]["starting"]
     for name in (*MEASURING, "reading"):
-        once = starting.get(name, 0.0) / costs()["analysis"]["regions_of_ball"]    # 1 s here: a slow machine
+        once = starting.get(name, 0.0) / costs()["analysis"]["regions_of_ball"]  # 1 s here: a slow machine
         assert two.seconds_by_stage[name] - once == pytest.approx(2 * (one.seconds_by_stage[name] - once))
     assert one.memory_GiB < two.memory_GiB
     assert forecast_analysis([ball], report=False).memory_GiB < one.memory_GiB
@@ -71,11 +71,11 @@ def test_times_follow_the_power_laws_of_the_table(second):
         assert here[name] == pytest.approx(law["times"])
         assert np.log10(there[name] / here[name]) == pytest.approx(law["power"])
     assert here.keys() == there.keys() == set(MEASURING)
-    assert 0.3 < here["local gyrification"] < 1                            # of the ball, which is larger than a brain
+    assert 0.3 < here["local gyrification"] < 1  # of the ball, which is larger than a brain
     on_copy = before._measuring(10 * n, n, draft, timed)
     assert on_copy["gyral thickness"] == here["gyral thickness"]
     assert on_copy["curvature"] == there["curvature"]
-    assert on_copy["cortical thickness"] > here["cortical thickness"]      # thinning comes with it
+    assert on_copy["cortical thickness"] > here["cortical thickness"]  # thinning comes with it
     assert before._measuring(n, n, ACCURACIES["fine"], timed)["local gyrification"] > 10 * here["local gyrification"]
 
 
@@ -143,8 +143,11 @@ def test_a_dry_run_refuses_what_the_run_would(here, capsys, monkeypatch):
         ([*argv, "--wide", "-o", "out"], "regions_wide.tsv", "?h.aparc.annot"),
         ([*argv, "--curvature-scale", "0.001", "-o", "out"], "scale 0.001 ", "[out-of-range]"),
         (["analyze", "--white", "in/lh.pial", "--pial", "in/lh.white", "-o", "out"], " mm^3", "[unlike-surfaces]"),
-        (["analyze", "--white", "in/lh.white", "--pial", "in/lh.white", "-o", "out"],
-         f" {ball.n_vertices} ", "[unlike-surfaces]"),
+        (
+            ["analyze", "--white", "in/lh.white", "--pial", "in/lh.white", "-o", "out"],
+            f" {ball.n_vertices} ",
+            "[unlike-surfaces]",
+        ),
     ):
         refused(capsys, [*changed, "-q"], *words)
         refused(capsys, [*changed, "--dry-run"], *words)

@@ -14,8 +14,12 @@ def koch_curve(level):
     points = np.array([0, 1], dtype=complex)
     for _ in range(level):
         step = np.diff(points)
-        bumps = [points[:-1], points[:-1] + step / 3, points[:-1] + step * (0.5 + 1j / (2 * 3**0.5)),
-                 points[:-1] + step * 2 / 3]  # fmt: skip
+        bumps = [
+            points[:-1],
+            points[:-1] + step / 3,
+            points[:-1] + step * (0.5 + 1j / (2 * 3**0.5)),
+            points[:-1] + step * 2 / 3,
+        ]
         points = np.append(np.stack(bumps, axis=1).ravel(), points[-1])
     return np.stack([points.real, points.imag], axis=1)
 
@@ -55,8 +59,10 @@ def test_sizes_that_the_mesh_can_not_bear_are_refused():
     shape = sphere(4)
     least = 2 * mean_edge_length(shape.verts, shape.faces)
     for finest, coarsest, said in (
-        (0.1, None, r"0\.1 to \d"), (None, 5.0, r"\d to 5\."), (20.0, 10.0, r"20 to 10\."),
+        (0.1, None, r"0\.1 to \d"),
+        (None, 5.0, r"\d to 5\."),
+        (20.0, 10.0, r"20 to 10\."),
         (None, np.inf, r"\d to inf\."),
-    ):  # fmt: skip
+    ):
         with pytest.raises(OutOfRange, match=rf" {least:.3g} .*{said}"):
             fractal_dimension(shape.verts, shape.faces, finest=finest, coarsest=coarsest)

@@ -14,7 +14,7 @@ def test_ways_on_a_sphere_are_a_few_percent_long():
     shorten(way_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
     true = 10 * np.arccos(np.clip(verts @ verts[0] / 100, -1, 1))
     far = true > 2
-    assert (way[far] >= true[far] * (1 - 1e-3)).all()                   # chords: a little shorter than the sphere
+    assert (way[far] >= true[far] * (1 - 1e-3)).all()  # chords: a little shorter than the sphere
     assert np.mean(way[far] / true[far]) == pytest.approx(1.03, abs=0.015)
 
 

@@ -19,7 +19,7 @@ def test_every_portion_fills_its_share_of_the_shell(portion):
     bilayer = bilayer_sphere(50, 3, 25, portion, 16)
     corners = bilayer.mesh.p.T[bilayer.mesh.t[BINARY_CORNERS].T]
     edges = np.stack([corners[:, c] - corners[:, 0] for c in (4, 2, 1)], axis=-1)
-    assert np.linalg.det(edges).min() > 0                              # corner order is right-handed everywhere
+    assert np.linalg.det(edges).min() > 0  # corner order is right-handed everywhere
     exact = 4 / 3 * np.pi * (50**3 - 25**3) * bilayer.portion
     from skfem import Basis, ElementHex1
 

@@ -22,15 +22,15 @@ def test_weights_name_the_nearest_point_of_the_triangle(rng):
 
 def test_the_nearest_point_of_a_triangle_is_that_of_trimesh(rng):
     triangles = rng.normal(size=(500, 3, 3))
-    triangles[:20, 2] = triangles[:20, 1]               # an edge
-    triangles[20:40, 2] = triangles[20:40, :2].mean(axis=1)             # a sliver
+    triangles[:20, 2] = triangles[:20, 1]  # an edge
+    triangles[20:40, 2] = triangles[20:40, :2].mean(axis=1)  # a sliver
     points = 2 * rng.normal(size=(500, 3))
     want = np.linalg.norm(trimesh.triangles.closest_point(triangles, points) - points, axis=1)
     along = np.linspace(0, 1, 2001)[:, None]
     for k, (corner, p) in enumerate(zip(triangles, points)):
         s, t = closest_in_triangle(p, *corner)
         got = np.linalg.norm((1 - s - t) * corner[0] + s * corner[1] + t * corner[2] - p)
-        if k < 20:                                      # not a question for trimesh
+        if k < 20:  # not a question for trimesh
             want[k] = np.linalg.norm(corner[0] + along * (corner[1] - corner[0]) - p, axis=1).min()
         assert distance_from_triangle(p, *corner) == pytest.approx(got, abs=1e-9)
         assert got == pytest.approx(want[k], abs=1e-3 if k < 20 else 1e-6)

@@ -70,15 +70,26 @@ def put(path, value):
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        (["directed"], True), (["multigraph"], False), (["nodes"], [1, 2]), (["edges"], None),
-        (["graph", "scales"], "broad"), (["graph", "scales", "width"], put), (["graph", "edge"], None),
-        (["nodes", 0, "vertex"], 10**9), (["nodes", 0, "position"], [0.0, None, 1.0]),
-        (["nodes", 0, "persistence"], "x"), (["nodes", 0, "normal"], put), (["edges", 0, "polyline"], []),
-        (["edges", 0, "polyline"], [["a"]]), (["edges", 0, "polyline", 0], [1.0]),
-        (["edges", 0, "vertices", 0], 10**30), (["edges", 0, "vertices", 0], -1),
-        (["edges", 0, "number"], put), (["edges", 0, "length"], None),
+        (["directed"], True),
+        (["multigraph"], False),
+        (["nodes"], [1, 2]),
+        (["edges"], None),
+        (["graph", "scales"], "broad"),
+        (["graph", "scales", "width"], put),
+        (["graph", "edge"], None),
+        (["nodes", 0, "vertex"], 10**9),
+        (["nodes", 0, "position"], [0.0, None, 1.0]),
+        (["nodes", 0, "persistence"], "x"),
+        (["nodes", 0, "normal"], put),
+        (["edges", 0, "polyline"], []),
+        (["edges", 0, "polyline"], [["a"]]),
+        (["edges", 0, "polyline", 0], [1.0]),
+        (["edges", 0, "vertices", 0], 10**30),
+        (["edges", 0, "vertices", 0], -1),
+        (["edges", 0, "number"], put),
+        (["edges", 0, "length"], None),
     ],
-)  # fmt: skip
+)
 def test_a_file_that_was_changed_is_refused(ridged, tmp_path, place, value):
     surface, graph = ridged
     path = tmp_path / "lh.json"
@@ -86,7 +97,7 @@ def test_a_file_that_was_changed_is_refused(ridged, tmp_path, place, value):
     data = json.loads(path.read_text())
     put(place, value)(data)
     path.write_text(json.dumps(data))
-    far = place[-1] == "vertex"                                         # of another surface
+    far = place[-1] == "vertex"  # of another surface
     told = rf".*\b{value}\b" if far else re.escape(".".join(map(str, place)))
     with pytest.raises(Mismatch if far else NotReadable, match=rf"lh\.json: {told}"):
         read_graph(path, len(surface.verts))

@@ -87,7 +87,7 @@ def test_the_page_says_how_many_of_how_many_and_their_medians(tmp_path):
     for values in group.scalars.values():
         values[3, 1] = np.nan
     values = group.scalars[THICKNESS]
-    values[:, 0] = 2 + 0.1 * np.array([0, 1, 2, 9, 3, 4, 5, 6, 7])     # the fourth has no right side
+    values[:, 0] = 2 + 0.1 * np.array([0, 1, 2, 9, 3, 4, 5, 6, 7])  # the fourth has no right side
     text = words_of(text_of(group, tmp_path))
     assert "9 of 9 subjects have measures, 17 hemispheres in all: 8 with both sides, 1 with the left one alone." in text
     assert "1 subject could not be measured, in whole or in part" in text
@@ -171,7 +171,7 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
     assert left.median == right.median == pytest.approx(2.3)
     apart = np.where([[True, False], [True, False], [False, True]], 2.0, np.nan)
     (row,) = group_page.headlines({"gyrification_index": apart}, there)
-    assert [cell.n for cell in row["cells"]] == [2, 1]                  # nobody has both: n says so
+    assert [cell.n for cell in row["cells"]] == [2, 1]  # nobody has both: n says so
     text = words_of(text_of(made_group(5, gyrification_index=gi), tmp_path))
     assert len(re.findall(r"2\.30 2\.1[78] to 2\.4[23], n 4", text)) == 2
     assert "n: left 5, right 4." in text
@@ -215,9 +215,10 @@ def left_only(n):
 
 
 @pytest.mark.parametrize(
-    "group", [made_group(1), made_group(2), left_only(1), left_only(12), failed_group(1), failed_group(12)],
+    "group",
+    [made_group(1), made_group(2), left_only(1), left_only(12), failed_group(1), failed_group(12)],
     ids=["one", "two", "one side of one", "left alone", "one failed", "all failed"],
-)  # fmt: skip
+)
 def test_every_group_has_a_page_without_numbers_that_are_none(group, tmp_path):
     text = text_of(group, tmp_path)
     visible = words_of(text).lower()
@@ -254,12 +255,12 @@ def test_methods_tell_of_what_the_page_has(tmp_path):
         assert ("Holm" in said(group, name)) is has
     assert "through subjects and through the means of regions" in said(made_group(12), "lines")
     assert "Iglewicz" not in said(made_group(3), "few")
-    assert "least squares through the means of regions, each" in said(made_group(2), "fewer")   # no line of two points
+    assert "least squares through the means of regions, each" in said(made_group(2), "fewer")  # no line of two points
     assert "least squares" not in said(failed_group(12), "none")
 
 
 def test_measures_that_are_the_same_of_all_are_said_and_not_drawn(tmp_path):
-    alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))       # but for round-off
+    alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))  # but for round-off
     text = text_of(made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=alike), tmp_path)
     said = "The same of all, and not drawn: Euler characteristic 2; Gyrification index 1.75; Hinges 0."
     assert said in words_of(text)
@@ -279,9 +280,15 @@ def test_the_number_of_vertices_has_no_sides(tmp_path):
 
 def test_names_are_escaped_everywhere(tmp_path):
     names = [f"{NASTY}{k}" for k in range(12)]
-    group = with_outlier(12, 4, 9.9, names=names, remarks={names[0]: [NASTY]}, same=[names[:2]], failures=[
-        {"subject": names[2], "hemi": None, "reason": NASTY, "log": NASTY},
-    ])  # fmt: skip
+    group = with_outlier(
+        12,
+        4,
+        9.9,
+        names=names,
+        remarks={names[0]: [NASTY]},
+        same=[names[:2]],
+        failures=[{"subject": names[2], "hemi": None, "reason": NASTY, "log": NASTY}],
+    )
     group.regions[NASTY] = group.regions["insula"]
     text = text_of(group, tmp_path)
     assert "<script>alert" not in text
@@ -400,13 +407,13 @@ def test_a_histogram_of_a_group_counts_every_subject(rng):
     (y0, low), (y1, high) = [(float(y), int(label)) for y, label in (ticks[0], ticks[-1])]
     counts = low + (heights - y0) / (y1 - y0) * (high - low)
     np.testing.assert_allclose(counts, np.round(counts), atol=0.05)
-    assert round(counts.sum(), 1) == 200                                # the least and the greatest, too
+    assert round(counts.sum(), 1) == 200  # the least and the greatest, too
 
 
 def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):
     text = words_of(text_of(with_outlier(30, 4, 1e4), tmp_path))
     chart = str(group_page._chart(THICKNESS, with_outlier(30, 4, 1e4).scalars[THICKNESS], group_page.BOTH))
-    ticks = re.findall(r'text-anchor: middle[^>]*>([\d.]+)</text>', chart)
+    ticks = re.findall(r"text-anchor: middle[^>]*>([\d.]+)</text>", chart)
     assert max(map(float, ticks)) < 3
     assert "1 value far beyond, not drawn." in text
 

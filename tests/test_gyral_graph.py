@@ -21,7 +21,7 @@ from morphofold.shapes import icosphere, sphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.surface import Surface
 
-CREST = 54.0            # radius of the crests [mm]
+CREST = 54.0  # radius of the crests [mm]
 SOLIDS = ("tetrahedron", "cube", "octahedron", "icosahedron", "dodecahedron")
 
 
@@ -68,12 +68,18 @@ def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid)
 @pytest.mark.parametrize(
     ("solid", "width", "noise", "dip", "height"),
     [
-        ("octahedron", 8.0, 0.05, 0.0, 4.0), ("octahedron", 8.0, 0.10, 0.0, 4.0), ("octahedron", 12.0, 0.10, 0.0, 4.0),
-        ("icosahedron", 6.0, 0.10, 0.0, 4.0), ("tetrahedron", 5.0, 0.10, 0.0, 4.0),
-        ("octahedron", 8.0, 0.0, 0.7, 4.0), ("octahedron", 8.0, 0.10, 0.7, 4.0), ("tetrahedron", 5.0, 0.05, 0.7, 4.0),
-        ("icosahedron", 5.0, 0.05, 0.7, 4.0), ("octahedron", 8.0, 0.0, 0.5, 2.0),
+        ("octahedron", 8.0, 0.05, 0.0, 4.0),
+        ("octahedron", 8.0, 0.10, 0.0, 4.0),
+        ("octahedron", 12.0, 0.10, 0.0, 4.0),
+        ("icosahedron", 6.0, 0.10, 0.0, 4.0),
+        ("tetrahedron", 5.0, 0.10, 0.0, 4.0),
+        ("octahedron", 8.0, 0.0, 0.7, 4.0),
+        ("octahedron", 8.0, 0.10, 0.7, 4.0),
+        ("tetrahedron", 5.0, 0.05, 0.7, 4.0),
+        ("icosahedron", 5.0, 0.05, 0.7, 4.0),
+        ("octahedron", 8.0, 0.0, 0.5, 2.0),
     ],
-)  # fmt: skip
+)
 def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
     """The meshes of 10,000 vertices have edges of 2 mm, so that a tenth of one is 0.2 mm."""
     net = regular_net(solid).rotated(Rotation.random(random_state=2).as_matrix())
@@ -83,7 +89,7 @@ def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
 
 @pytest.mark.parametrize("cells", [12, 20])
 def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
-    net = irregular_net(cells, seed=5, shortest=0.12)                   # arms from 6.5 mm
+    net = irregular_net(cells, seed=5, shortest=0.12)  # arms from 6.5 mm
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
     assert np.median(away) < 0.3
     assert rms(angles) < 3.5
@@ -124,7 +130,7 @@ def test_a_blind_gyrus_has_a_crest_to_its_tip_and_a_hinge_at_its_root():
     assert np.linalg.norm(np.array(own.position) - CREST * root) < 0.5
     ends = [data["position"] for _, data in graph.nodes(data=True) if data["degree"] == 1]
     assert len(ends) == 1
-    assert np.linalg.norm(ends[0] - CREST * tip) < 2.5                  # a crest stops half a width before the flank
+    assert np.linalg.norm(ends[0] - CREST * tip) < 2.5  # a crest stops half a width before the flank
     (arm,) = [arm for arm in own.arms if arm.blind]
     assert arm.length == pytest.approx(15, abs=2.5)
     assert np.isnan(own.persistence)
@@ -140,7 +146,7 @@ def test_a_ridge_around_the_sphere_is_a_loop_without_a_hinge():
     assert hinges(graph) == []
     (crest,) = (data for *_, data in graph.edges(data=True))
     assert crest["length"] == pytest.approx(2 * np.pi * CREST, rel=0.01)
-    np.testing.assert_allclose(crest["polyline"][:, 2], 0, atol=1.0)     # half an edge
+    np.testing.assert_allclose(crest["polyline"][:, 2], 0, atol=1.0)  # half an edge
 
 
 def test_a_smooth_sphere_has_no_net():

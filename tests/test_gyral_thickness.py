@@ -32,10 +32,14 @@ def ridged():
 @pytest.mark.parametrize(
     ("level", "width", "ridges", "noise"),
     [
-        (5, 5.0, 12, 0.0), (5, 6.0, 10, 0.1), (5, 7.0, 9, 0.0), (6, 5.0, 12, 0.1), (6, 8.0, 7, 0.0),
+        (5, 5.0, 12, 0.0),
+        (5, 6.0, 10, 0.1),
+        (5, 7.0, 9, 0.0),
+        (6, 5.0, 12, 0.1),
+        (6, 8.0, 7, 0.0),
         pytest.param(7, 8.0, 7, 0.1, marks=pytest.mark.slow),
     ],
-)  # fmt: skip
+)
 def test_ridges_of_known_width_are_measured_within_two_percent(level, width, ridges, noise):
     rng = np.random.default_rng(level)
     cortex, chord = ridged_sphere(level, width=width, ridges=ridges, rng=rng)
@@ -48,7 +52,7 @@ def test_ridges_of_known_width_are_measured_within_two_percent(level, width, rid
     assert high < 1.06 + 0.6 * noise
     assert found.coverage > 0.97
     assert found.reason == ""
-    assert np.median(np.linalg.norm(found.points, axis=1)) == pytest.approx(52, abs=0.1)     # half of 4 above 50
+    assert np.median(np.linalg.norm(found.points, axis=1)) == pytest.approx(52, abs=0.1)  # half of 4 above 50
 
 
 @pytest.mark.parametrize(("edge", "height", "noise"), [(1.5, 6.0, 0.0), (1.5, 12.0, 0.1), (0.7, 6.0, 0.1)])
@@ -59,7 +63,7 @@ def test_gyri_and_sulci_of_a_corrugated_sheet_are_half_a_wavelength_wide(edge, h
     found = gyral_thickness(noisy, scale=scale)
     assert (found.median, found.median_gap) == pytest.approx((width, width), rel=0.01)
     assert np.median(found.points[:, 2]) == pytest.approx(0, abs=0.01 * height)
-    assert found.coverage > 0.85                                        # at two sides the sheet ends in a gyrus
+    assert found.coverage > 0.85  # at two sides the sheet ends in a gyrus
 
 
 def narrowest(found):
@@ -80,7 +84,7 @@ def test_walls_that_pass_through_each_other_do_not_shorten_chords(by):
     sheet, width = bulged(by)
     found = gyral_thickness(sheet, scale=10.0)
     assert found.median == pytest.approx(width, rel=0.02)
-    assert narrowest(found) > 0.95 * width                              # from wall to wall of one sulcus: 0.1, 0.7
+    assert narrowest(found) > 0.95 * width  # from wall to wall of one sulcus: 0.1, 0.7
     assert found.coverage > 0.85
 
 
@@ -104,9 +108,11 @@ def test_white_and_pial_apart_by_smooth_noise_of_a_third_of_a_millimetre_keep_th
     off = []
     for seed in (1, 2):
         noisy = replace(
-            cortex, white=displaced(cortex.white, 0.3, 3.0, seed), pial=displaced(cortex.pial, 0.3, 3.0, seed + 10),
+            cortex,
+            white=displaced(cortex.white, 0.3, 3.0, seed),
+            pial=displaced(cortex.pial, 0.3, 3.0, seed + 10),
             cortex=cortex_mask(cortex),
-        )  # fmt: skip
+        )
         found = gyral_thickness(noisy, scale=10.0)
         off.append(found.median / still.median - 1)
         assert found.coverage > still.coverage - 0.03
@@ -121,7 +127,7 @@ def test_a_width_below_the_two_cortices_at_its_ends_is_none():
     good = np.isfinite(found.width)
     start = thickness[cortex.faces[found.triangle]].mean(axis=1)
     end = thickness[cKDTree(cortex.pial.verts).query(found.partner[good])[1]]
-    assert (found.width[good] > start[good] + 0.7 * end).all()                      # at the nearest vertex, not there
+    assert (found.width[good] > start[good] + 0.7 * end).all()  # at the nearest vertex, not there
     assert (bare.width < start).any()
     assert found.width[good].min() > 2.5
     refused = np.isfinite(bare.width) & (bare.width < 2 * start) & ~good
@@ -156,11 +162,11 @@ def test_chords_end_on_the_opposite_wall_at_their_length(ridged):
     good = np.isfinite(found.width)
     assert np.isnan(found.partner[~good]).all()
     length = np.linalg.norm(found.partner - found.points, axis=1)[good]
-    assert np.median(np.abs(length / found.width[good] - 1)) < 0.03     # a slanting ray is longer than the width
+    assert np.median(np.abs(length / found.width[good] - 1)) < 0.03  # a slanting ray is longer than the width
     assert np.abs(np.linalg.norm(found.partner[good], axis=1) - 52).max() < 1
     latitude = lambda p: np.degrees(np.arccos(p[:, 2] / np.linalg.norm(p, axis=1)))
     ridge = lambda p: np.floor(latitude(p) / 18)
-    assert (ridge(found.points[good]) == ridge(found.partner[good])).all()      # through its own gyrus
+    assert (ridge(found.points[good]) == ridge(found.partner[good])).all()  # through its own gyrus
 
 
 def test_gyrus_and_sulcus_add_up_to_the_period(ridged):
@@ -230,10 +236,10 @@ def test_a_bare_surface_is_measured_without_white(ridged):
 
 
 def test_a_ray_may_leave_white_for_less_than_the_slack_only():
-    verts, faces = icosphere(3, radius=3.0)             # two balls of white, 2 apart
+    verts, faces = icosphere(3, radius=3.0)  # two balls of white, 2 apart
     scan = Scanner(Surface(np.r_[verts, verts + [8, 0, 0]], np.r_[faces, faces + len(verts)]))
     origins, directions = np.tile([-5.0, 0.01, 0.02], (4, 1)), np.tile([1.0, 0, 0], (4, 1))
-    lengths = np.array([20.0, 20.0, 9.0, 1.0])          # through both, both, the first, none
+    lengths = np.array([20.0, 20.0, 9.0, 1.0])  # through both, both, the first, none
     assert scan.stays_white(origins, directions, lengths, 1.5).tolist() == [False, False, True, True]
     assert scan.stays_white(origins, directions, lengths, 2.5).all()
 
@@ -299,7 +305,7 @@ def test_an_individual_has_the_widths_that_independent_code_found(monkeypatch):
     found = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
     assert reproduces(found.median, 9.50, 0.01)
     assert reproduces(found.median_gap, 1.3, 0.1)
-    assert reproduces(found.amplitude, 17.0, 0.1, share=0.04)   # theirs in a window of rings, which reaches 4 % more
+    assert reproduces(found.amplitude, 17.0, 0.1, share=0.04)  # theirs in a window of rings, which reaches 4 % more
     assert reproduces(found.wavelength, 32.0, 0.1)
     assert reproduces(found.coverage, 0.90, 0.01)
 

@@ -25,9 +25,16 @@ from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.surface import Surface
 
 SOUND = {
-    "growth": 1.5, "lowest_J": 0.3, "kinetic_over_strain": 1e-3, "volume_drift": 0.01,
-    "overlap": 0.0, "winding_max": 1, "crossings": 0, "deepest_crossing": 0.02, "mean_edge_mm": 1.5,
-}  # fmt: skip
+    "growth": 1.5,
+    "lowest_J": 0.3,
+    "kinetic_over_strain": 1e-3,
+    "volume_drift": 0.01,
+    "overlap": 0.0,
+    "winding_max": 1,
+    "crossings": 0,
+    "deepest_crossing": 0.02,
+    "mean_edge_mm": 1.5,
+}
 BEYOND = {name: bound + 1 if isinstance(bound, int) else 2 * bound for name, (bound, _) in BOUNDS.items()}
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -109,9 +116,9 @@ def test_bending_is_that_of_the_body_as_a_whole(rng):
     assert bending(verts, verts @ rng.standard_normal((3, 3)) + 7.0) < 1e-12
     folds = 5.0 * np.cos(0.3 * verts[:, [0]]) * np.cos(0.3 * verts[:, [1]]) * np.cos(0.3 * verts[:, [2]])
     assert bending(verts, verts * (1 + folds / 50)) < 0.01
-    bow = 1 / 200.0                                                     # curvature of what was the x axis [1/mm]
+    bow = 1 / 200.0  # curvature of what was the x axis [1/mm]
     bent = verts + np.outer(0.5 * bow * verts[:, 0] ** 2, [0.0, 0.0, 1.0])
-    x2 = 50.0**2 * np.sqrt(4 / 45)                                      # spread of x^2 on the sphere: 1/5 - 1/9
+    x2 = 50.0**2 * np.sqrt(4 / 45)  # spread of x^2 on the sphere: 1/5 - 1/9
     assert bending(verts, bent) == pytest.approx(0.5 * bow * x2 / 50, rel=0.03)
 
 
@@ -132,7 +139,7 @@ def test_bodies_in_one_another_are_covered_as_often_as_there_are_bodies():
     verts, faces = icosphere(3, radius=10.0)
     assert cover(Surface(verts, faces)) == (0.0, 1)
     twice = cover(joined(verts, 0.5 * verts, faces=faces))
-    assert twice.twice == pytest.approx(0.5, abs=1e-12)                  # the inner half of every ray
+    assert twice.twice == pytest.approx(0.5, abs=1e-12)  # the inner half of every ray
     assert twice.most == 2
     thrice = cover(joined(verts, 0.5 * verts, 0.25 * verts, faces=faces))
     assert thrice.twice == pytest.approx(0.5, abs=1e-12)
@@ -179,7 +186,7 @@ def test_rays_agree_with_brute_force(press):
 
 def test_rays_through_edges_and_vertices_lose_and_double_nothing():
     everywhere = [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]
-    directions = np.array(everywhere, float)                             # corners, edges and diagonals of the cube
+    directions = np.array(everywhere, float)  # corners, edges and diagonals of the cube
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     for faces in (CUBE_FACES, np.roll(CUBE_FACES, 1, axis=1), CUBE_FACES[::-1]):
         twice, once, most, centre = along_rays(joined(CUBE, 2 * CUBE, faces=faces), directions)
@@ -191,7 +198,7 @@ def test_rays_through_edges_and_vertices_lose_and_double_nothing():
 
 def test_a_ray_through_every_vertex_of_a_rough_surface_meets_as_many_walls_as_its_neighbours():
     for shape in (bumpy_sphere(3), bumpy_sphere(3, rng=0)):
-        verts = np.concatenate([shape.verts, 0.5 * shape.verts])         # the rays meet vertices twice
+        verts = np.concatenate([shape.verts, 0.5 * shape.verts])  # the rays meet vertices twice
         surface = Surface(verts, joined(shape.verts, shape.verts, faces=shape.faces).faces)
         directions = shape.verts / np.linalg.norm(shape.verts, axis=1, keepdims=True)
         _, once, most, centre = along_rays(surface, directions)
@@ -225,7 +232,7 @@ def test_the_check_of_a_sound_surface_breaks_no_bound():
     assert checked["mean_edge_mm"] == pytest.approx(0.39, abs=0.01)
     assert broken_bounds({**SOUND, **checked}) == []
     assert set(checked) == set(SOUND) - {"growth", "lowest_J", "kinetic_over_strain", "volume_drift"}
-    assert json.loads(json.dumps(checked)) == checked                    # plain numbers
+    assert json.loads(json.dumps(checked)) == checked  # plain numbers
 
 
 @pytest.mark.parametrize("irregular", [False, True])

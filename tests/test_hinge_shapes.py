@@ -60,7 +60,7 @@ def test_the_pose_lays_the_second_hinge_on_the_first_and_the_distance_is_what_is
     for i in range(8):
         for j in range(9):
             laid = b[j : j + 1]
-            if pose[i, j] >= 3:                                         # the arm that comes first, then the other sense
+            if pose[i, j] >= 3:  # the arm that comes first, then the other sense
                 laid = mirrored(turned(laid, pose[i, j] - 3))
             else:
                 laid = turned(laid, pose[i, j])
@@ -77,16 +77,21 @@ def test_shapes_are_those_of_the_tables():
     rows[0].update(angle_deg=180.0, length_mm=8.0 * np.e)
     bent = {0: 0.1, 1: 0.2, 2: 0.3, 3: None, 4: None, 5: 0.5}
     m = replace(
-        m, arms=rows, crests=[{"crest": k, "mean_H_per_mm": h} for k, h in bent.items()],
+        m,
+        arms=rows,
+        crests=[{"crest": k, "mean_H_per_mm": h} for k, h in bent.items()],
         hinges=[{"hinge": h, "degree": n, "shape": kind} for h, n, kind in ((2, 3, "T"), (4, 3, "Y"), (7, 4, "X"))],
-        parameters={"graph_width_mm": 8.0}, maps={**m.maps, "area": np.full(m.cortex.n_vertices, 0.5)},
-    )  # fmt: skip
+        parameters={"graph_width_mm": 8.0},
+        maps={**m.maps, "area": np.full(m.cortex.n_vertices, 0.5)},
+    )
     found = hinge_shapes(m)
     assert found.hinge.tolist() == [2, 4]
     assert found.kinds.tolist() == ["T", "Y"]
-    np.testing.assert_allclose(found.features[0], [
-        [np.pi, 1.0, 0.4, 0.8], [np.pi / 2, np.log(2), 0.4, 1.6], [np.pi / 2, np.log(2), 0.4, 2.4],
-    ], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        found.features[0],
+        [[np.pi, 1.0, 0.4, 0.8], [np.pi / 2, np.log(2), 0.4, 1.6], [np.pi / 2, np.log(2), 0.4, 2.4]],
+        rtol=1e-12,
+    )
     np.testing.assert_allclose(found.features[1, :, 3], 4.0)
     cortex = np.isfinite(m.maps["H"]).sum()
     assert 0 < cortex < m.cortex.n_vertices
@@ -111,7 +116,7 @@ def test_a_mirrored_net_and_a_net_of_another_size_have_the_same_shapes():
         distance, _ = shape_distance(own.features, other.features)
         nearest = distance.argmin(axis=1)
         assert sorted(nearest.tolist()) == list(range(20))
-        assert distance.min(axis=1).max() < 0.2 * np.median(distance)   # the mesh, turned, is another one
+        assert distance.min(axis=1).max() < 0.2 * np.median(distance)  # the mesh, turned, is another one
         assert other.per_area == pytest.approx(own.per_area, rel=1e-6)
         np.testing.assert_array_equal(other.kinds[nearest], own.kinds)
 
@@ -138,7 +143,7 @@ def test_equal_samples_are_told_apart_as_often_as_chance_does_and_shifted_ones_a
     for seed in range(60):
         pooled = made(60, np.random.default_rng(seed))
         ps.append(two_sample(shape_distance(pooled, pooled)[0], 30, permutations=99, seed=seed).p)
-    assert 0.3 < np.mean(ps) < 0.7                              # uniform
+    assert 0.3 < np.mean(ps) < 0.7  # uniform
     assert np.mean(np.array(ps) <= 0.05) < 0.15
     rng = np.random.default_rng(1)
     longer = made(30, rng)
@@ -201,7 +206,7 @@ def test_a_net_at_chance_has_the_angles_of_poisson_voronoi_cells():
     expected = np.trapezoid(density * (a - 2 * np.pi / 3) ** 2, a) ** 0.5
     assert np.degrees(expected) == pytest.approx(29.4, abs=0.05)
     assert np.std(angle) == pytest.approx(expected, rel=0.02)
-    side = 1 / np.sqrt(0.1)                                     # of a square per hinge, in gyral widths
+    side = 1 / np.sqrt(0.1)  # of a square per hinge, in gyral widths
     assert np.exp(features[:, :, 1]).mean() == pytest.approx(side * np.sqrt(2) * 2 / 3, rel=0.02)
 
 
@@ -214,9 +219,13 @@ def test_arms_of_a_net_go_with_their_angles():
         for k in range(3):
             length, after = np.exp(own[[k, (k + 1) % 3], 1]) * width
             mine, other = (
-                next(b if a == node else a for (a, b), far in zip(net.arcs.tolist(), net.lengths)
-                     if node in (a, b) and far == pytest.approx(wanted, rel=1e-9)) for wanted in (length, after)
-            )  # fmt: skip
+                next(
+                    b if a == node else a
+                    for (a, b), far in zip(net.arcs.tolist(), net.lengths)
+                    if node in (a, b) and far == pytest.approx(wanted, rel=1e-9)
+                )
+                for wanted in (length, after)
+            )
             u, v = (net.nodes[b] - (net.nodes[b] @ here) * here for b in (mine, other))
             turn = np.arctan2(np.cross(u, v) @ here, u @ v) % (2 * np.pi)
             assert own[k, 0] == pytest.approx(turn, abs=1e-6)
@@ -230,7 +239,7 @@ def test_a_net_without_short_arms_has_as_many_hinges_as_asked():
         assert features[:, :, 1].min() >= np.log(0.5)
         whole = random_net(4000, shortest=0.0, per_area=per_area, seed=4)
         (same,) = np.flatnonzero((whole[:, :, 0] == features[0, :, 0]).all(axis=1))
-        width = np.sqrt(per_area * 4 * np.pi / 4000) * np.exp(whole[same, 0, 1] - features[0, 0, 1])    # [rad]
+        width = np.sqrt(per_area * 4 * np.pi / 4000) * np.exp(whole[same, 0, 1] - features[0, 0, 1])  # [rad]
         counted = 4000 - np.count_nonzero(net.lengths < 0.5 * width)
         assert counted * width**2 / (4 * np.pi) == pytest.approx(per_area, rel=1e-6)
         assert counted < 4000

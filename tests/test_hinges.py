@@ -19,20 +19,33 @@ def star(*azimuths, length=10.0, normal=(0.0, 0.0, 1.0), blind=()):
         turn = np.radians(azimuth)
         end = length * np.array([np.cos(turn), np.sin(turn), 0.0])
         graph.add_node(k, position=end, vertex=0, degree=1, persistence=np.nan, **add)
-        graph.add_edge(0, k, number=k - 1, polyline=np.linspace([0, 0, 0], end, 50), length=length, curvature=0.01 * k,
-                       altitude=1.0, lowest=0.5, blind=k in blind)  # fmt: skip
+        graph.add_edge(
+            0,
+            k,
+            number=k - 1,
+            polyline=np.linspace([0, 0, 0], end, 50),
+            length=length,
+            curvature=0.01 * k,
+            altitude=1.0,
+            lowest=0.5,
+            blind=k in blind,
+        )
     return graph
 
 
 @pytest.mark.parametrize(
     ("azimuths", "shape", "angles"),
     [
-        ((10, 130, 250), "Y", (120, 120, 120)), ((0, 100, 220), "Y", (100, 120, 140)),
+        ((10, 130, 250), "Y", (120, 120, 120)),
+        ((0, 100, 220), "Y", (100, 120, 140)),
         ((0, 180, 270), "T", (90, 90, 180)),
-        ((0, 80, 218), "V", (80, 138, 142)), ((0, 80, 211), "T", None), ((0, 90, 180, 270), "X", (90, 90, 90, 90)),
-        ((0, 72, 144, 216, 288), "star", (72,) * 5), ((0, 151, 240), "T", None),
+        ((0, 80, 218), "V", (80, 138, 142)),
+        ((0, 80, 211), "T", None),
+        ((0, 90, 180, 270), "X", (90, 90, 90, 90)),
+        ((0, 72, 144, 216, 288), "star", (72,) * 5),
+        ((0, 151, 240), "T", None),
     ],
-)  # fmt: skip
+)
 def test_classes_go_by_the_angles(azimuths, shape, angles):
     (hinge,) = hinges(star(*azimuths))
     if angles is None:
@@ -46,7 +59,7 @@ def test_classes_go_by_the_angles(azimuths, shape, angles):
 
 
 def test_arms_stand_counter_clockwise_and_the_largest_angle_comes_last():
-    (hinge,) = hinges(star(250, 10, 100))                               # angles 90, 150, 120 from 10 on
+    (hinge,) = hinges(star(250, 10, 100))  # angles 90, 150, 120 from 10 on
     assert [arm.to for arm in hinge.arms] == [1, 2, 3]
     assert [round(arm.angle) for arm in hinge.arms] == [120, 90, 150]
     (mirrored,) = hinges(star(250, 10, 100, normal=(0, 0, -1)))
@@ -70,7 +83,7 @@ def test_directions_are_taken_beyond_the_hinge_itself():
     """What an arm does within 0.4 widths does not count."""
     graph = star(0, 120, 240)
     line = graph.edges[0, 1, 0]["polyline"].copy()
-    line[1:3, 1] += 0.05                                                # within 0.8 mm
+    line[1:3, 1] += 0.05  # within 0.8 mm
     graph.edges[0, 1, 0]["polyline"] = line
     (hinge,) = hinges(graph)
     assert all(arm.angle == pytest.approx(120) for arm in hinge.arms)

@@ -12,7 +12,7 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
-from morphofold.studies.rooms import APART, EXCEPTION, ORDER, PACKAGES, arrows, imports, modules, room
+from morphofold.studies.rooms import APART, EXCEPTION, ORDER, arrows, imports, modules, room
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
@@ -29,9 +29,10 @@ def test_every_module_stands_in_a_room_of_the_list():
 def test_a_room_imports_only_what_stands_before_it():
     stands = {name: k for k, name in enumerate(ORDER)}
     wrong = [
-        (name, target) for name, target in arrows()
+        (name, target)
+        for name, target in arrows()
         if stands[room(target)] > stands[room(name)] or {room(name), room(target)} == APART
-    ]  # fmt: skip
+    ]
     assert wrong == [EXCEPTION]
 
 
@@ -92,10 +93,13 @@ def test_help_loads_no_heavy_package():
     cli = importlib.import_module("morphofold.cli") if importlib.util.find_spec("morphofold.cli") else None
     if not hasattr(cli, "main"):
         pytest.skip("no command line yet")
-    assert loaded_by("""
+    assert (
+        loaded_by("""
 from morphofold.cli import main
 assert main(["--help"]) == 0
-""") == ""  # fmt: skip
+""")
+        == ""
+    )
 
 
 def loaded_by(code):

@@ -15,7 +15,7 @@ def test_a_signal_is_held_until_the_work_can_stop(number):
         assert not interrupted()
         os.kill(os.getpid(), number)
         assert interrupted()
-        done.append("went on")                                          # the work that follows the signal
+        done.append("went on")  # the work that follows the signal
     assert done == ["went on"]
     assert signal.getsignal(number) is before
 

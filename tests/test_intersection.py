@@ -82,14 +82,14 @@ def test_crossings_of_a_folded_surface_are_those_of_brute_force():
 def test_ties_on_a_lattice_are_those_of_vertices_truly_displaced(rng):
     ties = 0
     for _ in range(8):
-        verts = rng.integers(0, 3, (12, 3)).astype(float)                # often in one place, on one line, in one plane
+        verts = rng.integers(0, 3, (12, 3)).astype(float)  # often in one place, on one line, in one plane
         faces = np.array([rng.choice(12, 3, replace=False) for _ in range(10)])
         expected = brute_force_with_ties(verts, faces)
         assert crossings(verts, faces) == expected
         found = self_intersections(Surface(verts, faces))
-        assert found.depth.min(initial=1.0) > 1e-3                       # nothing between touching and a lattice's step
+        assert found.depth.min(initial=1.0) > 1e-3  # nothing between touching and a lattice's step
         ties += len(expected) - len(found)
-    assert ties > 10                                                     # of depth zero: touching
+    assert ties > 10  # of depth zero: touching
 
 
 def test_the_order_of_the_faces_changes_nothing(rng):
@@ -142,7 +142,7 @@ def roofs(gap):
 def test_two_ridges_have_passed_by_the_way_back_over_the_ridge(gap):
     found = self_intersections(roofs(gap))
     assert listed(found) == {(4, 5, 0), (4, 5, 1), (0, 1, 2), (0, 1, 3)}
-    np.testing.assert_allclose(found.depth, -np.sqrt(2) * gap)           # along the slope from the ridge
+    np.testing.assert_allclose(found.depth, -np.sqrt(2) * gap)  # along the slope from the ridge
 
 
 def test_ridges_that_touch_do_not_cross():
@@ -194,7 +194,7 @@ def test_the_wide_shallow_overlap_of_two_spheres_is_as_deep_as_its_lens():
     assert found.deepest == pytest.approx(0.1, rel=1e-3)
     assert found.deepest_share == pytest.approx(0.26, abs=0.01)
     assert found.depth.max() < 0.3 * found.deepest
-    apex = {0, len(icosphere(5)[0]) + 3}                                 # vertex 3 is opposite to vertex 0
+    apex = {0, len(icosphere(5)[0]) + 3}  # vertex 3 is opposite to vertex 0
     assert set(found.vertex[found.vertex_depth > 0.0999]) == apex
 
 
@@ -206,7 +206,7 @@ def test_vertices_that_have_passed_are_those_inside_the_other_sphere():
     centre = np.array([np.zeros(3), (2 + gap / 10) * surface.verts[0]])
     other = np.repeat(centre[::-1], len(surface.verts) // 2, axis=0)
     inside = 10 - np.linalg.norm(surface.verts - other, axis=1)
-    sag = found.mean_edge**2 / 40                                        # faces lie inside the sphere by less than this
+    sag = found.mean_edge**2 / 40  # faces lie inside the sphere by less than this
     expected = np.flatnonzero((inside > sag) & (inside < found.mean_edge - sag))
     assert set(expected) <= set(found.vertex)
     assert inside[found.vertex].min() > 0
@@ -232,12 +232,12 @@ def test_a_surface_through_its_own_mirror_image_crosses_it_edge_on_edge():
     found = self_intersections(surface)
     np.testing.assert_allclose(found.point[:, 0], 0, atol=1e-12)
     edges = [tuple(map(int, edge)) for edge in found.edge]
-    assert len(set(edges)) == len(edges) > 10                            # once each, not once for each face at the edge
+    assert len(set(edges)) == len(edges) > 10  # once each, not once for each face at the edge
     assert {tuple(sorted(map(int, image[list(edge)]))) for edge in edges} == set(edges)
     assert found.depth.min() > 0
     assert set(image[found.vertex]) == set(found.vertex)
     x = np.abs(surface.verts[found.vertex, 0])
-    assert (found.vertex_depth <= 2 * x + 1e-12).all()                   # the mirrored vertex is that far away
+    assert (found.vertex_depth <= 2 * x + 1e-12).all()  # the mirrored vertex is that far away
     assert found.vertex_depth.max() > x.max()
 
 
@@ -253,7 +253,7 @@ def test_the_depth_through_a_plate_does_not_depend_on_how_it_is_divided(division
     tip = n + np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
     faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1), tip])
     found = self_intersections(Surface(np.concatenate([plate, spike]), faces))
-    ends = found.edge.max(axis=1) >= n                                   # edges of the spike
+    ends = found.edge.max(axis=1) >= n  # edges of the spike
     np.testing.assert_allclose(found.depth[ends], 0.3)
     assert ends.sum() == 3
 
@@ -299,10 +299,10 @@ def trench(half_width, *, raised=0.0, step=0.25):
 
 def test_flat_walls_that_passed_whole_are_found_at_their_rims_unless_these_lie_in_one_plane():
     assert len(self_intersections(trench(0.4))) == len(self_intersections(trench(0.4, raised=0.3))) == 0
-    assert len(self_intersections(trench(-0.4))) == 0                    # plates in one plane: edges only touch them
+    assert len(self_intersections(trench(-0.4))) == 0  # plates in one plane: edges only touch them
     rims = self_intersections(trench(-0.4, raised=0.3))
     assert len(rims) > 0
-    assert set(np.round(rims.point[:, 2], 9)) == {0.0}                   # where the lower plate runs through a wall
+    assert set(np.round(rims.point[:, 2], 9)) == {0.0}  # where the lower plate runs through a wall
 
 
 def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
@@ -313,12 +313,13 @@ def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
     assert len(found.vertex) == 0 < len(whole.vertex)
     pairs = {tuple(edge) for edge in found.edge.tolist()}
     at_edge = {
-        f for f, (a, b, c) in enumerate(pressed.faces.tolist())
+        f
+        for f, (a, b, c) in enumerate(pressed.faces.tolist())
         if pairs & {tuple(sorted(ends)) for ends in ((a, b), (b, c), (c, a))}
-    }  # fmt: skip
+    }
     assert set(found.crossed_faces(pressed.faces)) == at_edge | set(found.face)
 
 
 def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():
     found = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
-    assert (len(found), len(found.vertex)) == (0, 0)                     # ipctk 1.6.1 finds none either
+    assert (len(found), len(found.vertex)) == (0, 0)  # ipctk 1.6.1 finds none either

@@ -93,7 +93,8 @@ def test_a_damaged_stage_record_is_refused(tmp_path, text, kind, told):
         ("surf/lh.thickness", "41", lambda path: write_morph(path, np.ones(41))),
         ("surf/lh.inflated", "162", lambda path: write_surface(path, Surface(*icosphere(2)))),
         (
-            "label/lh.aparc.annot", "10,242",
+            "label/lh.aparc.annot",
+            "10,242",
             lambda path: shutil.copy(sample_path(f"fsaverage5/label/{path.name}"), path),
         ),
     ],
@@ -125,7 +126,7 @@ def test_a_missing_hemisphere_says_what_was_looked_for():
 def test_the_other_hemisphere_is_no_misspelling(tmp_path):
     for name in ("rh.pial", "lh.sulc", "lh.white"):
         shutil.copy(sample_path(f"fsaverage5/surf/{name}"), tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):     # all there are
+    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):  # all there are
         read_cortex(tmp_path)
 
 
@@ -196,14 +197,14 @@ def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "as_pair"),
     [("lh.white", False), ("lh.pial", False), ("lh.thickness", False), ("lh.white", True), ("lh.pial", True)],
-)  # fmt: skip
+)
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name, as_pair):
     folder = pair_of_spheres(tmp_path / "anna")
     place, read = folder / "surf" / name, cortices.read_surface
 
     def and_then_changes(path):
         found = read(path)
-        raw = place.read_bytes()                                        # to another of the same size that can be read
+        raw = place.read_bytes()  # to another of the same size that can be read
         place.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
         return found
 
@@ -248,7 +249,7 @@ def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
     for hemi, holes in (("lh", 23), ("rh", 41)):
         cortex = read_cortex(bert, hemi)
         assert cortex.info == {"etiv_mm3": 1534567.890123, "surface_holes": holes}
-        assert str(bert / "stats" / "aseg.stats") in cortex.files       # so that its digest is recorded
+        assert str(bert / "stats" / "aseg.stats") in cortex.files  # so that its digest is recorded
 
 
 @pytest.mark.parametrize(
@@ -260,13 +261,13 @@ def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
         (STATS.replace("1534567.890123", "1e999").encode(), {"surface_holes"}),
         (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,").encode(), set()),
         (STATS.replace(" 23,", " many,").encode(), {"etiv_mm3"}),
-        (STATS[: STATS.index("23,") + 1].encode(), set()),              # cut within a number
+        (STATS[: STATS.index("23,") + 1].encode(), set()),  # cut within a number
         (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),
         (b"# Measure lhSurfaceHoles\n# Measure\n# Measure ,,,,\n,\n", set()),
         (b"# Measure lhSurfaceHoles, , , " + b"9" * 5000 + b", unitless", set()),
         (b"x" * 10_000_000, set()),
     ],
-)  # fmt: skip
+)
 def test_what_damaged_statistics_do_not_say_is_left_out(bert, content, known):
     assert set(read_cortex(with_stats(bert, content), "lh").info) == known
 

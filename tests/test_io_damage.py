@@ -36,7 +36,7 @@ def test_an_empty_file_is_refused(tmp_path):
 
 def test_a_file_beyond_the_stated_size_is_refused_unread(tmp_path, monkeypatch):
     with (tmp_path / "lh.white").open("wb") as file:
-        file.truncate(3 * 2**30)    # sparse: takes no space
+        file.truncate(3 * 2**30)  # sparse: takes no space
     with pytest.raises(TooLarge, match=r"lh\.white: .*\b3\.0 GiB\b.*\b2 GiB\b"):
         read_surface(tmp_path / "lh.white")
 

@@ -74,6 +74,7 @@ def test_a_folder_appears_whole_and_is_replaced_whole(tmp_path):
 @pytest.fixture(params=["exchanged", "moved", "without links"])
 def system(request, monkeypatch):
     """File systems that exchange two names at once, or can't, or have no second names."""
+
     def no_links(*paths, **how):
         raise OSError(errno.ENOTSUP, "no links")
 
@@ -109,15 +110,24 @@ def test_what_we_did_not_write_stays(tmp_path, system):
     found = tree(out)
     del found[".morphofold"]
     assert found == {
-        "a.txt": "second", "new.txt": "second", "maps": False, "maps/lh.H": "second", "maps/lh.mine": "mine",
-        "NOTES.txt": "mine", "mine": False, "mine/deep": False, "mine/deep/b.txt": "mine", "mine/empty": False,
-        "elsewhere": False, "nowhere": False,
-    }  # fmt: skip
+        "a.txt": "second",
+        "new.txt": "second",
+        "maps": False,
+        "maps/lh.H": "second",
+        "maps/lh.mine": "mine",
+        "NOTES.txt": "mine",
+        "mine": False,
+        "mine/deep": False,
+        "mine/deep/b.txt": "mine",
+        "mine/empty": False,
+        "elsewhere": False,
+        "nowhere": False,
+    }
     assert os.readlink(out / "elsewhere") == os.fspath(tmp_path)
     assert os.listdir(tmp_path) == ["out"]
     remove_folder(out)
     assert set(found) - set(tree(out)) == {"a.txt", "new.txt", "maps/lh.H", "mine/empty"}
-    write_folder(out)                                                   # it is ours still
+    write_folder(out)  # it is ours still
     assert (out / "NOTES.txt").read_text() == "mine"
 
 
@@ -245,7 +255,7 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
             raise OSError("disk full")
         replace(source, target)
 
-    monkeypatch.setattr(folders, "_exchange", lambda one, other: False)        # as on a system that cannot
+    monkeypatch.setattr(folders, "_exchange", lambda one, other: False)  # as on a system that cannot
     monkeypatch.setattr(folders.os, "replace", fail_once)
     with pytest.raises(OSError, match="disk full"):
         write_folder(out, "second")
@@ -263,6 +273,7 @@ def test_a_writers_own_error_is_no_fault_of_the_disk(tmp_path):
 
 def test_errors_of_inputs_and_of_other_drives_keep_their_names(tmp_path, monkeypatch):
     """An input on a broken disk tells no name; os.path.relpath knows no way from one drive of Windows to another."""
+
     def no_way(*paths):
         raise ValueError("path is on mount 'D:', start on mount 'C:'")
 

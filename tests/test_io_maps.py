@@ -91,7 +91,7 @@ def test_an_annotation_comes_back_with_unlabelled_vertices(tmp_path):
 def test_a_value_that_the_colour_table_lacks_is_no_region(tmp_path):
     write_annotation(tmp_path / "a.annot", some_regions())
     raw = bytearray((tmp_path / "a.annot").read_bytes())
-    raw[4 + 4 : 4 + 8] = struct.pack(">i", 12345)      # the value of vertex 0
+    raw[4 + 4 : 4 + 8] = struct.pack(">i", 12345)  # the value of vertex 0
     (tmp_path / "a.annot").write_bytes(raw)
     assert read_annotation(tmp_path / "a.annot").labels.tolist() == [-1, 2, -1, 1, 2, 2]
 
@@ -146,7 +146,7 @@ def test_of_regions_of_one_colour_the_first_is_read_and_can_be_written(tmp_path)
     (tmp_path / "lh.b.annot").write_bytes(data.replace(other + zero, same + zero))
     regions = read_annotation(tmp_path / "lh.b.annot")
     assert regions.names == ("a", "b")
-    assert regions.labels.tolist() == [0, 1, -1, 1]                     # the colour of c is in the table no more
+    assert regions.labels.tolist() == [0, 1, -1, 1]  # the colour of c is in the table no more
     write_annotation(tmp_path / "lh.c.annot", regions)
     assert read_annotation(tmp_path / "lh.c.annot").names == ("a", "b")
 

@@ -139,7 +139,7 @@ def test_an_oblique_volume_turns_as_its_direction_cosines_say():
     cosines = {"xras": np.array([-c, -s, 0]), "yras": np.array([0, 0, -1.0]), "zras": np.array([-s, c, 0])}
     transform = scanner_transform({**FOOTER, **cosines})
     assert transform is not None
-    voxel = np.array([3.0, -5.0, 7.0])      # from the centre
+    voxel = np.array([3.0, -5.0, 7.0])  # from the centre
     tkr = np.array([-voxel[0], voxel[2], -voxel[1]])
     scanner = sum(v * cosines[k] for v, k in zip(voxel, cosines)) + FOOTER["cras"]
     np.testing.assert_allclose(transform[:3, :3] @ tkr + transform[:3, 3], scanner, atol=1e-12)

@@ -16,10 +16,18 @@ from morphofold.results import read_analysis, write_analysis, write_dataset
 
 WRONG = ["x", 5, None, [], {}, float("nan"), -1, 1e308, True, float("inf"), 1e-300, "\n\x1b", 10**400]
 STAGE = {
-    "name": "ball", "g": 1.8, "law": "isotropic", "mu_ratio": 2.0, "shape": "sphere", "reference_thickness": 3.0,
-    "reference_radius": 50.0, "portion": 0.125, "units": "mm", "warnings": ["it wobbles"],
+    "name": "ball",
+    "g": 1.8,
+    "law": "isotropic",
+    "mu_ratio": 2.0,
+    "shape": "sphere",
+    "reference_thickness": 3.0,
+    "reference_radius": 50.0,
+    "portion": 0.125,
+    "units": "mm",
+    "warnings": ["it wobbles"],
     "health": {"growth": 1.8, "min_J": 0.5, "crossings": 0, "deepest_crossing": 0.0, "mean_radius_mm": 60.0},
-}  # fmt: skip
+}
 
 
 def leaves(content, at=()):
@@ -60,11 +68,19 @@ def made(level=1):
     rng = np.random.default_rng(0)
     scalars = {key: 1 + rng.random() if value is None else value for key, value in measures.scalars.items()}
     return replace(
-        measures, scalars=scalars, notes={**measures.notes, "simulation": "it wobbles"},
-        parameters={"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": None, "graph_width_mm": 7.0,
-                    "cortex_mask": "label", "accuracy": "standard", "accuracy_vertices": 42,
-                    "local_gyrification_voxel_mm": 1.25},
-    )  # fmt: skip
+        measures,
+        scalars=scalars,
+        notes={**measures.notes, "simulation": "it wobbles"},
+        parameters={
+            "curvature_scale_mm": 3.0,
+            "cortical_thickness_cap_mm": None,
+            "graph_width_mm": 7.0,
+            "cortex_mask": "label",
+            "accuracy": "standard",
+            "accuracy_vertices": 42,
+            "local_gyrification_voxel_mm": 1.25,
+        },
+    )
 
 
 @pytest.mark.parametrize("layout", ["plain", "bids"])
@@ -88,9 +104,11 @@ def test_an_analysis_is_refused_or_compared_whatever_its_summary_holds(layout, t
     assert refusals > 500
     if layout == "bids":
         return
-    inner = {k: [at for at in places if not any(len(o) > len(at) and o[: len(at)] == at for o in places)]
-             for k, places in taken.items()}  # fmt: skip
-    for k in (0, 1, 6):                                                 # "x", 5, -1 wherever they may stand, at once
+    inner = {
+        k: [at for at in places if not any(len(o) > len(at) and o[: len(at)] == at for o in places)]
+        for k, places in taken.items()
+    }
+    for k in (0, 1, 6):  # "x", 5, -1 wherever they may stand, at once
         path.write_text(changed(content, [(at, WRONG[k]) for at in inner[k] if at[-1] not in ("hemi",)]))
         page = compare({"one": read_analysis(folder), "other": whole}).report(tmp_path / f"page{k}")
         text = page.read_text()
@@ -114,13 +132,21 @@ def test_a_stage_record_is_refused_or_read_whatever_it_holds(tmp_path):
                 assert not isinstance(value, bool), place
                 assert place in allowed or not isinstance(value, str), place
                 assert value not in (1e308, float("inf")), place
-    for key, value in (("warnings", 5), ("g", float("nan")), ("reference_thickness", "x"), ("portion", True),
-                       ("portion", 1e-300), ("mu_ratio", "2"), ("health", 5), ("g", None)):  # fmt: skip
+    for key, value in (
+        ("warnings", 5),
+        ("g", float("nan")),
+        ("reference_thickness", "x"),
+        ("portion", True),
+        ("portion", 1e-300),
+        ("mu_ratio", "2"),
+        ("health", 5),
+        ("g", None),
+    ):
         path.write_text(json.dumps({**STAGE, key: value}))
         line = told(lambda: read_cortex(folder), path)
         assert key in line or "NaN" in line
     path.write_text(json.dumps({**STAGE, "mine": {"a": [1, "x", None]}}))
-    assert read_cortex(folder).info["mine"] == {"a": [1, "x", None]}    # of a later version, or somebody's own
+    assert read_cortex(folder).info["mine"] == {"a": [1, "x", None]}  # of a later version, or somebody's own
     assert read_cortex(folder).portion == 0.125
 
 
@@ -144,11 +170,28 @@ class Sample(Record):
     name: str = ""
 
 
-@pytest.mark.parametrize("raw", [
-    b"", b"{", b"[]", b"5", b"null", b'{"size": NaN}', b'{"size": 1e999}', b'{"other": -Infinity, "size": 1}', b"\xff",
-    b'{"size": true}', b'{"size": "1"}', b'{"size": -1e-9}', b'{"name": "x"}', b'{"size": ' + b"9" * 5000 + b"}",
-    b'{"size": 1' + b"0" * 400 + b"}", b"[" * 100_000, b'{"size": 1} {}',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"5",
+        b"null",
+        b'{"size": NaN}',
+        b'{"size": 1e999}',
+        b'{"other": -Infinity, "size": 1}',
+        b"\xff",
+        b'{"size": true}',
+        b'{"size": "1"}',
+        b'{"size": -1e-9}',
+        b'{"name": "x"}',
+        b'{"size": ' + b"9" * 5000 + b"}",
+        b'{"size": 1' + b"0" * 400 + b"}",
+        b"[" * 100_000,
+        b'{"size": 1} {}',
+    ],
+)
 def test_what_is_not_as_its_schema_is_refused_with_file_and_cure(raw, tmp_path):
     path = tmp_path / "sample.json"
     path.write_bytes(raw)

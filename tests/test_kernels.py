@@ -32,7 +32,7 @@ def test_kernel_forces_equal_scikit_fems_assembly(law, g, material, rng):
     body = make_body(law, material=material)
     body.grow(g)
     twin = Twin(body)
-    assert np.abs(body.rest).max() < 1e-9                               # round-off, no more
+    assert np.abs(body.rest).max() < 1e-9  # round-off, no more
     for amount in (0.01, 0.15):
         x = shaken(body, rng, amount)
         want = twin.forces(x)
@@ -65,7 +65,7 @@ def test_kernel_agrees_with_scikit_fem_where_bricks_are_crushed_and_frozen(mater
     x = shaken(body, rng, 0.6)
     twin = Twin(body)
     J = np.linalg.det(twin.elastic(x))
-    assert J.min() < 0.1 < 2 < J.max()                                  # both branches are taken
+    assert J.min() < 0.1 < 2 < J.max()  # both branches are taken
     want = twin.forces(x)
     assert np.abs(body.forces(x) - want).max() <= 1e-10 * np.abs(want).max()
 
@@ -117,8 +117,8 @@ def test_forces_in_single_precision_are_good_to_a_hundred_thousandth_of_the_larg
         body.grow(1.3)
     x = shaken(double, rng)
     want, found = double.forces(x), single.forces(x)
-    assert 1e-8 < np.abs(found - want).max() / np.abs(want).max() < 1e-5            # nor is it 64 bits after all
-    far = np.array([500.0, -300.0, 800.0])                                          # differences are taken in 64 bits
+    assert 1e-8 < np.abs(found - want).max() / np.abs(want).max() < 1e-5  # nor is it 64 bits after all
+    far = np.array([500.0, -300.0, 800.0])  # differences are taken in 64 bits
     assert np.abs(single.forces(x + far) - found).max() < 1e-5 * np.abs(want).max()
 
 
@@ -193,7 +193,7 @@ def test_surface_filter_of_a_part_is_that_of_the_whole(rng):
     y[: whole.n_surface] += both
     mine, want = part.filter.forces(x), whole.filter.forces(y)
     inside = [where[tuple(np.round(p, 9) + 0.0)] for p in part.X[:n]]
-    halved = 0.5 ** part.on_plane[:n].sum(axis=1, keepdims=True)         # a node on a plane belongs to both halves
+    halved = 0.5 ** part.on_plane[:n].sum(axis=1, keepdims=True)  # a node on a plane belongs to both halves
     np.testing.assert_allclose(mine * part.free[:n], halved * want[inside] * part.free[:n], atol=1e-9)
     assert part.filter.energy(x) == pytest.approx(whole.filter.energy(y) / 8)
 

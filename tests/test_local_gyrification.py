@@ -29,7 +29,7 @@ def test_even_folds_have_everywhere_what_they_have_in_all():
     total = face_areas(verts, faces).sum()
     assert mean == pytest.approx(total / face_areas(points, triangles).sum(), rel=0.01)
     assert index.std() < 0.03
-    assert mean >= gyrification_index(verts, faces)                     # a hull is the closing by an infinite ball
+    assert mean >= gyrification_index(verts, faces)  # a hull is the closing by an infinite ball
 
 
 def test_lengths_of_another_unit_change_nothing():

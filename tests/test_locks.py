@@ -18,7 +18,7 @@ def test_a_folder_is_held_by_one_and_free_again_afterwards(tmp_path):
         with pytest.raises(FileExistsError, match=rf"run: .*\b{os.getpid()}\b"):
             with alone(folder):
                 pytest.fail("held twice")
-        assert (folder / LOCK).exists()                                 # the refused one took nothing away
+        assert (folder / LOCK).exists()  # the refused one took nothing away
         with alone(tmp_path / "another"):
             pass
     assert not (folder / LOCK).exists()
@@ -33,7 +33,7 @@ def test_a_folder_that_was_made_and_left_empty_goes_again_and_one_that_was_there
         with pytest.raises(ZeroDivisionError), alone(folder):
             if folder.name == "filled":
                 (folder / "x").write_text("x")
-            1 / 0                                                       # noqa: B018
+            1 / 0  # noqa: B018
     assert sorted(p.name for p in tmp_path.iterdir()) == ["filled", "there"]
 
 
@@ -86,7 +86,7 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_taken_on_the_new_file(tmp_pa
         lock(file)
         if not removed:
             removed.append(True)
-            (folder / LOCK).unlink()                                    # as its last holder does, just before
+            (folder / LOCK).unlink()  # as its last holder does, just before
 
     monkeypatch.setattr(locks, "_try_lock", after_removal)
     with alone(folder), (folder / LOCK).open("a+") as again:

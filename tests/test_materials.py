@@ -64,7 +64,8 @@ def test_volume_preserving_stretch_has_the_energy_of_equation_4():
 @EACH
 def test_small_strain_moduli_are_mu_and_kappa(material):
     e = 1e-5
-    shear = np.eye(3); shear[0, 1] = e
+    shear = np.eye(3)
+    shear[0, 1] = e
     assert stress(shear, MU, KAPPA, material)[0, 1] == pytest.approx(MU * e, rel=1e-4)
     assert stress(np.eye(3) * (1 + e), MU, KAPPA, material)[0, 0] == pytest.approx(3 * KAPPA * e, rel=1e-3)
 
@@ -74,7 +75,7 @@ def test_a_crushed_element_still_gives_finite_forces(material):
     A = np.diag([1.0, 1.0, 0.0])
     assert np.isfinite(energy(A, MU, KAPPA, material))
     assert np.isfinite(stress(A, MU, KAPPA, material)).all()
-    assert stress(A, MU, KAPPA, material)[2, 2] < 0                              # it pushes back open
+    assert stress(A, MU, KAPPA, material)[2, 2] < 0  # it pushes back open
 
 
 def test_cofactor_is_det_times_inverse_transpose(rng):
@@ -94,7 +95,7 @@ def test_pulling_takes_the_force_of_mooneys_formula(share, stretch):
     """Uniaxial, incompressible: 2 (l - l^-2) (C1 + C2 / l), with mu = 2 (C1 + C2)."""
     A = np.diag([stretch, stretch**-0.5, stretch**-0.5])
     P = stress(A, MU, 0.0, MooneyRivlin(share))
-    pulled = P[0, 0] - P[1, 1] * A[1, 1] / A[0, 0]                      # the pressure that leaves the sides free
+    pulled = P[0, 0] - P[1, 1] * A[1, 1] / A[0, 0]  # the pressure that leaves the sides free
     c1, c2 = MU / 2 * (1 - share), MU / 2 * share
     assert pulled == pytest.approx(2 * (stretch - stretch**-2) * (c1 + c2 / stretch), rel=1e-12)
 
@@ -123,7 +124,7 @@ def test_a_held_block_grows_as_high_as_its_energy_says(kind, material):
 def test_a_scene_names_its_material_and_theory_is_told_of_none_but_its_own():
     assert material_names() == ("neo-hookean", "mooney-rivlin")
     usual = load_scene("demo", ['material.model="neo-hookean"'])
-    assert to_toml(usual) == to_toml(load_scene("demo"))                # folders of before are still its own
+    assert to_toml(usual) == to_toml(load_scene("demo"))  # folders of before are still its own
     assert usual.beyond_theory == ""
     other = load_scene("demo", ["material.model=mooney-rivlin", "material.second_share=0.5"])
     assert other.beyond_theory

@@ -19,8 +19,17 @@ from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
 
 MAPS = {
-    "H", "K", "k1", "k2", "shape_index", "curvedness", "sulcal_depth", "cortical_thickness", "gyral_thickness", "area",
-}  # fmt: skip
+    "H",
+    "K",
+    "k1",
+    "k2",
+    "shape_index",
+    "curvedness",
+    "sulcal_depth",
+    "cortical_thickness",
+    "gyral_thickness",
+    "area",
+}
 
 
 def shell(level=4, inner=47.0, outer=50.0, **more):
@@ -76,7 +85,7 @@ def test_a_shell_has_the_measures_of_its_spheres():
     assert s["area_pial_mm2"] == pytest.approx(4 * np.pi * 50**2, rel=2e-3)
     assert s["area_white_mm2"] == pytest.approx(4 * np.pi * 47**2, rel=2e-3)
     assert s["gyrification_index"] == pytest.approx(1, abs=1e-9)
-    assert s["folding_index"] == pytest.approx(0, abs=0.02)         # a root of what vanishes
+    assert s["folding_index"] == pytest.approx(0, abs=0.02)  # a root of what vanishes
     assert s["intrinsic_curvature_index"] == pytest.approx(1, abs=3e-3)
     assert s["mean_cortical_thickness_mm"] == pytest.approx(3, rel=2e-3)
     assert s["mean_sulcal_depth_mm"] == pytest.approx(0, abs=1e-9)
@@ -91,13 +100,13 @@ def test_what_cannot_be_had_is_none_and_the_notes_say_why():
     assert all(len(m.notes[name]) > 20 for name in missing)
     assert (m.scalars["n_hinges"], m.scalars["crest_length_mm"], m.hinges, m.crests) == (0, 0.0, [], [])
     assert "n_hinges" in m.notes
-    assert "aparc.annot" in m.notes["gyral_to_cortical_r"]                  # what there should have been
+    assert "aparc.annot" in m.notes["gyral_to_cortical_r"]  # what there should have been
 
 
 def test_maps_are_nan_off_the_cortex_and_means_leave_it_out():
     cortex = shell()
     mask = cortex.pial.verts[:, 2] > -20
-    white = np.where(mask[:, None], cortex.white.verts, cortex.pial.verts)       # closed medial wall
+    white = np.where(mask[:, None], cortex.white.verts, cortex.pial.verts)  # closed medial wall
     closed = Cortex(Surface(white, cortex.faces), cortex.pial)
     told = Cortex(Surface(white, cortex.faces), cortex.pial, cortex=cortex.pial.verts[:, 2] > 0)
     for case, inside in ((closed, mask), (told, told.cortex)):
@@ -159,7 +168,7 @@ def test_fsaverage5_has_plausible_measures_and_all_its_tables(average):
     assert s["mean_cortical_thickness_mm"] == pytest.approx(2.36, abs=0.1)
     assert 8 < s["median_gyral_thickness_mm"] < 14
     assert 20 < s["wavelength_mm"] < 45
-    assert 1.4 < s["mean_local_gyrification_index"] < 2.5               # of an average brain
+    assert 1.4 < s["mean_local_gyrification_index"] < 2.5  # of an average brain
     width = m.graph.graph["scales"].width
     assert s["spectral_wavelength_mm"] == wavelength(m.cortex.white.verts, m.cortex.faces, width)
     assert 0.5 < s["spectral_wavelength_mm"] / s["wavelength_mm"] < 2
@@ -211,14 +220,14 @@ def test_mean_depth_is_weighted_by_the_pial_area_of_the_cortex(average):
     depth = m.maps["sulcal_depth"][inside]
     areas = [vertex_areas(s.verts, s.faces)[inside] for s in (m.cortex.pial, m.cortex.white)]
     by_pial, by_white = (np.average(depth, weights=w) for w in areas)
-    assert min(abs(by_pial - by_white), abs(by_pial - depth.mean())) > 0.1          # or this test says nothing
+    assert min(abs(by_pial - by_white), abs(by_pial - depth.mean())) > 0.1  # or this test says nothing
     assert m.scalars["mean_sulcal_depth_mm"] == pytest.approx(by_pial, rel=1e-9)
 
 
 def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
     bump = shapes.bumpy_sphere(5)
     away = np.linalg.norm(bump.verts, axis=1, keepdims=True)
-    pial = Surface(70 * bump.verts / away, bump.faces, "lh.pial")                   # a sphere
+    pial = Surface(70 * bump.verts / away, bump.faces, "lh.pial")  # a sphere
     m = measure(Cortex(Surface(bump.verts, bump.faces, "lh.white"), pial), curvature_scale=4)
     exact = folding_indices(bump.verts, bump.faces, 4.0)
     assert exact.folding_index > 0.5
@@ -245,7 +254,7 @@ def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
     step = np.hypot(np.diff(r), np.diff(theta) * (r[1:] + r[:-1]) / 2)
     area = 2 * np.pi * np.sum(step * (r * np.sin(theta))[:-1])
     crowns = np.pi / 20 * (2 * np.arange(10) + 1)
-    contour = 2 * np.pi * 52 * np.sum(np.sin([crowns - 3 / 50, crowns + 3 / 50]))   # both walls of each
+    contour = 2 * np.pi * 52 * np.sum(np.sin([crowns - 3 / 50, crowns + 3 / 50]))  # both walls of each
     m = measure(cortex)
     assert m.scalars["wavelength_mm"] == pytest.approx(2 * area / contour, rel=0.02)
 
@@ -268,10 +277,14 @@ def test_vertices_that_no_triangle_uses_change_no_number():
     twice = lambda values: np.concatenate([values, values[again]])
     white, pial = (replace(s, verts=twice(s.verts)) for s in (cortex.white, cortex.pial))
     more = replace(
-        cortex, white=white, pial=pial, inflated=None,
-        maps={name: twice(values) for name, values in cortex.maps.items()}, cortex=twice(cortex.cortex),
+        cortex,
+        white=white,
+        pial=pial,
+        inflated=None,
+        maps={name: twice(values) for name, values in cortex.maps.items()},
+        cortex=twice(cortex.cortex),
         regions=replace(cortex.regions, labels=twice(cortex.regions.labels)),
-    )  # fmt: skip
+    )
     without, found = measure(cortex), measure(more)
     assert found.scalars == without.scalars
     assert found.regions == without.regions
@@ -352,16 +365,16 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
     without = replace(cortex, cortex=None)
     mask, word = cortex_label(without)
     assert word == "annotation"
-    assert np.mean(mask == cortex.cortex) > 0.98                        # FreeSurfer's own label, but for its rim
+    assert np.mean(mask == cortex.cortex) > 0.98  # FreeSurfer's own label, but for its rim
     told = of_input(without)
     assert "annotation" in told["cortex_mask"]
     labels, names = cortex.regions.labels, cortex.regions.names
     for change in (
-        {"labels": np.where(cortex.pial.verts[:, 1] > -20, labels, -1)},        # two thirds of the areas
-        {"names": tuple(f"area {k}" for k in range(len(names))), "labels": np.maximum(labels, 0)},     # everywhere
+        {"labels": np.where(cortex.pial.verts[:, 1] > -20, labels, -1)},  # two thirds of the areas
+        {"names": tuple(f"area {k}" for k in range(len(names))), "labels": np.maximum(labels, 0)},  # everywhere
     ):
         other = replace(without, regions=replace(cortex.regions, **change))
-        assert cortex_label(other)[1] == "thickness"                                # the next in order
+        assert cortex_label(other)[1] == "thickness"  # the next in order
     assert cortex_label(cortex)[1] == "label"
 
 
@@ -380,9 +393,17 @@ def test_an_average_is_not_taken_for_a_person(average):
 
 @pytest.mark.parametrize(
     ("name", "none"),
-    [("unknown", True), ("Medial_wall", True), ("Background+FreeSurfer_Defined_Medial_Wall", True),
-     ("medial wall", True), ("corpuscallosum", True), ("???", True), ("medialorbitofrontal", False), ("insula", False)],
-)  # fmt: skip
+    [
+        ("unknown", True),
+        ("Medial_wall", True),
+        ("Background+FreeSurfer_Defined_Medial_Wall", True),
+        ("medial wall", True),
+        ("corpuscallosum", True),
+        ("???", True),
+        ("medialorbitofrontal", False),
+        ("insula", False),
+    ],
+)
 def test_names_of_what_is_no_cortex_are_known(name, none):
     assert is_no_cortex(name) == none
 
@@ -398,7 +419,7 @@ def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation
     labelled = measure(shell(cortex=np.ones(2562, dtype=bool))).notes
     assert "cortex_mask" not in labelled
     assert "parcellation" in labelled
-    for size in (1e-3, 1e3):                                                        # metres, micrometres
+    for size in (1e-3, 1e3):  # metres, micrometres
         m = measure(shell(inner=47 * size, outer=50 * size))
         assert "do not look like millimetres" in m.notes["curvature_scale"]
         assert m.scalars["intrinsic_curvature_index"] == pytest.approx(1, abs=0.01)

@@ -13,7 +13,7 @@ from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
 from morphofold.surface import Cortex, Surface
 
-NOISE = 0.1             # mm, of every coordinate
+NOISE = 0.1  # mm, of every coordinate
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_the_label_decides_whatever_the_geometry_and_leaves_freesurfers_subjects
 def test_the_wall_that_geometry_finds_lies_within_that_of_the_label(hemi):
     cortex = read_cortex(sample_path("fsaverage5"), hemi)
     wall = wall_of_geometry(cortex)
-    assert wall[cortex.cortex].sum() < 0.01 * wall.sum()                # of rh one vertex, on the rim
+    assert wall[cortex.cortex].sum() < 0.01 * wall.sum()  # of rh one vertex, on the rim
     coincident = np.all(cortex.white.verts == cortex.pial.verts, axis=1)
     assert dice(wall, ~cortex.cortex) > 0.68 > 0.55 > dice(coincident, ~cortex.cortex)
     # the rest is the hippocampus and what is near it, where FreeSurfer's white and pial are millimetres apart
@@ -79,8 +79,8 @@ def test_noise_of_the_vertices_does_not_tear_the_wall(average, rng, size):
 
 def test_thickness_holds_under_noise_as_the_mask_does(rng):
     clean, rough = (measure(c).scalars["mean_cortical_thickness_mm"] for c in (closed(0.06), noisy(closed(0.06), rng)))
-    assert clean == pytest.approx(3, rel=5e-3)                          # to pial beyond the rim it is less
-    assert rough == pytest.approx(clean, rel=0.02)                      # -5 % where the wall counts as cortex
+    assert clean == pytest.approx(3, rel=5e-3)  # to pial beyond the rim it is less
+    assert rough == pytest.approx(clean, rel=0.02)  # -5 % where the wall counts as cortex
 
 
 @pytest.mark.parametrize("unit", [1e-3, 25.4, 1e3])
@@ -92,12 +92,15 @@ def test_the_wall_is_the_same_in_any_unit(average, unit):
 @pytest.mark.parametrize(
     "cortex",
     [
-        closed(0.0), closed(0.06, apart=1.5), closed(0.005, apart=0.1), closed(0.3, apart=0.1),
+        closed(0.0),
+        closed(0.06, apart=1.5),
+        closed(0.005, apart=0.1),
+        closed(0.3, apart=0.1),
         closed(0.06, apart=0.1, origin="simulation"),
         replace(closed(0.0), white=replace(closed(0.0).white, verts=49.9 / 47 * closed(0.0).white.verts)),
     ],
     ids=["none", "half as thick", "too small", "too large", "simulated", "thin everywhere"],
-)  # fmt: skip
+)
 def test_what_does_not_look_like_a_wall_is_cortex(cortex):
     label, word = cortex_label(cortex)
     assert word == ""

@@ -14,7 +14,7 @@ from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.files import load_scene
 
 OCTANT = ("geometry.portion=octant", "output.stages=[]")
-ERRORS = [1.001 * headline(edge)[1].error for edge in (0.9, 0.6, 0.4)]      # that edges of so many T just keep
+ERRORS = [1.001 * headline(edge)[1].error for edge in (0.9, 0.6, 0.4)]  # that edges of so many T just keep
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
 @pytest.mark.slow
 def test_edges_with_too_many_bricks_are_left_out_whatever_the_level(clockwork):
     scene = load_scene("fig6-thin", ["geometry.portion=full", "accuracy.level=draft"])
-    assert scene.elements_through_cortex == 2                           # edges up to T/2 take three
+    assert scene.elements_through_cortex == 2  # edges up to T/2 take three
     assert pick(scene, budget=1e9, threads=1).scene.bricks <= MOST_BRICKS
 
 
@@ -111,9 +111,12 @@ def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
 
 @pytest.mark.parametrize(
     ("scene", "said"),
-    [("mesh", ("'mesh'", "[does-not-apply]")), ("radial", ("'radial'", "[does-not-apply]")),
-     ("strip", ("strip", "0.5 mm", "[options-clash]"))],
-)  # fmt: skip
+    [
+        ("mesh", ("'mesh'", "[does-not-apply]")),
+        ("radial", ("'radial'", "[does-not-apply]")),
+        ("strip", ("strip", "0.5 mm", "[options-clash]")),
+    ],
+)
 def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, said):
     refused(capsys, ["simulate", scene, "--budget", "5min"], "--budget", "accuracy.edge", *said)
     refused(capsys, ["simulate", scene, "--error", "1%"], "--error", "accuracy.edge", *said)

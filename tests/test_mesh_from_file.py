@@ -27,12 +27,14 @@ R, HOLE, T = 50.0, 25.0, 6.0
 
 def tets_between(spheres, faces):
     """Points and conforming tetrahedra of layers of prisms between surfaces (L, S, 3) with the same faces."""
-    a, b, c = np.sort(faces, axis=1).T                                  # each prism is cut by the order of its columns
+    a, b, c = np.sort(faces, axis=1).T  # each prism is cut by the order of its columns
     S, tets = len(spheres[0]), []
     for k in range(len(spheres) - 1):
         o, u = k * S, (k + 1) * S
-        tets += [np.stack(t, axis=1) for t in ((o + a, o + b, o + c, u + c), (o + a, o + b, u + b, u + c),
-                                               (o + a, u + a, u + b, u + c))]  # fmt: skip
+        tets += [
+            np.stack(t, axis=1)
+            for t in ((o + a, o + b, o + c, u + c), (o + a, o + b, u + b, u + c), (o + a, u + a, u + b, u + c))
+        ]
     return np.concatenate(spheres), np.concatenate(tets)
 
 
@@ -85,13 +87,13 @@ def test_the_layers_of_a_ball_are_where_depth_says(balls):
     for b in balls:
         X, n = b.mesh.p.T, b.n_surface
         r = np.linalg.norm(X, axis=1)
-        np.testing.assert_allclose(r[:n], R)                            # pial nodes come first
+        np.testing.assert_allclose(r[:n], R)  # pial nodes come first
         assert r[n:].max() < R - 1
         centroid = X[b.mesh.t.T].mean(axis=1)
         depth = R - np.linalg.norm(centroid, axis=1)
         n_cortex = len(b.mesh.subdomains["cortex"])
         assert np.array_equal(b.mesh.subdomains["cortex"], np.arange(n_cortex))
-        sagitta = b.edge**2 / 6 / R                                     # flat faces lie below the sphere by less
+        sagitta = b.edge**2 / 6 / R  # flat faces lie below the sphere by less
         assert depth[:n_cortex].max() < T + sagitta
         assert depth[n_cortex:].min() > T - 1e-9
         assert not len(b.held)
@@ -105,13 +107,13 @@ def test_thickness_direction_and_share_of_a_ball_converge(balls):
         within = r > R - T
         np.testing.assert_allclose(np.linalg.norm(b.radial, axis=1), 1)
         angle.append(degrees(b.radial, outwards(np.where(r[:, None] > 0, X, 1.0)))[within].max())
-        assert np.abs(b.share - np.clip(1 - (R - r) / T, 0, 1)).max() < b.edge**2 / 6 / R / T   # second order
+        assert np.abs(b.share - np.clip(1 - (R - r) / T, 0, 1)).max() < b.edge**2 / 6 / R / T  # second order
         foot = np.linalg.norm(b.foot - R * outwards(np.where(r[:, None] > 0, X, 1.0)), axis=1)[within]
         assert foot.max() < 0.05 * b.edge
         assert np.array_equal(b.share[: b.n_surface], np.ones(b.n_surface))
         assert b.share.min() == 0
     assert angle[1] < 0.8
-    assert angle[1] < 0.7 * angle[0]                                    # first order in the edge
+    assert angle[1] < 0.7 * angle[0]  # first order in the edge
 
 
 def test_the_white_surface_of_a_ball_converges_to_the_sphere_below(balls):
@@ -133,7 +135,7 @@ def test_faces_look_outwards_and_enclose_what_the_tetrahedra_fill(balls):
         filled = np.linalg.det(tets[:, 1:] - tets[:, :1])
         assert filled.min() > 0
         assert np.einsum("ij,ij->", a, np.cross(c, d)) == pytest.approx(filled.sum())
-        assert len(b.faces) == 2 * b.n_surface - 4                      # Euler: closed, of one piece, no handle
+        assert len(b.faces) == 2 * b.n_surface - 4  # Euler: closed, of one piece, no handle
 
 
 def test_neighbours_lie_near_each_other_in_the_numbering(balls):
@@ -262,11 +264,11 @@ def test_a_descent_stops_where_the_level_turns_or_the_mesh_ends(tmp_path):
     body = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "a.vtu", *ball(2)))))
     first = np.flatnonzero(np.isclose(np.linalg.norm(body.points, axis=1), R))[0]
     swap = np.arange(len(body.points))
-    swap[[0, first]] = first, 0                                         # a node of the surface is number 0
+    swap[[0, first]] = first, 0  # a node of the surface is number 0
     x, tets = body.points[swap], swap[body.tets]
     start = np.array([np.flatnonzero((tets == 0).any(axis=1))[0]])
     up = np.tile(x[:1] / R, (len(x), 1))
-    height = x @ up[0] / R                                              # 1 at node 0, -1 opposite to it
+    height = x @ up[0] / R  # 1 at node 0, -1 opposite to it
     for level, depth in ((height, R), (height + 0.5, 1.5 * R), (height + 2, 2 * R), (np.abs(height) + 0.2, R)):
         where, weights = np.empty(1, dtype=np.int64), np.empty((1, 4))
         descend(x, tets, body.across, start, up, level, 1.0, 1000, where, weights)
@@ -295,7 +297,7 @@ def broken(kind):
         points[tets[0, 3]] = points[tets[0, :3]].mean(axis=0)
     if kind == "not finite":
         points[7] = np.nan
-    if kind == "pinched at an edge":                                    # opposite octants left out share an axis
+    if kind == "pinched at an edge":  # opposite octants left out share an axis
         return pyramid((1, 2, 3), (4, 5, 3))
     if kind == "pinched at a point":
         return pyramid((1, 2, 3), (4, 5, 6))

@@ -58,8 +58,15 @@ def test_two_near_junctions_merge_into_one_between_them():
 
 
 def test_the_middle_of_three_that_merge_is_the_mean_of_all():
-    net = made(((0, 0), (1, 0)), ((1, 0), (2.2, 0)), ((0, 0), (-3, 3)), ((0, 0), (-3, -3)), ((1, 0), (1, 5)),
-               ((2.2, 0), (5, 3)), ((2.2, 0), (5, -3)))  # fmt: skip
+    net = made(
+        ((0, 0), (1, 0)),
+        ((1, 0), (2.2, 0)),
+        ((0, 0), (-3, 3)),
+        ((0, 0), (-3, -3)),
+        ((1, 0), (1, 5)),
+        ((2.2, 0), (5, 3)),
+        ((2.2, 0), (5, -3)),
+    )
     net.merge(2.0, 1.0)
     assert counted(consistent(net))[0] == [1] * 5 + [5]
     middle = next(node for node, degree in net.degrees().items() if degree == 5)
@@ -133,7 +140,7 @@ def test_borders_of_voronoi_cells_are_their_net(cells):
     for node in net.nodes.values():
         assert len(node.basins) == 3
         away = np.sort(seeds @ (node.at / np.linalg.norm(node.at)))[::-1]
-        assert away[0] - away[2] < 0.1                                  # as far from all three
+        assert away[0] - away[2] < 0.1  # as far from all three
     assert not any(node.cut for node in net.nodes.values())
 
 
@@ -153,7 +160,7 @@ def test_regular_borders_make_regular_nets():
     verts, faces = icosphere(4)
     basin = np.argmax(verts @ dual.nodes.T, axis=1).astype(np.int64)
     degrees, loops, parts = counted(borders(verts, faces, edges(faces), basin, basin))
-    assert (degrees, loops, parts) == ([3] * 8, 5, 1)                   # the cube
+    assert (degrees, loops, parts) == ([3] * 8, 5, 1)  # the cube
 
 
 def test_curves_keep_their_ends():

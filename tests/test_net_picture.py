@@ -35,10 +35,10 @@ def test_hinges_have_the_colour_of_their_arms_and_crests_are_dark(measures):
     assert (row.rgb[tree.query(54 * net.nodes)[1]] == bytes_of(ARMS[4])).all()
     middle = net.nodes[net.arcs].sum(axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    assert (row.rgb[tree.query(54 * middle)[1]] == bytes_of(CREST)).mean() > 0.7     # a line one edge wide
+    assert (row.rgb[tree.query(54 * middle)[1]] == bytes_of(CREST)).mean() > 0.7  # a line one edge wide
     faces = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / 3**0.5
     bare = row.rgb[tree.query(50 * faces)[1]].astype(int)
-    assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()                          # a shade of the bare surface
+    assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()  # a shade of the bare surface
     assert not (bare == bytes_of(CREST)).all(axis=1).any()
 
 

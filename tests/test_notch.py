@@ -14,7 +14,7 @@ from morphofold.sim.scene.files import load_scene
 from morphofold.sim.theory import BIOT, CREASE
 from morphofold.studies.speed.solver import cut_bricks
 
-CREASES, WAVES = CREASE ** (1 / 3), BIOT ** (1 / 3)     # growth at which a held block can crease, and can't be smooth
+CREASES, WAVES = CREASE ** (1 / 3), BIOT ** (1 / 3)  # growth at which a held block can crease, and can't be smooth
 SPHERE = bilayer_sphere(50.0, 3.0, 25.0, "octant", 16)
 CORNER = np.full(3, 50 / 3**0.5)
 
@@ -38,7 +38,7 @@ def test_a_pit_has_its_full_depth_at_one_node_and_ends_at_half_its_width(bilayer
     away = np.linalg.norm(bilayer.foot - deepest, axis=1)
     assert np.all(depth[away >= 6.0] == 0)
     assert np.all(depth[(away < 5.9) & (bilayer.share > 0)] > 0)
-    np.testing.assert_allclose(depth[bilayer.share == 0], 0)            # white surface and core
+    np.testing.assert_allclose(depth[bilayer.share == 0], 0)  # white surface and core
     section = 0.15 * (1 + np.cos(np.pi * np.minimum(away / 6.0, 1.0)))
     np.testing.assert_allclose(depth, bilayer.share * section, atol=1e-12)
 
@@ -49,7 +49,7 @@ def test_a_line_is_one_groove_along_all_its_points():
     depth = lowered(bilayer, Notch(points, 0.2, 3.0, line=True))[: bilayer.n_surface]
     x, y, _ = bilayer.mesh.p[:, : bilayer.n_surface]
     np.testing.assert_allclose(depth[(x == 3) & (y <= 4)], 0.2)
-    np.testing.assert_allclose(depth[(x == 6) & (y == 6)], 0.2)         # half way to the third
+    np.testing.assert_allclose(depth[(x == 6) & (y == 6)], 0.2)  # half way to the third
     assert depth[(x == 9) & (y == 2)] == 0
     pits = lowered(bilayer, Notch(points, 0.2, 3.0))[: bilayer.n_surface]
     assert np.count_nonzero(pits > 0.199) == 3
@@ -58,17 +58,22 @@ def test_a_line_is_one_groove_along_all_its_points():
 def test_a_notch_of_a_strip_runs_across_it():
     scene = load_scene("strip", ["effects.notch={at = [[40.0, 0.0, 0.0]]}"])
     body = build_body(scene, [effect for effect in build_effects(scene) if effect.name == "notch"])
-    depth = -body.X[: body.n_surface, 2].reshape(-1, 2)                 # both sides of each place
+    depth = -body.X[: body.n_surface, 2].reshape(-1, 2)  # both sides of each place
     assert np.array_equal(depth[:, 0], depth[:, 1])
     assert depth.max() == pytest.approx(0.1 * 2.5)
-    assert np.count_nonzero(depth[:, 0]) == 5                           # of cells of 0.5 mm in a width of 2.5
+    assert np.count_nonzero(depth[:, 0]) == 5  # of cells of 0.5 mm in a width of 2.5
 
 
 @pytest.mark.parametrize(
     ("notch", "kind", "named"),
-    [("{}", NotReadable, "at"), ("{at = []}", WrongShape, "at"), ("{at = [[0, 0]]}", NotReadable, "at"),
-     ("{at = [[9, 0, 0]], depth = 2}", OutOfRange, "depth"), ("{at = [[9, 0, 0]], line = true}", DoesNotApply, "line")],
-)  # fmt: skip
+    [
+        ("{}", NotReadable, "at"),
+        ("{at = []}", WrongShape, "at"),
+        ("{at = [[0, 0]]}", NotReadable, "at"),
+        ("{at = [[9, 0, 0]], depth = 2}", OutOfRange, "depth"),
+        ("{at = [[9, 0, 0]], line = true}", DoesNotApply, "line"),
+    ],
+)
 def test_a_notch_that_makes_no_sense_is_refused(notch, kind, named):
     with pytest.raises(kind, match=rf"effects\.notch\.{named}\b"):
         load_scene("patch", [f"effects.notch={notch}"])
@@ -84,16 +89,24 @@ def test_a_line_in_a_strip_and_a_point_off_the_surface_are_refused():
 def grown(notch, *settings, final, back=None):
     """Growth and pairs in contact at all measurements of a homogeneous block, held laterally, that grows as a whole; a
     section of 20 mm by 25."""
-    scene = load_scene("strip", [
-        "geometry.length=20", "material.mu_ratio=1.0", f"growth.final={final}", f"effects.core_growth.final={final}",
-        "output.stages=[]", *settings, *([f"effects.notch={notch}"] if notch else []),
-    ])  # fmt: skip
+    scene = load_scene(
+        "strip",
+        [
+            "geometry.length=20",
+            "material.mu_ratio=1.0",
+            f"growth.final={final}",
+            f"effects.core_growth.final={final}",
+            "output.stages=[]",
+            *settings,
+            *([f"effects.notch={notch}"] if notch else []),
+        ],
+    )
     scene = scene.without("perturbation")
     effects = build_effects(scene)
     body = build_body(scene, effects)
     run = Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
     seen, threads = [], numba.get_num_threads()
-    numba.set_num_threads(1)                                            # so small a body takes longer by two
+    numba.set_num_threads(1)  # so small a body takes longer by two
     for to in (final, back) if back else (final,):
         run.grow_to(to, lambda state: seen.append((state.growth, state.record["effects"]["contact"]["pairs"])))
     numba.set_num_threads(threads)

@@ -17,7 +17,7 @@ from morphofold.io import read_cortex, read_label, sample_path, write_gifti_map
 from morphofold.results import write_analysis, write_dataset
 from morphofold.simulation import freesurfer_maps
 
-quiet = pytest.mark.filterwarnings("ignore:.*:UserWarning:nibabel")      # a stage has no volume it came from
+quiet = pytest.mark.filterwarnings("ignore:.*:UserWarning:nibabel")  # a stage has no volume it came from
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_nilearn_opens_a_simulated_stage_as_a_freesurfer_subject(stage, nilearn_
         np.testing.assert_allclose(found, values, atol=1e-4)
     height = np.linalg.norm(cortex.pial.verts, axis=1)
     curv = nilearn_surface.load_surf_data(stage / "surf" / "lh.curv")
-    assert np.corrcoef(curv, height)[0, 1] < -0.9                        # positive in sulci, as in FreeSurfer
+    assert np.corrcoef(curv, height)[0, 1] < -0.9  # positive in sulci, as in FreeSurfer
 
 
 @quiet
@@ -86,7 +86,7 @@ def test_nilearn_opens_the_maps_of_an_analysis_in_each_format(analysed, nilearn_
     for name, values in m.maps.items():
         gifti = nilearn_surface.load_surf_data(plain / "maps" / f"lh.{name}.shape.gii")
         np.testing.assert_allclose(gifti, values, rtol=1e-6, atol=1e-9)
-        packed = tmp_path / f"lh.{name}.mgz"                             # the one ending of MGH that nilearn takes
+        packed = tmp_path / f"lh.{name}.mgz"  # the one ending of MGH that nilearn takes
         packed.write_bytes(gzip.compress((plain / "maps" / f"lh.{name}.mgh").read_bytes()))
         mgh = nilearn_surface.load_surf_data(packed)
         np.testing.assert_allclose(mgh, np.nan_to_num(values), rtol=1e-6, atol=1e-9)
@@ -136,7 +136,7 @@ def test_workbench_knows_hemisphere_kind_area_and_sides_of_an_analysis(analysed,
         area = vertex_areas(getattr(m.cortex, kind).verts, m.cortex.faces).sum()
         assert float(told(said, "Surface Area")) == pytest.approx(area, rel=1e-5)
     workbench("-surface-vertex-areas", f"{stem}_white.surf.gii", tmp_path / "area.shape.gii")
-    for file in (tmp_path / "area.shape.gii", f"{stem}_area.shape.gii"):             # theirs and ours
+    for file in (tmp_path / "area.shape.gii", f"{stem}_area.shape.gii"):  # theirs and ours
         area = float(workbench("-metric-stats", file, "-reduce", "SUM"))
         assert area == pytest.approx(m.maps["area"].sum(), rel=1e-5)
 
@@ -179,7 +179,7 @@ def test_workbench_finds_our_mean_thickness_within_the_cortex_label(average, wor
     label = read_label(sample_path("fsaverage5") / "label" / "rh.cortex.label", len(known))
     assert not known[~label].any()
     assert "CortexRight" in told(workbench("-file-information", file), "Structure")
-    assert workbench("-metric-stats", file, "-reduce", "MEAN").strip() == "nan"      # the wall is no zero
+    assert workbench("-metric-stats", file, "-reduce", "MEAN").strip() == "nan"  # the wall is no zero
     write_gifti_map(tmp_path / "rh.roi.shape.gii", known.astype(float))
     found = float(workbench("-metric-stats", file, "-reduce", "MEAN", "-roi", tmp_path / "rh.roi.shape.gii"))
     assert found == pytest.approx(m.scalars["mean_cortical_thickness_mm"], rel=1e-5)

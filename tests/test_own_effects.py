@@ -151,9 +151,17 @@ def test_a_checkpoint_is_not_taken_up_by_a_body_of_another_shape(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("", NotReadable), ("two words", NotReadable), ("1st", NotReadable), (7, NotReadable), ("contact", NamedTwice),
-     ("symmetry", NamedTwice), ("plane_strain", NamedTwice), ("elements", NamedTwice)],
-)  # fmt: skip
+    [
+        ("", NotReadable),
+        ("two words", NotReadable),
+        ("1st", NotReadable),
+        (7, NotReadable),
+        ("contact", NamedTwice),
+        ("symmetry", NamedTwice),
+        ("plane_strain", NamedTwice),
+        ("elements", NamedTwice),
+    ],
+)
 def test_a_name_that_is_none_or_taken_is_refused(name, kind, tmp_path):
     with pytest.raises(kind, match=re.escape(repr(name))):
         simulate("demo", tmp_path / "run", settings=TINY, effects=[named(name)])
@@ -167,7 +175,7 @@ def test_a_name_given_twice_is_refused(tmp_path):
 
 def test_what_is_no_effect_is_refused(tmp_path):
     with pytest.raises(TypeError, match="Breath"):
-        simulate("demo", tmp_path / "run", settings=TINY, effects=[Breath])     # the class, not one of it
+        simulate("demo", tmp_path / "run", settings=TINY, effects=[Breath])  # the class, not one of it
 
 
 def test_every_phase_of_a_run_is_a_name_that_no_effect_may_have(tmp_path):
@@ -191,7 +199,7 @@ def test_who_looks_on_sees_every_state_and_changes_nothing(tmp_path):
     assert step[-1] == looked.health["steps"]
     assert {1.1, 1.2} <= set(growth)
     assert energy[-1] == looked.health["stages"][-1]["strain_energy"]
-    for g in (1.1, 1.2):                                                # Eq. (11) of a smooth shell
+    for g in (1.1, 1.2):  # Eq. (11) of a smooth shell
         exact = (47.0**3 + g**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
         assert radius[growth == g][-1] == pytest.approx(exact, rel=1e-2)
 

@@ -146,10 +146,10 @@ def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
     assert [[(s[0].name, s[0].dash) for s in chart] for chart in series] == [
         *[list(zip("abc", charts.DASHES))] * 3,
         [("a", charts.DASHES[0]), ("c", charts.DASHES[2])],
-        list(zip("abc", charts.DASHES)),                                    # gyral over cortical thickness
+        list(zip("abc", charts.DASHES)),  # gyral over cortical thickness
     ]
     keys = re.findall(r'class="key-line".*?stroke-dasharray="([^"]*)"', text)
-    assert keys == [*charts.DASHES[:3]] * 2                                 # in the legends of fits and of curves
+    assert keys == [*charts.DASHES[:3]] * 2  # in the legends of fits and of curves
 
 
 def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
@@ -160,7 +160,7 @@ def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
     assert "A simulated cortex, measured from" in text
     assert "hemisphere" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
     assert "Half of the closed surface of bump was simulated" in text
-    assert "crossed bars" not in text                                      # regions, so no bins
+    assert "crossed bars" not in text  # regions, so no bins
     assert "crossed bars" in drawn([made_measures("rh", regions=False)])[0]
     assert "The right hemisphere, measured" in drawn([made_measures("rh")])[0]
 
@@ -168,12 +168,14 @@ def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
 def test_the_methods_say_what_was_done_to_which_surface(drawn):
     info = {"g": 2.0, "law": "isotropic", "mu_ratio": 4.0}
     model = replace(made_measures(origin="simulation", info=info), parameters={"curvature_scale_mm": 9.4})
-    brain = [replace(made_measures(hemi), parameters={"curvature_scale_mm": mm, "cortical_thickness_cap_mm": 5.0})
-             for hemi, mm in (("lh", 3.901), ("rh", 3.899))]  # fmt: skip
+    brain = [
+        replace(made_measures(hemi), parameters={"curvature_scale_mm": mm, "cortical_thickness_cap_mm": 5.0})
+        for hemi, mm in (("lh", 3.901), ("rh", 3.899))
+    ]
     text, _, _ = drawn({"model": model, "MRI": brain})
     said = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
     assert "within 3.9 or 9.4 mm" in said
-    assert "each 5 mm at most in some of them" in said                # the model has no bound
+    assert "each 5 mm at most in some of them" in said  # the model has no bound
     assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in said
     assert said.count("Chen X, Hutchinson JW") == 1
     alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
@@ -203,7 +205,7 @@ def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn
     assert kind(silent) == "simulation · bump"
     assert "was grown by" not in drawn([silent])[0]
     named = made_measures(origin="simulation", name="body g1.50", info={"g": 1.5})
-    assert kind(named) == "simulation · body g1.50"                         # its name says the growth
+    assert kind(named) == "simulation · body g1.50"  # its name says the growth
     assert kind(replace(named, cortex=replace(named.cortex, info={"g": 1.6}))) == "simulation · body g1.50 · growth 1.6"
 
 
@@ -242,11 +244,11 @@ def test_a_fit_not_different_from_none_is_called_so(drawn):
     for row, gyral in zip(m.regions, (8.0, 13.0, 9.0)):
         row["gyral_thickness_mm"] = gyral
     text, _, _ = drawn([m])
-    assert text.count("not different from none") == 2                      # in the caption and in the table
+    assert text.count("not different from none") == 2  # in the caption and in the table
     assert 'class="fit faint"' in text
 
 
 def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
-    monkeypatch.setattr(page, "_pictures", lambda *args: [])         # about half a megabyte each, seen elsewhere
+    monkeypatch.setattr(page, "_pictures", lambda *args: [])  # about half a megabyte each, seen elsewhere
     path = analysis_report(large_pair(rng), tmp_path / "report.html")
-    assert 4e6 < path.stat().st_size < 15e6 - 5 * 0.7e6                     # of room for five pictures
+    assert 4e6 < path.stat().st_size < 15e6 - 5 * 0.7e6  # of room for five pictures

@@ -19,9 +19,9 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
         tab.js(head.format("region"))
         assert tab.js(names) == ["back", "front", "middle"]
         tab.js(head.format("gyral_thickness_mm"))
-        assert tab.js(names) == ["front", "back", "middle"]                     # without a value: last
+        assert tab.js(names) == ["front", "back", "middle"]  # without a value: last
         tab.js(head.format("gyral_thickness_mm"))
-        assert tab.js(names) == ["back", "front", "middle"]                     # falling, and still last
+        assert tab.js(names) == ["back", "front", "middle"]  # falling, and still last
         assert tab.js("document.querySelector('th[aria-sort]').getAttribute('aria-sort')") == "descending"
         tab.js("URL.createObjectURL = (blob) => { window.saved = blob; return '#'; }")
         tab.js("HTMLAnchorElement.prototype.click = function () { window.link = this.download; }")
@@ -53,7 +53,7 @@ def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path, plain_
         tab.js("window.dispatchEvent(new Event('afterprint'))")
         tab.call("Emulation.setEmulatedMedia", media="")
         assert (shown(), heads(), hint()) == ([False, False], [True, True], True)
-        tab.js(f"{details}.forEach(d => d.open = true)")                        # opened by the reader
+        tab.js(f"{details}.forEach(d => d.open = true)")  # opened by the reader
         tab.js("window.dispatchEvent(new Event('beforeprint'))")
         tab.js("window.dispatchEvent(new Event('afterprint'))")
         assert shown() == [True, True]

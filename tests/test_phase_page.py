@@ -65,7 +65,7 @@ def test_every_number_stands_in_its_cell_and_has_its_colour():
     assert set(found) == {(i, j) for i in range(3) for j in range(2)}
     for (i, j), words in found.items():
         mean = 1.2 + 0.1 * i + 0.3 * j
-        assert words.splitlines() == [f"{mean:.2f}", "± 0.14", "theory g 1.50"]         # sd of two: 0.2 / sqrt 2
+        assert words.splitlines() == [f"{mean:.2f}", "± 0.14", "theory g 1.50"]  # sd of two: 0.2 / sqrt 2
         want = colours.sequential()[round((mean - low) / (high - low) * 255)]
         np.testing.assert_array_equal(image[j, i], want)
     assert [label.get_text() for label in drawn.axes[0].get_xticklabels()] == ["1", "2", "3"]
@@ -151,7 +151,7 @@ def test_between_words_which_have_no_order_nothing_is_joined():
     drawn = diagram(phases, GI).axes[0]
     ends = [path.vertices for c in drawn.collections for path in c.get_paths()]
     levels = {(float(v[:, 0].min()), float(v[:, 0].max()), round(float(v[:, 1].mean()), 6)) for v in ends if len(v)}
-    assert levels == {(-0.5, 0.5, 0.25), (0.5, 1.5, 0.5)}                # a quarter and half of the way up
+    assert levels == {(-0.5, 0.5, 0.25), (0.5, 1.5, 0.5)}  # a quarter and half of the way up
     assert all(np.ptp(v[:, 1]) < 1e-9 for v in ends if len(v))
     lines = curve(made(["law=isotropic,tangential"]), LENGTH).axes[0].lines
     named = [line for line in lines if not line.get_label().startswith("_")]
@@ -173,14 +173,16 @@ def test_a_run_that_is_not_healthy_is_marked_where_its_number_stands():
 def test_a_small_spread_is_no_spread_of_zero():
     phases = made()
     runs = tuple(replace(run, measures={GI.key: 1.5 + 0.002 * run.point.seed}) for run in phases.runs)
-    assert cell(replace(phases, runs=runs), (0, 0), GI.key).words == ["1.50", "± 0.001"]    # 0.002 / sqrt 2
+    assert cell(replace(phases, runs=runs), (0, 0), GI.key).words == ["1.50", "± 0.001"]  # 0.002 / sqrt 2
 
 
 def contrast(one, other):
     """Ratio of the relative luminances of two colours in bytes, WCAG 2."""
+
     def luminance(rgb):
         parts = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(rgb) / 255]
         return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2] + 0.05
+
     high, low = sorted([luminance(one), luminance(other)], reverse=True)
     return high / low
 
@@ -227,8 +229,8 @@ def test_what_no_run_has_has_no_diagram(tmp_path):
     assert (tmp_path / "figures" / f"{GI.key}.png").exists()
     assert "Wavelength of folds: 12 of 12 runs have none." in page
     words = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
-    assert "critical growth" not in words                               # of which theory says nothing
-    assert "Final growth</th>" not in words                             # it is an axis
+    assert "critical growth" not in words  # of which theory says nothing
+    assert "Final growth</th>" not in words  # it is an axis
 
 
 @pytest.mark.parametrize(
@@ -266,7 +268,7 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
     one, other = (found.verts[found.faces[:, k]] - found.verts[found.faces[:, 0]] for k in (1, 2))
     areas = np.cross(one, other)[:, 2] / 2
     assert areas.min() > 0
-    assert areas.sum() == pytest.approx(20.0 * 2.0)                     # the lines are 2 mm apart, straight down
+    assert areas.sum() == pytest.approx(20.0 * 2.0)  # the lines are 2 mm apart, straight down
     np.testing.assert_allclose(np.ptp(found.verts, axis=0), [20.0, 3.0 + 3.0 + 2.0, 0.0], atol=1e-3)
     for name, surface in (("lh.pial", pial), ("lh.white", white)):
         write_surface(tmp_path / name, surface)
@@ -347,5 +349,3 @@ def test_long_tables_are_cut_and_say_so(tmp_path):
     values = ",".join(str(1 + k / 1000) for k in range(500))
     page = phase_report(made([f"mu_ratio={values}"], seeds=1), tmp_path).read_text()
     assert "And 100 more points." in page
-
-

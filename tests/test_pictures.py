@@ -20,9 +20,16 @@ GREY = Quantity("t", "Test", "mm")
 
 @pytest.mark.parametrize(
     ("hemi", "view", "axis", "sign"),
-    [("lh", "lateral", 0, -1), ("rh", "lateral", 0, 1), ("lh", "medial", 0, 1), ("rh", "medial", 0, -1),
-     ("lh", "top", 2, 1), ("rh", "bottom", 2, -1), ("lh", "front", 1, 1)],
-)  # fmt: skip
+    [
+        ("lh", "lateral", 0, -1),
+        ("rh", "lateral", 0, 1),
+        ("lh", "medial", 0, 1),
+        ("rh", "medial", 0, -1),
+        ("lh", "top", 2, 1),
+        ("rh", "bottom", 2, -1),
+        ("lh", "front", 1, 1),
+    ],
+)
 def test_a_view_looks_from_the_side_it_is_named_for(hemi, view, axis, sign):
     R = surfaces.camera(view, hemi)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
@@ -89,7 +96,7 @@ def answering(monkeypatch):
 @pytest.mark.parametrize(
     ("code", "text", "drawn_by"),
     [
-        (-11, "", "raster"),                                            # no GL library: VTK kills the process
+        (-11, "", "raster"),  # no GL library: VTK kills the process
         (0, "OpenGL renderer string:  llvmpipe (LLVM 19.1.7, 256 bits)\n", "raster"),
         (0, "OpenGL vendor string:  A\nOpenGL renderer string:  A Card 9000\nmore", "pyvista"),
         (0, "no such line", "raster"),
@@ -121,7 +128,7 @@ def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     row = surfaces.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
     image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
     mm = next(float(text.split()[0]) for text in said if re.fullmatch(r"\d+ mm", text))
-    ball = image[72 + 30 : -112].min(axis=2) < 240                    # between head and foot of the figure
+    ball = image[72 + 30 : -112].min(axis=2) < 240  # between head and foot of the figure
     columns = np.flatnonzero(ball.any(axis=0))
     per_mm = (columns[-1] - columns[0] + 1) / 40
     ruler = max((image[-112:, :250] == 60).all(axis=2).sum(axis=1))

@@ -60,7 +60,7 @@ def test_a_right_hemisphere_that_is_called_left_is_told(average):
     right = read_cortex(sample_path("fsaverage5"), "rh")
     assert told(replace(right, hemi="lh")) == {"side"} == told(replace(average, hemi="rh"))
     assert told(right) == set()
-    assert told(moved(average, lambda v: v + [500, 0, 0])) == set()             # a frame that says nothing of sides
+    assert told(moved(average, lambda v: v + [500, 0, 0])) == set()  # a frame that says nothing of sides
 
 
 @pytest.mark.parametrize("labelled", [True, False])
@@ -125,7 +125,7 @@ def test_a_thickness_of_other_surfaces_or_units_is_told(rng):
     for given, said in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
         found = measure(shell(maps={"thickness": given}))
         assert ("thickness_unlike" in found.notes) == said
-    flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))             # one number correlates with nothing
+    flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))  # one number correlates with nothing
     assert "thickness_unlike" not in flat.notes
 
 

@@ -36,4 +36,4 @@ def test_no_character_of_a_name_vanishes():
         latin, mixed = lettering("EgÅ", 20, bold), lettering("EgÅ脑", 20, bold)
         assert latin.shape[0] == mixed.shape[0]
         feet = [np.flatnonzero(ink[:, :14].any(axis=1))[-1] for ink in (latin, mixed)]
-        assert abs(feet[0] - feet[1]) <= 1                              # the baseline, under the E
+        assert abs(feet[0] - feet[1]) <= 1  # the baseline, under the E

@@ -7,9 +7,14 @@ from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS, SCALARS
 from morphofold.cohort.pooling import HOW, Pooling, commonest, pooling
 
 USUAL = {
-    "morphofold": "1.0", "folding_scale_mm": 3.0, "graph_width_mm": 8.0, "cortical_thickness_cap_mm": 5.0,
-    "cortex_mask": "label", "accuracy": "standard", "annotation": "aparc",
-}  # fmt: skip
+    "morphofold": "1.0",
+    "folding_scale_mm": 3.0,
+    "graph_width_mm": 8.0,
+    "cortical_thickness_cap_mm": 5.0,
+    "cortex_mask": "label",
+    "accuracy": "standard",
+    "annotation": "aparc",
+}
 
 
 def way(**changes):
@@ -85,7 +90,9 @@ def test_what_measures_follow_from_is_known():
 def test_the_options_that_would_measure_all_alike_are_said():
     """The coarsest curvature scale, which all can have, and the median width."""
     found = pooled(
-        [[0, 1], [2, 2]], way(graph_width_mm=7.0), way(folding_scale_mm=3.912, graph_width_mm=8.0),
+        [[0, 1], [2, 2]],
+        way(graph_width_mm=7.0),
+        way(folding_scale_mm=3.912, graph_width_mm=8.0),
         way(graph_width_mm=9.0),
-    )  # fmt: skip
+    )
     assert "--curvature-scale 3.91 --gyral-width 8.5" in found.said[1]

@@ -99,8 +99,10 @@ def test_a_constant_has_no_wavelength(sphere):
 def test_what_is_no_sphere_around_the_origin_is_refused(sphere):
     verts, faces = sphere
     for wrong, whole, turned in (
-        (verts + [60, 0, 0], faces, r"[1-9]\d*"), (verts, faces[:, ::-1], "20480"), (verts, faces[1:], "0")
-    ):  # fmt: skip
+        (verts + [60, 0, 0], faces, r"[1-9]\d*"),
+        (verts, faces[:, ::-1], "20480"),
+        (verts, faces[1:], "0"),
+    ):
         with pytest.raises(DoesNotApply, match=rf" {turned} of {len(whole)}\b"):
             analysis.power_spectrum(wrong, whole, verts[:, 0])
 

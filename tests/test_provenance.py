@@ -13,8 +13,11 @@ from morphofold.tables import cell
 def test_json_is_strict_whatever_the_values():
     odd = {"a": np.float64("nan"), "b": [np.inf, np.int32(3), np.bool_(True)], 5: np.arange(2), "c": {1.5: object}}
     assert json.loads(strict_json(odd)) == {
-        "a": None, "b": [None, 3, True], "5": [0, 1], "c": {"1.5": "<class 'object'>"},
-    }  # fmt: skip
+        "a": None,
+        "b": [None, 3, True],
+        "5": [0, 1],
+        "c": {"1.5": "<class 'object'>"},
+    }
 
 
 def test_a_name_that_is_no_text_can_be_written_everywhere():

@@ -32,7 +32,7 @@ def test_the_radius_of_fig_3a_follows_equation_11(fig3):
     assert fig3.stages == (1.2, 1.5, 2.0)
     for stage in fig3.health["stages"]:
         exact = 48 * theory.deformed_radius(stage["growth"], 50 / 48)
-        assert stage["mean_radius_mm"] == pytest.approx(exact, rel=1.5e-3)      # kappa = 2000 mu, and p = -5 mu
+        assert stage["mean_radius_mm"] == pytest.approx(exact, rel=1.5e-3)  # kappa = 2000 mu, and p = -5 mu
 
 
 def test_the_stresses_of_fig_3b_are_those_of_the_theory(fig3):
@@ -41,18 +41,18 @@ def test_the_stresses_of_fig_3b_are_those_of_the_theory(fig3):
     for name in ("sigma_r", "sigma_theta"):
         at = np.interp(found["r_mm"][cortex], exact.r, getattr(exact, name))
         np.testing.assert_allclose(found[name][cortex], at, atol=0.02 * np.abs(exact.sigma_theta).max())
-    assert found["sigma_r"][-1] == pytest.approx(0, abs=1e-6)                   # a free surface
+    assert found["sigma_r"][-1] == pytest.approx(0, abs=1e-6)  # a free surface
 
 
 def test_a_profile_goes_through_both_layers_in_mm(fig3):
     found, cortex = profile(fig3, 1.5)
     assert found["R_mm"][[0, -1]] == pytest.approx([25, 50])
     assert found["R_mm"][cortex].min() == found["R_mm"][~cortex].max() == pytest.approx(48)
-    assert found["r_mm"][0] == pytest.approx(25)                                # the hole is held
+    assert found["r_mm"][0] == pytest.approx(25)  # the hole is held
     assert np.all(np.diff(found["r_mm"][cortex]) > 0)
     interface = np.flatnonzero(found["R_mm"] == 48)
     assert np.ptp(found["r_mm"][interface]) < 1e-7
-    assert np.ptp(found["sigma_r"][interface]) < 1e-4                           # equilibrium; sigma_theta jumps
+    assert np.ptp(found["sigma_r"][interface]) < 1e-4  # equilibrium; sigma_theta jumps
     assert np.ptp(found["sigma_theta"][interface]) > 1
 
 
@@ -83,7 +83,7 @@ def test_the_energy_is_that_of_the_material_over_the_grown_body(tmp_path, law):
 def test_a_core_that_grows_follows_equations_9_and_10(tmp_path):
     soft = ["material.kappa_ratio=2000", "material.mu_ratio=1", "output.stages=[1.4]"]
     simulation = simulate("radial", tmp_path / "x", settings=soft)
-    for g, core in ((1.4, 1.1), (1.8, 1.2)):                                    # its share of the way: 0.2 to 0.8
+    for g, core in ((1.4, 1.1), (1.8, 1.2)):  # its share of the way: 0.2 to 0.8
         found, _ = profile(simulation, g)
         for name, R in (("white", 47.0), ("pial", 50.0)):
             exact = 47 * theory.deformed_radius(g, 50 / 47, R_bar=R / 47, g_core=core, A_bar=25 / 47)

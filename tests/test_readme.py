@@ -24,5 +24,5 @@ def test_the_readme_example_ends_in_two_numbers_and_a_page(tmp_path, monkeypatch
     exec(compile(code, "README.md", "exec"), {})
     model, brain, page = capsys.readouterr().out.split()
     assert least < float(model) < 2.2
-    assert float(brain) == pytest.approx(2.66, abs=0.01)               # as two other studies of this surface found
+    assert float(brain) == pytest.approx(2.66, abs=0.01)  # as two other studies of this surface found
     assert (tmp_path / page).stat().st_size > 1_000_000

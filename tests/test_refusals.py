@@ -57,7 +57,7 @@ def refused(argv, capsys, folder):
     assert told.out == ""
     assert told.err.endswith("\n")
     line = told.err[:-1]
-    assert line.isprintable()                                           # so neither ends a line nor steers a terminal
+    assert line.isprintable()  # so neither ends a line nor steers a terminal
     assert ".." not in line.replace("...", "")
     assert "Traceback" not in line
     assert sorted(os.listdir(folder)) == before
@@ -77,7 +77,7 @@ def test_wrong_values_of_every_option_are_refused_in_one_line(words, here, capsy
         for value in WRONG:
             line = refused([*words, *base, f"{action.option_strings[-1]}={value}"], capsys, here)
             if value == "":
-                assert action.option_strings[-1] in line                # refused for itself, and named
+                assert action.option_strings[-1] in line  # refused for itself, and named
 
 
 @pytest.mark.parametrize("words", CALLS, ids=" ".join)
@@ -120,29 +120,56 @@ def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(ab
 LONG = "x" * 5000
 
 
-@pytest.mark.parametrize("argv", [
-    ["analyze", LONG], ["analyze", "made", "-o", LONG], ["analyze", "made", "--annot", LONG], [LONG],
-    ["analyze", "made", "-o", "/".join(["y" * 200] * 30)], ["analyze", "made", "--annot", "x " * 5000],
-    ["analyze", "-s", LONG, "--sd", "."], ["compare", LONG], ["simulate", "radial", "--set", f"{LONG}=1"],
-    ["simulate", "radial", "--budget", LONG], ["sweep", "radial", "--vary", f"{LONG}=1"], ["reproduce", LONG],
-    ["bench", "folds", "-o", "out", "--levels", LONG], ["cohort", LONG], ["theory", LONG],
-], ids=lambda argv: " ".join(argv)[:30])  # fmt: skip
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["analyze", LONG],
+        ["analyze", "made", "-o", LONG],
+        ["analyze", "made", "--annot", LONG],
+        [LONG],
+        ["analyze", "made", "-o", "/".join(["y" * 200] * 30)],
+        ["analyze", "made", "--annot", "x " * 5000],
+        ["analyze", "-s", LONG, "--sd", "."],
+        ["compare", LONG],
+        ["simulate", "radial", "--set", f"{LONG}=1"],
+        ["simulate", "radial", "--budget", LONG],
+        ["sweep", "radial", "--vary", f"{LONG}=1"],
+        ["reproduce", LONG],
+        ["bench", "folds", "-o", "out", "--levels", LONG],
+        ["cohort", LONG],
+        ["theory", LONG],
+    ],
+    ids=lambda argv: " ".join(argv)[:30],
+)
 def test_what_is_long_is_not_told_whole(argv, here, capsys, made):
     assert main(argv) == 2
     assert len(capsys.readouterr().err) < (4100 if " " in argv[-1] else 1300)
 
 
-@pytest.mark.parametrize("argv", [
-    ["analyze", "made", "--threads", "0"], ["analyze", "made", "--threads", "-1"],
-    ["analyze", "made", "--curvature-scale", "nan"], ["analyze", "made", "--gyral-width", "inf"],
-    ["cohort", ".", "--workers", "0"], ["cohort", ".", "--memory", "nan"],
-    ["cohort", ".", "--memory", "-1"], ["cohort", ".", "--threads", "0"], ["simulate", "radial", "--threads", "0"],
-    ["simulate", "radial", "--budget", "nan"], ["simulate", "radial", "--error", "-1"],
-    ["simulate", "radial", "--budget", "x"],
-    ["simulate", "radial", "--set", "growth.final=nan"], ["simulate", "radial", "--set", "growth.final=1e400"],
-    ["bench", "speed", "--seconds", "nan"], ["bench", "measures", "--vertices", "9" * 30],
-    ["theory", "radius", "--growth", "1:2:999999999"], ["theory", "radius", "--growth", "nan"],
-], ids=" ".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["analyze", "made", "--threads", "0"],
+        ["analyze", "made", "--threads", "-1"],
+        ["analyze", "made", "--curvature-scale", "nan"],
+        ["analyze", "made", "--gyral-width", "inf"],
+        ["cohort", ".", "--workers", "0"],
+        ["cohort", ".", "--memory", "nan"],
+        ["cohort", ".", "--memory", "-1"],
+        ["cohort", ".", "--threads", "0"],
+        ["simulate", "radial", "--threads", "0"],
+        ["simulate", "radial", "--budget", "nan"],
+        ["simulate", "radial", "--error", "-1"],
+        ["simulate", "radial", "--budget", "x"],
+        ["simulate", "radial", "--set", "growth.final=nan"],
+        ["simulate", "radial", "--set", "growth.final=1e400"],
+        ["bench", "speed", "--seconds", "nan"],
+        ["bench", "measures", "--vertices", "9" * 30],
+        ["theory", "radius", "--growth", "1:2:999999999"],
+        ["theory", "radius", "--growth", "nan"],
+    ],
+    ids=" ".join,
+)
 def test_absurd_numbers_are_refused_in_one_line(argv, here, capsys, made):
     refused(argv, capsys, here)
 
@@ -160,8 +187,16 @@ def made(here):
     write_surface(here / "made" / "surf" / "lh.pial", cortex.pial)
 
 
-@pytest.mark.parametrize("words", [["--gyral-width", "1e300"], ["--gyral-width", "1e-300"], ["--gyral-width", "1e-6"],
-                                   ["--curvature-scale", "1e-300"], ["--thickness-cap", "1e-320"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--gyral-width", "1e300"],
+        ["--gyral-width", "1e-300"],
+        ["--gyral-width", "1e-6"],
+        ["--curvature-scale", "1e-300"],
+        ["--thickness-cap", "1e-320"],
+    ],
+)
 def test_lengths_that_no_cortex_has_are_refused(here, capsys, words):
     subject = str(sample_path("fsaverage5"))
     assert main(["analyze", subject, "--hemi", "lh", "-o", "out", "--no-report", "-q", *words]) == 2
@@ -174,7 +209,7 @@ def test_where_compiled_code_can_not_be_kept_a_folder_is_asked_for(here, capsys,
         from numba import njit
         from numba.core.caching import CacheImpl
 
-        monkeypatch.setattr(CacheImpl, "_locator_classes", [])         # as in a container that can't be written
+        monkeypatch.setattr(CacheImpl, "_locator_classes", [])  # as in a container that can't be written
         njit(cache=True)(lambda: 0)
 
     monkeypatch.setattr("morphofold.cli.scenes.run", imported)

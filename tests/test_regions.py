@@ -35,8 +35,9 @@ def test_region_table_equals_the_one_freesurfer_wrote(excerpt):
     with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
         published = list(csv.DictReader(file, delimiter="\t"))
     cortex = labelled(excerpt["labels"], [str(n) for n in excerpt["region_names"]])
-    table = region_table(cortex, {k: excerpt[v].astype(float) for k, v in
-                                  (("area", "area"), ("cortical_thickness", "thickness"))})  # fmt: skip
+    table = region_table(
+        cortex, {k: excerpt[v].astype(float) for k, v in (("area", "area"), ("cortical_thickness", "thickness"))}
+    )
     assert [row["region"] for row in table] == [row["StructName"] for row in published]
     for row, want in zip(table, published, strict=True):
         assert row["n_vertices"] == int(want["NumVert"])
@@ -125,7 +126,7 @@ def test_the_thickness_of_a_file_is_averaged_beside_our_own():
 
 def test_the_gyrification_of_a_region_is_the_mean_of_the_local_index_over_pial_area():
     verts, faces = shapes.icosphere(3)
-    stretched = verts * [1.0, 1.0, 3.0]                                 # so that vertices differ in area
+    stretched = verts * [1.0, 1.0, 3.0]  # so that vertices differ in area
     labels = (verts[:, 2] > 0).astype(np.int64)
     cortex = replace(shell(labels), pial=Surface(60 * stretched, faces))
     index = np.where(verts[:, 0] > 0, 2.0, 1.0)
@@ -159,7 +160,7 @@ def test_gray_volume_between_concentric_spheres_is_exact_and_shared_by_regions()
     assert between == pytest.approx(4 / 3 * np.pi * (50**3 - 47**3), rel=0.02)
     rows = region_table(cortex, {})
     assert sum(row["gray_volume_mm3"] for row in rows) == pytest.approx(between, rel=1e-12)
-    share = vertex_areas(cortex.white.verts, cortex.faces)          # radial: a wedge is as large as its triangle
+    share = vertex_areas(cortex.white.verts, cortex.faces)  # radial: a wedge is as large as its triangle
     for row, here in zip(rows, (labels == 0, labels == 1)):
         assert row["gray_volume_mm3"] == pytest.approx(between * share[here].sum() / share.sum(), rel=1e-6)
 
@@ -190,7 +191,7 @@ def test_the_mean_curvature_of_a_region_is_weighted_by_its_pial_area():
     bent[100:] = np.nan
     area = vertex_areas(cortex.pial.verts, cortex.faces)
     want = (area[:12].sum() - 0.5 * area[12:100].sum()) / area[:100].sum()
-    assert abs(want - bent[:100].mean()) > 1e-3                     # the first twelve are five-valent, so smaller
+    assert abs(want - bent[:100].mean()) > 1e-3  # the first twelve are five-valent, so smaller
     assert region_table(cortex, {"H": bent})[0]["mean_H_per_mm"] == pytest.approx(want, rel=1e-12)
     assert region_table(cortex, {})[0]["mean_H_per_mm"] is None
 

@@ -18,7 +18,7 @@ from morphofold.shapes import icosphere, irregular_sphere
 def test_a_smoothed_sphere_shrinks_by_the_factor_of_the_heat_equation():
     verts, faces = icosphere(4, radius=50.0)
     smooth = implicit_smoothing(verts, faces, 10.0, rounds=2, rtol=1e-10)
-    factor = 1 / (1 + 2 * (10 / 50) ** 2)               # the coordinates are harmonics of degree 1, eigenvalue 2 / r^2
+    factor = 1 / (1 + 2 * (10 / 50) ** 2)  # the coordinates are harmonics of degree 1, eigenvalue 2 / r^2
     np.testing.assert_allclose(smooth, factor**2 * verts, atol=5e-3 * 50)
 
 
@@ -30,7 +30,7 @@ def test_smoothing_solves_its_equation_on_an_irregular_noisy_mesh(rng):
     want = spsolve(matrix, mass @ verts)
     np.testing.assert_allclose(implicit_smoothing(verts, faces, 7.0, rounds=1, rtol=1e-11), want, atol=1e-6)
     loose = implicit_smoothing(verts, faces, 7.0, rounds=1)
-    assert 1e-9 < np.abs(loose - want).max() < 0.05     # the default tolerance, on a displacement of millimetres
+    assert 1e-9 < np.abs(loose - want).max() < 0.05  # the default tolerance, on a displacement of millimetres
 
 
 def test_smoothing_does_not_know_where_the_surface_lies():
@@ -44,7 +44,7 @@ def test_smoothing_does_not_know_where_the_surface_lies():
 def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
     values = rng.normal(size=len(verts))
-    values[:40] = values[40]                            # ties
+    values[:40] = values[40]  # ties
     distance = csgraph.dijkstra(edge_graph(verts, faces))
     near = distance <= 13.0 * DETOUR
     low, high = windowed_range(verts, faces, values, 13.0)

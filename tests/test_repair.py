@@ -78,8 +78,10 @@ FAULTS = {
     "a triangle flipped": (flipped, {"flipped_triangles": 1}),
     "100 flipped": (lambda c: flipped(c, 100), {"flipped_triangles": 100}),
     "all flipped": (lambda c: changed(c, faces=c.faces[:, ::-1]), {"flipped_triangles": 5120}),
-    "more than half": (lambda c: changed(c, faces=np.r_[c.faces[:3000, ::-1], c.faces[3000:]]),
-                       {"flipped_triangles": 3000}),
+    "more than half": (
+        lambda c: changed(c, faces=np.r_[c.faces[:3000, ::-1], c.faces[3000:]]),
+        {"flipped_triangles": 3000},
+    ),
     "a vertex twice": (torn, {"seam_vertices": 1}),
     "all triangles apart": (soup, {"seam_vertices": 15360 - 2562}),
     "a triangle twice": (lambda c: with_faces(c, c.faces[700]), {"double_triangles": 1}),
@@ -87,7 +89,7 @@ FAULTS = {
     "a fin": (fin, {"pinched_edges": 1, "debris_triangles": 1}),
     "a fin of two sides": (lambda c: with_faces(fin(c), fin(c).faces[-1, ::-1]), {"double_triangles": 2}),
     "a vertex named twice": (lambda c: with_faces(c, [3, 4, 3]), {"flat_triangles": 1}),
-}  # fmt: skip
+}
 
 
 def triangles(cortex):
@@ -106,8 +108,9 @@ def test_a_fault_is_mended_to_the_surface_that_it_was_put_into(name):
     assert mend.numbers == {f"repaired_{key}": value for key, value in done.items()}
     away, same = cKDTree(cortex.pial.verts).query(mend.cortex.pial.verts)
     assert not away.any()
-    assert np.array_equal(same[mend.place[mend.place >= 0]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1]
-                          [mend.place >= 0])  # fmt: skip
+    assert np.array_equal(
+        same[mend.place[mend.place >= 0]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][mend.place >= 0]
+    )
     same = same[mend.cortex.faces]
     assert np.array_equal(triangles(changed(cortex, faces=same)), triangles(cortex))
 
@@ -122,13 +125,15 @@ def test_faults_that_are_mended_change_no_number_and_maps_fit_the_input():
     faulty = replace(faulty, regions=regions, maps={"thickness": np.arange(n) + 1.0})
     found = measure(faulty)
     for key, value in without.scalars.items():
-        if not key.startswith("gyral_to_cortical"):                     # a line through regions, of which it had none
+        if not key.startswith("gyral_to_cortical"):  # a line through regions, of which it had none
             assert found.scalars[key] == (None if value is None else pytest.approx(value, rel=1e-9)), key
     numbers = {key: value for key, value in found.parameters.items() if key.startswith("repaired_")}
     assert numbers == {
-        "repaired_seam_vertices": 1, "repaired_pinched_edges": 1, "repaired_debris_triangles": 1,
+        "repaired_seam_vertices": 1,
+        "repaired_pinched_edges": 1,
+        "repaired_debris_triangles": 1,
         "repaired_flipped_triangles": 1,
-    }  # fmt: skip
+    }
     assert "repair" in found.notes
     twin = cortex.faces[700, 0]
     for key, values in found.maps.items():
@@ -136,7 +141,7 @@ def test_faults_that_are_mended_change_no_number_and_maps_fit_the_input():
         if key in without.maps:
             np.testing.assert_allclose(values[:-2], without.maps[key], rtol=1e-9, atol=1e-12)
         np.testing.assert_array_equal(values[-2], 0 if key == "area" else values[twin])
-        assert np.isnan(values[-1])                                     # the tip of the fin
+        assert np.isnan(values[-1])  # the tip of the fin
     assert found.cortex.regions is regions
     assert mended(replace(faulty, cortex=label)).cortex.cortex.tolist() == label[:-2].tolist()
     assert found.maps["thickness_file"][5] == 6.0
@@ -177,8 +182,11 @@ def test_sheets_welded_along_edges_are_parted(length):
     assert sorted(mend.twin.tolist()).count(pairs[0][0]) == 2
 
 
-@pytest.mark.parametrize("pairs", [lambda c: [neighbours_apart(c, 100)], lambda c: [(100, 1500)]],
-                         ids=["neighbours of one vertex", "at a vertex alone"])  # fmt: skip
+@pytest.mark.parametrize(
+    "pairs",
+    [lambda c: [neighbours_apart(c, 100)], lambda c: [(100, 1500)]],
+    ids=["neighbours of one vertex", "at a vertex alone"],
+)
 def test_a_sphere_that_touches_itself_is_a_sphere_again(pairs):
     """Connected as it was: corners have the same vertex where they had the same one."""
     cortex = clean()[0]
@@ -196,7 +204,7 @@ def test_a_pinch_is_told_and_what_is_measured_has_the_input_s_vertices():
     assert found.scalars["euler_characteristic"] == 2
     assert found.parameters["repaired_pinched_edges"] == 1
     assert all(len(values) == faulty.n_vertices for values in found.maps.values())
-    assert np.isnan(found.maps["H"][j])                                 # no triangle has it
+    assert np.isnan(found.maps["H"][j])  # no triangle has it
     assert np.isfinite(found.maps["H"][i])
     assert max(node["vertex"] for _, node in found.graph.nodes(data=True)) < faulty.n_vertices
 
@@ -283,8 +291,14 @@ def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     mend = mended(Cortex(Surface(40 * both, faces), Surface(42 * both - 2 * center, faces)))
     assert mend.numbers == {"repaired_flipped_triangles": len(ball)}
     np.testing.assert_array_equal(mend.twin[mend.cortex.faces[: len(open_piece)]], open_piece)
-    assert checks.signed_volumes(mend.cortex.white.verts, mend.cortex.faces[len(open_piece):],
-                                 np.zeros(mend.cortex.n_vertices, dtype=np.int64))[0] > 0  # fmt: skip
+    assert (
+        checks.signed_volumes(
+            mend.cortex.white.verts,
+            mend.cortex.faces[len(open_piece) :],
+            np.zeros(mend.cortex.n_vertices, dtype=np.int64),
+        )[0]
+        > 0
+    )
 
 
 def test_areas_of_what_was_joined_or_parted_sum_up_and_the_inflated_surface_is_mended():

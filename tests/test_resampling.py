@@ -81,20 +81,20 @@ def test_thickness_of_a_shell_comes_back_from_its_copy(accuracy):
     thickness = copy.cortical_thickness(cap=None)
     edge = max(geometry.mean_edge_length(c.pial.verts, c.faces) for c in (cortex, copy.cortex))
     assert thickness.shape == (cortex.n_vertices,)
-    assert np.abs(thickness - 3).max() < 3 * edge**2 / 8 / 47              # thrice the sag of an even triangle
+    assert np.abs(thickness - 3).max() < 3 * edge**2 / 8 / 47  # thrice the sag of an even triangle
 
 
 @pytest.mark.parametrize(("level", "accuracy"), [(5, THIN), (4, SPLIT)])
 def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
     cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
     found = copied(cortex, accuracy).gyral_thickness()
-    assert found.median == pytest.approx(chord, rel=0.03)                   # 0.02 is that of the measure itself
+    assert found.median == pytest.approx(chord, rel=0.03)  # 0.02 is that of the measure itself
     assert found.per_vertex.shape == found.relief.height.shape == (cortex.n_vertices,)
     assert np.nanmedian(found.per_vertex) == pytest.approx(chord, rel=0.05)
     middle = cortex.pial.verts[cortex.faces[found.triangle]].mean(axis=1)
     edge = geometry.mean_edge_length(cortex.pial.verts, cortex.faces)
     assert np.quantile(np.linalg.norm(middle - found.points, axis=1), 0.99) < 4 * edge
-    north = cortex.pial.verts[:, 2] > 0                                     # half of them by symmetry
+    north = cortex.pial.verts[:, 2] > 0  # half of them by symmetry
     assert found.contour_where(north, cortex.faces) == pytest.approx(np.nansum(found.weight) / 2, rel=0.1)
     masked = copied(cortex, accuracy).gyral_thickness(mask=north)
     assert (masked.points[:, 2] > -edge).all()
@@ -110,7 +110,7 @@ def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(bal
     places = np.concatenate([at, *(line for *_, line in graph.edges(data="polyline"))])
     vertices = np.concatenate([[node["vertex"] for node in nodes], *(v for *_, v in graph.edges(data="vertices"))])
     mesh = trimesh.Trimesh(ball.white.verts, ball.faces, process=False)
-    planes = mesh.face_normals[mesh.vertex_faces[vertices]]                 # of the triangles at the nearest vertex
+    planes = mesh.face_normals[mesh.vertex_faces[vertices]]  # of the triangles at the nearest vertex
     off = np.abs(np.einsum("pfk,pk->pf", planes, places - ball.white.verts[vertices]))
     assert off.min(axis=1).max() < 1e-9
     np.testing.assert_array_equal(vertices[: len(at)], cKDTree(ball.white.verts).query(at)[1])
@@ -133,7 +133,7 @@ def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers
     cortex = replace(ball, cortex=ball.pial.verts[:, 2] > -40, regions=regions)
     draft, standard = measure(cortex, accuracy="draft"), measure(cortex)
     for name, values in standard.maps.items():
-        differ = np.isfinite(draft.maps[name]) != np.isfinite(values)       # a way to a sample may leave the mask
+        differ = np.isfinite(draft.maps[name]) != np.isfinite(values)  # a way to a sample may leave the mask
         assert differ.mean() <= (0.02 if name == "gyral_thickness" else 0), name
         assert name == "area" or np.isnan(draft.maps[name][~cortex.cortex]).all(), name
     same = {"H", "K", "k1", "k2", "sulcal_depth", "area", "shape_index", "curvedness"}
@@ -169,8 +169,13 @@ def test_the_draft_of_a_person_is_the_standard_within_what_thinning_moves():
     draft, standard = (measure(cortex, accuracy=name, thickness_cap=5.0) for name in ("draft", "standard"))
     a, b = draft.maps["cortical_thickness"], standard.maps["cortical_thickness"]
     assert np.sqrt(np.nanmean((a - b) ** 2)) < 2.2 * 0.064
-    close = {"mean_cortical_thickness_mm": 0.01, "median_gyral_thickness_mm": 0.0128, "wavelength_mm": 0.0128,
-             "crest_length_mm": 0.02, "mean_local_gyrification_index": 0.03}  # fmt: skip
+    close = {
+        "mean_cortical_thickness_mm": 0.01,
+        "median_gyral_thickness_mm": 0.0128,
+        "wavelength_mm": 0.0128,
+        "crest_length_mm": 0.02,
+        "mean_local_gyrification_index": 0.03,
+    }
     for name, relative in close.items():
         assert draft.scalars[name] == pytest.approx(standard.scalars[name], rel=relative), name
     places = [np.array([[row[k] for k in "xyz"] for row in m.hinges]) for m in (draft, standard)]

@@ -19,7 +19,7 @@ from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.files import load_scene
 
-TICK = 20.0             # steps
+TICK = 20.0  # steps
 
 
 def swinging(w2, damping, left, steps, more=0.0, near=1e9):
@@ -36,8 +36,9 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
         x += v
         if step % REFRESH == 0:
             fast = np.sin(6 * np.pi * step / TICK)
-            balance.look(step, was * way + fast * shake, a * way - (6 * np.pi / TICK) ** 2 * fast * shake, mass,
-                         damping / TICK)  # fmt: skip
+            balance.look(
+                step, was * way + fast * shake, a * way - (6 * np.pi / TICK) ** 2 * fast * shake, mass, damping / TICK
+            )
     return balance, was
 
 
@@ -95,7 +96,7 @@ def exact_distance(run):
     forces = body.forces(x)
     forces[: body.n_surface] += body.filter.forces(x)
     free = body.free.copy()
-    free[:, 1] = False                                                  # plane strain
+    free[:, 1] = False  # plane strain
     rows = np.flatnonzero(free)
     K = Tangent(body).at(x)[rows][:, rows]
     left = spsolve(K.tocsc(), forces.ravel()[rows])
@@ -209,7 +210,7 @@ def test_the_energy_that_damping_took_is_what_the_others_lost():
     run.relax(40 * REFRESH)
     lost = before - run.state.record["strain_energy"] - run.state.record["kinetic_energy"]
     assert lost > 0.9 * before
-    assert run.state.record["dissipated_energy"] == pytest.approx(lost, rel=0.3)    # seen every twelfth step
+    assert run.state.record["dissipated_energy"] == pytest.approx(lost, rel=0.3)  # seen every twelfth step
 
 
 def test_where_time_is_real_nothing_rests_and_no_distance_is_told():
@@ -240,7 +241,7 @@ def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nea
     run = Dynamics(body, steps_per_unit=1000)
     run.balance.look = lambda *state: None
     run.balance.distance = distance * body.thickness
-    run.state.step = round(PATIENCE * body.crossing)                    # as if it had grown for so long
+    run.state.step = round(PATIENCE * body.crossing)  # as if it had grown for so long
     assert not run.settle()
     assert 0 <= run.state.relaxed - longest * body.crossing < REFRESH
 

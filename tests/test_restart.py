@@ -19,9 +19,14 @@ from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
 
 TINY = [
-    "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.15", "output.stages=[1.1]",
-    "effects.perturbation.wavelength=20", "output.checkpoint_minutes=1e-6",
-]  # fmt: skip
+    "geometry.portion=octant",
+    "accuracy.edge=9.82",
+    "growth.rate=4",
+    "growth.final=1.15",
+    "output.stages=[1.1]",
+    "effects.perturbation.wavelength=20",
+    "output.checkpoint_minutes=1e-6",
+]
 FURTHER = [*TINY, "growth.final=1.25", "output.stages=[1.05, 1.1, 1.15, 1.2]"]
 
 
@@ -73,9 +78,9 @@ def test_equilibrium_is_the_same_by_way_of_a_restart(tmp_path):
     again = simulate("demo", tmp_path / "again", settings=slow, restart_from=soft.path / "stages" / "g1.10")
     hard = simulate("demo", tmp_path / "hard", settings=stiff)
     hardened = simulate("demo", tmp_path / "hardened", settings=stiff, restart_from=soft.path / "stages" / "g1.10")
-    assert apart(soft, hard, 1.15) > 0.05                               # what there is to tell apart [mm]
-    assert apart(soft, again, 1.15) < 1e-4                              # seen: 5e-6, forces have 32 bits
-    assert apart(hard, hardened, 1.15) < 5e-3                           # both rest within 0.05 T of 8 mm
+    assert apart(soft, hard, 1.15) > 0.05  # what there is to tell apart [mm]
+    assert apart(soft, again, 1.15) < 1e-4  # seen: 5e-6, forces have 32 bits
+    assert apart(hard, hardened, 1.15) < 5e-3  # both rest within 0.05 T of 8 mm
 
 
 def test_a_run_begins_at_rest_at_the_positions_and_the_growth_of_the_last_stage(other, tmp_path):
@@ -85,7 +90,7 @@ def test_a_run_begins_at_rest_at_the_positions_and_the_growth_of_the_last_stage(
     np.testing.assert_array_equal(x, positions(other, 1.15))
     assert not v.any()
     assert growth == grown == 1.15
-    assert run.stages == (1.15, 1.2, 1.25)                              # none below where it began
+    assert run.stages == (1.15, 1.2, 1.25)  # none below where it began
     assert [stage["growth"] for stage in run.health["stages"]] == [1.15, 1.2, 1.25]
     lines = [json.loads(line) for line in (run.path / "log.jsonl").read_text().splitlines()]
     assert lines[0]["growth"] >= 1.15
@@ -114,10 +119,13 @@ def test_the_folder_says_where_its_run_began(other, tmp_path):
     run = simulate("demo", tmp_path / "run", settings=FURTHER, restart_from=other / "stages" / "g1.10")
     file = other / "stages" / "g1.10" / "volume.vtu"
     assert json.loads((run.path / "inputs.json").read_text())["restart"] == {
-        "file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(other), "growth": 1.1,
-    }  # fmt: skip
+        "file": str(file),
+        "sha256": sha256_of(file),
+        "scene_sha256": scene_digest(other),
+        "growth": 1.1,
+    }
     stage = json.loads((run.path / "stages" / "g1.20" / "stage.json").read_text())
-    assert stage["scene_sha256"] == scene_digest(run.path)              # which the start is part of
+    assert stage["scene_sha256"] == scene_digest(run.path)  # which the start is part of
 
 
 def test_a_restarted_run_that_is_stopped_ends_with_the_same_bytes_and_needs_the_other_no_more(other, tmp_path):
@@ -232,10 +240,18 @@ def packed(path):
 
 @pytest.mark.parametrize(
     "damage",
-    [cut, packed, with_arrays(reference=None), with_arrays(x=np.zeros((427, 2))), with_arrays(v=np.zeros((3, 3))),
-     with_arrays(growth=np.array(np.nan)), with_arrays(v=np.full((427, 3), np.inf)),
-     with_arrays(x=np.array([None], dtype=object)), with_arrays(growth=np.array("one"))],
-)  # fmt: skip
+    [
+        cut,
+        packed,
+        with_arrays(reference=None),
+        with_arrays(x=np.zeros((427, 2))),
+        with_arrays(v=np.zeros((3, 3))),
+        with_arrays(growth=np.array(np.nan)),
+        with_arrays(v=np.full((427, 3), np.inf)),
+        with_arrays(x=np.array([None], dtype=object)),
+        with_arrays(growth=np.array("one")),
+    ],
+)
 def test_a_damaged_checkpoint_is_not_begun_at(stopped, here, capsys, damage):
     shutil.copytree(stopped, "other")
     damage(here / "other" / "checkpoint.npz")

@@ -37,7 +37,13 @@ def test_what_was_written_is_read_back(written):
     for want, got in zip(pair, read_analysis(out)):
         a, b = want.cortex, got.cortex
         assert (a.hemi, a.name, a.origin, a.portion, a.info, a.units) == (
-            b.hemi, b.name, b.origin, b.portion, b.info, b.units)  # fmt: skip
+            b.hemi,
+            b.name,
+            b.origin,
+            b.portion,
+            b.info,
+            b.units,
+        )
         np.testing.assert_array_equal(a.faces, b.faces)
         for name in ("white", "pial", "inflated"):
             np.testing.assert_allclose(getattr(b, name).verts, getattr(a, name).verts, atol=4e-6)  # float32 at 50
@@ -132,14 +138,14 @@ def test_an_analysis_records_what_was_measured_and_not_what_is_there_now(subject
     pial.write_bytes(b"another")
     out = write_analysis([m], tmp_path / "out", report=False)
     dataset = write_dataset([m], tmp_path / "bids", "bert", report=False)
-    (again,) = read_analysis(out)                                       # as `compare` reads it, for its page
+    (again,) = read_analysis(out)  # as `compare` reads it, for its page
     (of_dataset,) = read_analysis(dataset)
     assert again.cortex.inputs == m.cortex.inputs
     for records in (m.cortex.inputs, again.cortex.inputs, of_dataset.cortex.inputs):
         assert {row["path"]: row["sha256"] for row in records}[str(pial)] == digest
     assert not is_analysis_of(out, replace(m.cortex, inputs=()), {})
     assert is_analysis_of(out, m.cortex, {})
-    with (out / "maps" / "lh.H").open("r+b") as file:                   # one value, of a file as long as before
+    with (out / "maps" / "lh.H").open("r+b") as file:  # one value, of a file as long as before
         file.seek(-3, 2)
         file.write(b"\x01")
     assert not is_analysis_of(out, m.cortex, {})
@@ -188,11 +194,11 @@ def test_a_link_to_the_input_is_no_other_folder(subject, tmp_path):
 
 def test_an_analysis_may_lie_beside_its_input_or_be_written_again(subject, tmp_path):
     folder, measures = subject
-    beside = folder.with_name("bert-analysis")                      # begins with the same letters, and is another
+    beside = folder.with_name("bert-analysis")  # begins with the same letters, and is another
     for _ in range(2):
         assert write_analysis([measures], beside, report=False) == beside
     loose = tmp_path / "lh.white"
-    loose.write_bytes(b"some surface")                               # no subject: its folder may hold the analysis
+    loose.write_bytes(b"some surface")  # no subject: its folder may hold the analysis
     write_analysis([made_measures()], tmp_path / "out", inputs=[loose], report=False)
     with pytest.raises(OptionsClash, match=re.escape(str(loose))):
         write_analysis([made_measures()], tmp_path, inputs=[loose], report=False)
@@ -241,7 +247,7 @@ def test_maps_are_written_as_mgh_and_regions_as_one_row_only_if_asked(written, t
     assert image.get_data_dtype() == np.dtype(">f4")
     np.testing.assert_allclose(np.squeeze(image.dataobj), np.nan_to_num(values), rtol=1e-6)
     assert np.isnan(values).any()
-    assert {p.name.count(".") for p in (out / "maps").glob("?h.H*")} == {1, 2, 3}      # rh.H, .mgh, .shape.gii
+    assert {p.name.count(".") for p in (out / "maps").glob("?h.H*")} == {1, 2, 3}  # rh.H, .mgh, .shape.gii
     with (out / "regions_wide.tsv").open(newline="") as file:
         (row,) = csv.DictReader(file, delimiter="\t")
     assert row["subject"] == "bump"
@@ -253,10 +259,16 @@ def test_maps_are_written_as_mgh_and_regions_as_one_row_only_if_asked(written, t
 def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
     """c_ras and the rest of the footer: read, measured, written, read again."""
     footer = {
-        "head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": "../mri/filled-pretess255.mgz",
-        "volume": np.array([256, 256, 256]), "voxelsize": np.ones(3), "xras": np.array([-1.0, 0, 0]),
-        "yras": np.array([0.0, 0, -1]), "zras": np.array([0.0, 1, 0]), "cras": np.array([-0.5, 29.25, -48.875]),
-    }  # fmt: skip
+        "head": np.array([2, 0, 20]),
+        "valid": "1  # volume info valid",
+        "filename": "../mri/filled-pretess255.mgz",
+        "volume": np.array([256, 256, 256]),
+        "voxelsize": np.ones(3),
+        "xras": np.array([-1.0, 0, 0]),
+        "yras": np.array([0.0, 0, -1]),
+        "zras": np.array([0.0, 1, 0]),
+        "cras": np.array([-0.5, 29.25, -48.875]),
+    }
     m = made_measures()
     surfaces = {k: replace(getattr(m.cortex, k), geometry=footer) for k in ("white", "pial", "inflated")}
     write_analysis([replace(m, cortex=replace(m.cortex, **surfaces))], tmp_path / "once", report=False)
@@ -266,4 +278,4 @@ def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
     for name in surfaces:
         verts, _, found = fs.read_geometry(tmp_path / "twice" / "surf" / f"lh.{name}", read_metadata=True)
         assert {k: np.array_equal(v, found[k]) for k, v in footer.items()} == dict.fromkeys(footer, True)
-        np.testing.assert_allclose(verts, getattr(m.cortex, name).verts, atol=8e-6)    # still in the surface's frame
+        np.testing.assert_allclose(verts, getattr(m.cortex, name).verts, atol=8e-6)  # still in the surface's frame

@@ -41,7 +41,7 @@ def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
     found = between(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
     assert found.ratio == 1.5
     assert found.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
-    assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)     # over T = 3 mm
+    assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
 
 
 def test_each_quantity_is_extrapolated_by_its_own_power():
@@ -79,8 +79,9 @@ def test_what_the_pace_changes_is_told_as_it_stands():
     found = between(scene, mine, twin, slow)
     here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (twin, slow))
     assert found.pace == {
-        "gyrification index": pytest.approx((here - there) / here), "pial distance": distance(twin.pial, slow.pial) / 3
-    }  # fmt: skip
+        "gyrification index": pytest.approx((here - there) / here),
+        "pial distance": distance(twin.pial, slow.pial) / 3,
+    }
     without = between(scene, mine, twin)
     assert without.pace is None
     assert (found.errors, found.doubts) == (without.errors, without.doubts)
@@ -110,9 +111,13 @@ def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
 
 @pytest.mark.parametrize(
     ("setting", "slower"),
-    [("growth.rate=1e-3", False), ("growth.rate=1.9e-3", False), ("growth.rate=2e-3", True),
-     ("effects.inertia={}", False)],
-)  # fmt: skip
+    [
+        ("growth.rate=1e-3", False),
+        ("growth.rate=1.9e-3", False),
+        ("growth.rate=2e-3", True),
+        ("effects.inertia={}", False),
+    ],
+)
 def test_no_slower_twin_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
     assert ("slower" in twins(load_scene("fig6-thick", [setting]))) is slower
 
@@ -144,7 +149,7 @@ def test_what_has_no_coarser_twin_is_refused_before_anything_is_grown(tmp_path, 
     refused(capsys, [*few, "--dry-run"], "fig6-thick", "[no-solution]")
     monkeypatch.setitem(STUDIED, "thickness", (0.0, 1.0))
     thick = ["simulate", "fig6-thick", "--estimate", "--set", "geometry.cortex_thickness=20", "--json"]
-    assert main([*thick, "--error", "99%", "--threads", "1"]) == 2         # a mesh that was picked, too
+    assert main([*thick, "--error", "99%", "--threads", "1"]) == 2  # a mesh that was picked, too
     assert "[no-solution]" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -198,9 +203,9 @@ def test_a_forecast_counts_the_twin_beside_the_run(capsys):
 
 def test_a_body_of_few_cells_has_no_coarser_one():
     few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
-    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 1.5)     # six cells, four
+    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 1.5)  # six cells, four
     with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
-        coarser(few(20))                                                # four, and no body has fewer
+        coarser(few(20))  # four, and no body has fewer
 
 
 def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypatch, capsys):
@@ -215,11 +220,12 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     content = json.loads(written, parse_constant=pytest.fail)
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
-    assert whole.pace["gyrification index"] < 1e-3                      # a smooth body at rest forgets its pace,
-    assert 0 < whole.pace["pial distance"] < NEAR / 10                  # as far as it is at rest: within NEAR, over T
+    assert whole.pace["gyrification index"] < 1e-3  # a smooth body at rest forgets its pace,
+    assert 0 < whole.pace["pial distance"] < NEAR / 10  # as far as it is at rest: within NEAR, over T
 
     again = simulate(load_scene("fig6-thick", SMALL), "again", threads=1)
     for most, coarser_is_done in ((0.15, False), (0.8, True)):
+
         def stopped(share, text, most=most):
             if share > most:
                 raise KeyboardInterrupt
@@ -234,8 +240,9 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert main([*argv, "--resume"]) == 0
     assert "from a coarser twin" in capsys.readouterr().out
     assert {**json.loads((again.path / "error.json").read_text()), "health_sha256": ""} == {
-        **json.loads(written), "health_sha256": "",
-    }  # fmt: skip
+        **json.loads(written),
+        "health_sha256": "",
+    }
     assert (again.path / "coarser" / "health.json").read_bytes() == of_the_coarser
     of_the_slower = (run.path / "slower" / "health.json").read_bytes()
     assert main(["simulate", "run/scene.toml", "-o", "run", "--resume", "--estimate", "--json", "-q"]) == 0
@@ -252,14 +259,14 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
         (run.path / "error.json").write_text(json.dumps(before))
-        assert estimate_beside(stage) == replace(whole, pace=None)      # of a scene without a slower twin; an early one
+        assert estimate_beside(stage) == replace(whole, pace=None)  # of a scene without a slower twin; an early one
         assert not [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
     (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
     assert estimate_beside(stage) is None
     (run.path / "error.json").write_bytes(written)
 
     health = run.path / "health.json"
-    health.write_text(health.read_text().replace('"seconds"', '"seconds "'))    # another run's estimate isn't shown
+    health.write_text(health.read_text().replace('"seconds"', '"seconds "'))  # another run's estimate isn't shown
     assert estimate_beside(stage) is None
 
 
@@ -275,6 +282,6 @@ def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_p
     index = estimate_error(run, threads=1).errors["gyrification index"]
     here, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
     true = abs(here / there - 1)
-    against_the_finer = index.error * (1 - 0.6**index.power)                # whose own error isn't seen against it
+    against_the_finer = index.error * (1 - 0.6**index.power)  # whose own error isn't seen against it
     assert true > 0.02
     assert true / 2 < against_the_finer < 2 * true

@@ -43,7 +43,7 @@ def test_ridges_have_their_height_width_and_dip():
     way = surface.verts / radius[:, None]
     assert radius.max() == pytest.approx(54, abs=1e-3)
     assert radius.min() == pytest.approx(50, abs=1e-6)
-    middle = np.array([1, 1, 0]) / 2**0.5                               # of an arc
+    middle = np.array([1, 1, 0]) / 2**0.5  # of an arc
     assert radius[np.argmax(way @ middle)] == pytest.approx(50 + 0.3 * 4, abs=0.02)
     beside = np.sin(3 / 50) * np.array([0, 0, 1]) + np.cos(3 / 50) * middle
     assert radius[np.argmax(way @ beside)] == pytest.approx(50 + 0.5 * 0.3 * 4, abs=0.1)

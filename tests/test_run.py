@@ -19,9 +19,13 @@ from morphofold.sim.scene.files import load_scene
 from morphofold.timing import peak_memory
 
 SMALL = [
-    "geometry.portion=octant", "accuracy.edge=6.55", "growth.final=1.6", "growth.rate=4",
-    "output.stages=[1.2]", "effects.perturbation.amplitude=0.05",
-]  # fmt: skip
+    "geometry.portion=octant",
+    "accuracy.edge=6.55",
+    "growth.final=1.6",
+    "growth.rate=4",
+    "output.stages=[1.2]",
+    "effects.perturbation.amplitude=0.05",
+]
 
 TINY = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "output.stages=[]"]
 
@@ -50,7 +54,7 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     assert health["threads"] == numba.get_num_threads()
     assert 0 < health["peak_memory_GiB"] <= peak_memory()
     assert not (folder / "checkpoint.npz").exists()
-    assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]   # no temporary files are left
+    assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]  # no temporary files are left
 
 
 def test_the_log_counts_steps_and_growth_upwards_and_is_strict_json(folder):
@@ -74,7 +78,7 @@ def test_stages_read_back_as_cortices_of_a_whole_sphere(folder):
     thickness = np.linalg.norm(first.pial.verts, axis=1).mean() - np.linalg.norm(first.white.verts, axis=1).mean()
     assert first.maps["thickness"].mean() == pytest.approx(thickness, rel=0.02)
     assert first.maps["area"].sum() == pytest.approx(4 * np.pi * 47.0**2, rel=0.02)
-    assert first.maps["curv"].mean() == pytest.approx(-1 / 47.0, rel=0.1)   # FreeSurfer's sign: convex is negative
+    assert first.maps["curv"].mean() == pytest.approx(-1 / 47.0, rel=0.1)  # FreeSurfer's sign: convex is negative
     assert np.linalg.norm(last.pial.verts, axis=1).std() > 3 * np.linalg.norm(first.pial.verts, axis=1).std()
 
 
@@ -83,7 +87,7 @@ def test_the_volume_opens_with_its_layers_and_ratios(folder):
     corners = mesh.points[mesh.cells_dict["hexahedron"]]
     for corner, ends in enumerate(VTK_HEXAHEDRON):
         x, y, z = (corners[:, k] - corners[:, corner] for k in ends)
-        assert np.einsum("ij,ij->i", np.cross(x, y), z).min() > 0          # VTK's corner order
+        assert np.einsum("ij,ij->i", np.cross(x, y), z).min() > 0  # VTK's corner order
     layers = mesh.cell_data["cortex"][0]
     assert 0 < layers.mean() < 1
     np.testing.assert_allclose(mesh.points, mesh.point_data["reference"] + mesh.point_data["displacement"], atol=1e-12)
@@ -94,8 +98,10 @@ def test_the_stress_of_the_volume_is_that_of_a_smooth_shell(folder):
     """Before onset sigma_theta - sigma_r = mu (l^2 - l^-4) with l = r / (g R), incompressible (Eqs. 4 and 5)."""
     mesh = meshio.read(folder / "stages" / "g1.20" / "volume.vtu")
     mu = load_scene(folder / "scene.toml").material.mu_ratio
-    r, R = (np.linalg.norm(p[mesh.cells_dict["hexahedron"]].mean(axis=1), axis=1)
-            for p in (mesh.points, mesh.point_data["reference"]))  # fmt: skip
+    r, R = (
+        np.linalg.norm(p[mesh.cells_dict["hexahedron"]].mean(axis=1), axis=1)
+        for p in (mesh.points, mesh.point_data["reference"])
+    )
     s = mesh.cell_data["cauchy_stress"][0]
     normal = mesh.points[mesh.cells_dict["hexahedron"]].mean(axis=1) / r[:, None]
     radial = np.einsum("ei,ej,eij->e", normal, normal, s[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3))
@@ -120,7 +126,7 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
         simulate("demo", out, settings=often, progress=stop_late)
     assert (out / "checkpoint.npz").exists()
     assert (out / "stages" / "g1.20").exists()
-    with (out / "log.jsonl").open("a") as log:                             # as if stopped between log and checkpoint
+    with (out / "log.jsonl").open("a") as log:  # as if stopped between log and checkpoint
         log.write(json.dumps({"step": 10**9, "growth": 1.5}) + "\n")
     simulate("demo", out, settings=often, resume=True)
     for name in ("lh.pial", "lh.white"):
@@ -150,11 +156,11 @@ def test_a_run_taken_up_keeps_its_log_to_the_last_line_and_goes_on_counting_its_
     with pytest.raises(Stop):
         simulate("demo", out, settings=tiny, progress=stop)
     before = lines()
-    for line in before:                                                     # as if it had taken hours
+    for line in before:  # as if it had taken hours
         line["elapsed"] += hour
         line["seconds"]["elements"] += hour
     (out / "log.jsonl").write_text(as_lines(before))
-    with np.load(out / "checkpoint.npz") as checkpoint:                     # which knows its log
+    with np.load(out / "checkpoint.npz") as checkpoint:  # which knows its log
         arrays = {**checkpoint, "log": as_bytes(as_lines(before))}
     np.savez(out / "checkpoint.npz", **arrays)
     health = simulate("demo", out, settings=tiny, resume=True).health
@@ -211,8 +217,14 @@ def test_tangential_growth_reaches_the_kernels_and_its_own_volume(tmp_path):
 
 def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
     """So compressible a cortex gives way instead of growing."""
-    run = {kappa: simulate("demo", tmp_path / str(kappa), settings=[*TINY, "growth.final=1.3", "growth.rate=1",
-                           f"material.kappa_ratio={kappa}"]) for kappa in (5, 50)}  # fmt: skip
+    run = {
+        kappa: simulate(
+            "demo",
+            tmp_path / str(kappa),
+            settings=[*TINY, "growth.final=1.3", "growth.rate=1", f"material.kappa_ratio={kappa}"],
+        )
+        for kappa in (5, 50)
+    }
     stage = {kappa: json.loads(next(run[kappa].path.glob("stages/*/stage.json")).read_text()) for kappa in run}
     for kappa, sound in ((5, False), (50, True)):
         health = run[kappa].health
@@ -227,10 +239,16 @@ def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
     [("strip", ["geometry.length=8", "accuracy.elements_through_cortex=3"]), ("patch", ["geometry.size=[4, 4]"])],
 )
 def test_the_drift_of_a_body_that_is_not_closed_is_from_its_grown_volume(scene, settings, law, tmp_path):
-    settings = [*settings, "geometry.depth=8", "accuracy.edge=2", "growth.final=1.15", f"growth.law={law}",
-                "output.stages=[]"]  # fmt: skip
+    settings = [
+        *settings,
+        "geometry.depth=8",
+        "accuracy.edge=2",
+        "growth.final=1.15",
+        f"growth.law={law}",
+        "output.stages=[]",
+    ]
     (stage,) = simulate(scene, tmp_path / "x", settings=settings).health["stages"]
-    assert stage["volume_drift"] < 0.03                                 # det G is 1.52 and 1.32
+    assert stage["volume_drift"] < 0.03  # det G is 1.52 and 1.32
 
 
 def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(folder):
@@ -310,7 +328,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_written(tmp_path, monkeypatch):
         simulate("demo", out, settings=often)
     with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
         assert np.isfinite(checkpoint["x"]).all()
-    assert not list(out.glob(".*checkpoint*"))                              # no half-written file is left
+    assert not list(out.glob(".*checkpoint*"))  # no half-written file is left
 
 
 def test_a_body_of_tetrahedra_that_has_not_grown_has_not_drifted(tmp_path):

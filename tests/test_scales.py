@@ -42,7 +42,7 @@ def out(tmp_path):
 def test_the_scale_is_the_coarsest_and_the_width_the_median(tmp_path, out):
     subjects = named(tmp_path, "3.0 7.0", "3.0 7.5", "3.904 8.123456", "3.908 10.4", "7.731 nan")
     assert scales_of(out, Looking(), subjects) == Scales(
-        curvature_scale_mm=7.74, gyral_width_mm=7.81, hemispheres=5,
+        curvature_scale_mm=7.74, gyral_width_mm=7.81, hemispheres=5
     )  # three digits, the scale rounded up
 
 
@@ -56,9 +56,7 @@ def test_the_scales_of_the_first_run_are_kept(tmp_path, out):
     fleet = Looking()
     assert scales_of(out, fleet, named(tmp_path, "3 7", "3 8", "5 20")) == first
     assert fleet.names == []
-    assert json.loads((out / FILE).read_text()) == {
-        "curvature_scale_mm": 3.0, "gyral_width_mm": 7.5, "hemispheres": 2,
-    }  # fmt: skip
+    assert json.loads((out / FILE).read_text()) == {"curvature_scale_mm": 3.0, "gyral_width_mm": 7.5, "hemispheres": 2}
 
 
 def test_of_very_many_subjects_some_are_looked_at(tmp_path, out):
@@ -73,9 +71,19 @@ def test_no_scales_are_kept_where_nothing_can_be_read(tmp_path, out):
     assert not (out / FILE).exists()
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"curvature_scale_mm": 3}', "{" * 5000, *(
-    f'{{"curvature_scale_mm": {x}, "gyral_width_mm": 8.0, "hemispheres": 2}}' for x in ("NaN", "-1", '"3"', "1e999")
-)])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"curvature_scale_mm": 3}',
+        "{" * 5000,
+        *(
+            f'{{"curvature_scale_mm": {x}, "gyral_width_mm": 8.0, "hemispheres": 2}}'
+            for x in ("NaN", "-1", '"3"', "1e999")
+        ),
+    ],
+)
 def test_damaged_scales_are_refused(tmp_path, out, text):
     (out / FILE).write_text(text)
     with pytest.raises(ValueError, match=FILE):
@@ -104,8 +112,8 @@ def test_a_mesh_that_does_not_bear_the_scale_has_its_own(tmp_path):
     cortex = read_cortex(write_subject(tmp_path / "anna", level=3))
     own = scale_of_curvature(cortex)[0]
     assert curvature_scale(cortex, 1.2 * own) == 1.2 * own
-    assert curvature_scale(cortex, 0.9 * own) is None                   # too coarse
-    assert curvature_scale(cortex, 1000.0) is None                      # too small
+    assert curvature_scale(cortex, 0.9 * own) is None  # too coarse
+    assert curvature_scale(cortex, 1000.0) is None  # too small
 
 
 def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch, capsys):
@@ -133,7 +141,7 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     assert [one["parameters"]["curvature_scale_mm"] for one in said["surfaces"]] == [30.0, 30.0]
     capsys.readouterr()
     assert main([*argv, "--gyral-width", "9", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["remarks"] == []         # all alike
+    assert json.loads(capsys.readouterr().out)["remarks"] == []  # all alike
     (tmp_path / "out" / FILE).write_text("{}")
     capsys.readouterr()
     refused(capsys, argv, FILE)
@@ -149,9 +157,11 @@ def test_lengths_are_told_as_they_are_taken():
 
 def test_scales_that_are_no_file_or_no_lengths_are_refused(tmp_path):
     place = tmp_path / "scales.json"
-    for text in ('{"curvature_scale_mm": true, "gyral_width_mm": 9.0, "hemispheres": 1}',
-                 '{"curvature_scale_mm": 1e300, "gyral_width_mm": 9.0, "hemispheres": 1}',
-                 '{"curvature_scale_mm": 3.0, "gyral_width_mm": 9.0, "hemispheres": "x"}'):  # fmt: skip
+    for text in (
+        '{"curvature_scale_mm": true, "gyral_width_mm": 9.0, "hemispheres": 1}',
+        '{"curvature_scale_mm": 1e300, "gyral_width_mm": 9.0, "hemispheres": 1}',
+        '{"curvature_scale_mm": 3.0, "gyral_width_mm": 9.0, "hemispheres": "x"}',
+    ):
         place.write_text(text)
         with pytest.raises(ValueError, match=re.escape(str(place))):
             kept_scales(tmp_path)

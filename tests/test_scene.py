@@ -77,7 +77,7 @@ def test_the_final_growth_is_always_a_stage(tmp_path):
 
 def test_edges_longer_than_half_the_cortex_take_two_elements_through_it_unless_told():
     elements = [load_scene("fig5", [f"accuracy.edge={edge}"]).elements_through_cortex for edge in (1.001, 1.0, 0.4)]
-    assert elements == [2, 3, 3]                                        # T = 2 mm
+    assert elements == [2, 3, 3]  # T = 2 mm
     assert load_scene("fig5", ["accuracy.edge=4", "accuracy.elements_through_cortex=5"]).elements_through_cortex == 5
     assert load_scene("fig5", ["accuracy.level=draft"]).elements_through_cortex == 2
 
@@ -97,10 +97,7 @@ def test_finer_levels_have_more_cells():
         (("cortex_thickness = 3.0", "cortex_thickness = 70.0"), ImpossibleBody, r"line 4: geometry: .* 70\b"),
         (("final = 1.8", "final = -1"), OutOfRange, r"line 7: growth\.final: .*\b1 .*-1\b"),
         (("final = 1.8", "final = nan"), NotFinite, r"line 7: growth\.final"),
-        (
-            ("final = 1.8", 'law = "radial"'), UnknownName,
-            r"line 7: growth\.law: .*'isotropic'.*'tangential'.*'radial'",
-        ),
+        (("final = 1.8", 'law = "radial"'), UnknownName, r"line 7: growth\.law: .*'isotropic'.*'tangential'.*'radial'"),
         (("stages = [1.5]", "stages = [1.9]"), OutOfRange, r"line 10: .*\b1\.9\b.*growth\.final = 1\.8\b"),
         (("stages = [1.5]", "stages = [1.501, 1.504]"), NamedTwice, r"output\.stages\b.*\b0\.01\b"),
         (('name = "mine"', 'name = "../mine"'), NotReadable, r"line 2: name: .*'\.\./mine'"),
@@ -111,7 +108,7 @@ def test_finer_levels_have_more_cells():
         (("[geometry]", '[geometry]\nshape = "patch"'), UnknownName, r"line 6: .*\bgeometry\.hole_radius\b"),
         (("hole_radius = 25.0", 'shape = "radial"'), DoesNotApply, r"line 8: .*\beffects\.contact\b.*'radial'"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, kind, named):
     text = GOOD.replace(*change)
     assert text != GOOD
@@ -174,13 +171,15 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
         (["growth.final=1.2", "growth=3"], NotReadable, r"setting growth=3: growth: .*\b3\b"),
         (["x=" + "[" * 5000], NotReadable, r"setting 'x=\[.* \.\.\.: "),
         (
-            ["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"], ImpossibleBody,
+            ["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"],
+            ImpossibleBody,
             r"^setting geometry\.hole_radius=70: ",
         ),
         (["geometry.hole_radius=20", "geometry.radius=1"], ImpossibleBody, r"^setting geometry\.radius=1: .*\b1 mm\b"),
         (["growth.final=9", "growth.final=8"], OutOfRange, r"^setting growth\.final=8: "),
         (
-            ["growth.final=1.5", "output.stages=[1.2, 1.7]"], OutOfRange,
+            ["growth.final=1.5", "output.stages=[1.2, 1.7]"],
+            OutOfRange,
             r"^setting output\.stages=\[1\.2, 1\.7\]: .*\b1\.7\b.*\b1\.5\b",
         ),
         (["geometry.shape=radial"], UnknownName, r"^setting geometry\.shape=radial: .*\bgeometry\.portion\b"),
@@ -194,17 +193,19 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
         (["growth..final=3"], NotReadable, r"setting 'growth\.\.final=3'"),
         (["like=fig5"], DoesNotApply, r"setting 'like=fig5'"),
         (
-            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"], OutOfRange,
+            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
+            OutOfRange,
             r"^setting geometry\.thickness_spots=.*: geometry\.thickness_spots, item 1, factor: .*\b4 .*\b9\b",
         ),
         (
-            ["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"], NotReadable,
+            ["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"],
+            NotReadable,
             r"effects\.regional_growth\.spots, item 1, factor: ",
         ),
         (["effects.regional_growth.spots=[]"], WrongShape, r"effects\.regional_growth\.spots: .*\b1\b"),
         (["geometry.thickness_spots=3"], NotReadable, r"geometry\.thickness_spots: .*\b3\b"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, named):
     with pytest.raises(kind, match=named) as told:
         load_scene("fig5", settings)
@@ -231,7 +232,7 @@ def test_a_scene_is_like_a_built_in_one_or_a_file_beside_it(tmp_path):
     assert here == fig5.model_copy(update={"name": "mine", "material": here.material})
     assert here.material.mu_ratio == 3
     (tmp_path / "base.toml").write_text(GOOD)
-    scene = load_scene(write(tmp_path, 'name = "over"\nlike = "base.toml"'))   # the working directory is another
+    scene = load_scene(write(tmp_path, 'name = "over"\nlike = "base.toml"'))  # the working directory is another
     assert (scene.name, scene.stages) == ("over", (1.5, 1.8))
 
 

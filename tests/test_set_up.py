@@ -60,7 +60,7 @@ def test_uv_that_is_there_is_not_loaded_again(task):
 
 def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkeypatch):
     monkeypatch.setattr(sys, "_base_executable", "/usr/bin/outer")
-    assert task.outer_python() == sys.executable                       # a Python elsewhere
+    assert task.outer_python() == sys.executable  # a Python elsewhere
     monkeypatch.setattr(sys, "prefix", str(task.ROOT / ".venv"))
     task.set_up("")
     assert task.called[0][0] == "/usr/bin/outer"

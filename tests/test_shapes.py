@@ -144,7 +144,7 @@ def test_the_laplacian_is_symmetric_kills_constants_and_gives_twice_the_mean_cur
 
 
 def test_clipped_laplacian_has_no_negative_weight():
-    shape = shapes.bumpy_sphere(3, amplitude=0.8, rng=1)            # a Delaunay sphere has no negative weight itself
+    shape = shapes.bumpy_sphere(3, amplitude=0.8, rng=1)  # a Delaunay sphere has no negative weight itself
     free, clipped = (cotangent_laplacian(shape.verts, shape.faces, clip=c) for c in (None, (0.0, 20.0)))
     off = lambda L: L.toarray()[~np.eye(L.shape[0], dtype=bool)]
     assert off(free).max() > 0.01
@@ -172,7 +172,7 @@ def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_li
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():
     verts, faces = shapes.icosphere(1)
-    two = np.concatenate([faces, faces + len(verts) + 1])           # one unused vertex between
+    two = np.concatenate([faces, faces + len(verts) + 1])  # one unused vertex between
     n = 2 * len(verts) + 1
     ring = adjacency(n, two)
     assert ring.nnz == 2 * len(edges(two)) == 2 * 2 * 120

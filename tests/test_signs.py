@@ -25,7 +25,7 @@ def test_the_sign_of_points_on_a_plane_up_to_rounding_is_that_of_rational_arithm
         exact = rational_sign(a, b, c, d, int(weight))
         assert plane_sign(a, b, c, d, weight) == exact
         wrong += np.sign(np.dot(d - weight * a, np.cross(b - a, c - a))) != exact
-    assert wrong > 50                                                    # plain floating point would not do
+    assert wrong > 50  # plain floating point would not do
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.0])
@@ -45,7 +45,7 @@ def test_coordinates_of_very_different_size_keep_their_sign(rng):
 def test_ties_are_decided_as_if_each_vertex_were_displaced_by_less_than_the_one_before(rng):
     ties = 0
     for _ in range(300):
-        verts = rng.integers(0, 3, (4, 3)).astype(float)                 # mostly flat, often on a line or in one place
+        verts = rng.integers(0, 3, (4, 3)).astype(float)  # mostly flat, often on a line or in one place
         i, j, k, p = rng.permutation(4)
         moved = displaced(verts)
         assert side(verts, i, j, k, p) == rational_sign(moved[i], moved[j], moved[k], moved[p])

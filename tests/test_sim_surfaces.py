@@ -19,10 +19,10 @@ def test_every_portion_gives_the_whole_closed_sphere(portion):
     V, F = len(pial.verts), pial.faces
     edges = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
-    assert (counts == 2).all()                                          # closed, every seam welded
+    assert (counts == 2).all()  # closed, every seam welded
     assert V - len(unique) + len(F) == 2
     assert np.array_equal(white.faces, pial.faces)
-    assert 0.97 < enclosed_volume(pial) / (4 / 3 * np.pi * 50**3) < 1    # outward everywhere
+    assert 0.97 < enclosed_volume(pial) / (4 / 3 * np.pi * 50**3) < 1  # outward everywhere
     np.testing.assert_allclose(np.linalg.norm(white.verts, axis=1), 47.0)
 
 
@@ -35,7 +35,7 @@ def test_diagonals_run_along_the_folds(side):
     x = np.column_stack([u.ravel(), v.ravel(), 2 * np.cos(0.7 * (u - side * v)).ravel()]).astype(float)
     faces = smooth_diagonals(x, quads)
     steps = np.concatenate([x[faces[:, (k + 1) % 3]] - x[faces[:, k]] for k in range(3)])[:, :2]
-    slanted = steps[np.abs(steps).min(axis=1) > 0]                       # each diagonal, from both its triangles
+    slanted = steps[np.abs(steps).min(axis=1) > 0]  # each diagonal, from both its triangles
     assert len(slanted) == 2 * len(quads)
     assert (slanted @ (1, -side) == 0).mean() > 0.95
 
@@ -44,7 +44,7 @@ def test_overlap_is_the_share_covered_twice():
     verts, faces = icosphere(3, radius=10.0)
     assert overlap(Surface(verts, faces)) == 0.0
     both = Surface(np.concatenate([verts, 0.5 * verts]), np.concatenate([faces, faces + len(verts)]))
-    assert overlap(both) == pytest.approx(0.5, abs=1e-6)                 # the inner half of every ray
+    assert overlap(both) == pytest.approx(0.5, abs=1e-6)  # the inner half of every ray
 
 
 def test_a_deep_dent_overlaps_nothing_and_two_bodies_in_one_place_do():
@@ -63,7 +63,7 @@ def test_no_other_diagonal_of_a_single_quad_would_bend_the_surface_less(rng):
     u, v = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
     number = u * n + v
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    quads = np.array([np.roll(quad, rng.integers(4)) for quad in quads])         # any corner may be the first
+    quads = np.array([np.roll(quad, rng.integers(4)) for quad in quads])  # any corner may be the first
     x = np.column_stack([u.ravel(), v.ravel(), 0.4 * rng.standard_normal(n * n)])
 
     def bent(choice):

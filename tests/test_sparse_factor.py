@@ -15,7 +15,7 @@ def lattice(shape, rng):
     graph = sparse.csr_matrix(near.astype(float))
     noise = rng.standard_normal((3 * len(points), 3 * len(points)))
     full = np.kron(near, np.ones((3, 3))) * (noise + noise.T)
-    rows = np.flatnonzero(rng.uniform(size=len(full)) < 0.9)            # some coordinates are held
+    rows = np.flatnonzero(rng.uniform(size=len(full)) < 0.9)  # some coordinates are held
     return points, graph, rows, full[np.ix_(rows, rows)]
 
 

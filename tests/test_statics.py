@@ -70,14 +70,19 @@ def test_a_flat_cortex_swells_upwards_as_the_closed_form_says(kind, law):
 
 def test_forces_of_a_folded_body_at_rest_are_round_off(rng):
     """A body that is not even, so that its path is not a straight line."""
-    body = Body(bilayer_ellipsoid((9, 7, 6), 1.2, 0.5, "octant", 6), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
-                law="tangential")  # fmt: skip
+    body = Body(
+        bilayer_ellipsoid((9, 7, 6), 1.2, 0.5, "octant", 6),
+        mu_cortex=2.0,
+        mu_core=1.0,
+        kappa_ratio=50.0,
+        law="tangential",
+    )
     x = statics.equilibrium(body, 1.15)
     forces = all_forces(body, x)
     assert np.abs(forces).max() < 1e-10 * np.abs(body.elements.blocks.force).max()
-    on = statics.equilibrium(body, 1.2, x)                              # from there on, or from the start
+    on = statics.equilibrium(body, 1.2, x)  # from there on, or from the start
     np.testing.assert_allclose(on, statics.equilibrium(body, 1.2), atol=1e-8)
-    np.testing.assert_allclose(statics.equilibrium(body, 1.15, on), x, atol=1e-8)       # and back
+    np.testing.assert_allclose(statics.equilibrium(body, 1.15, on), x, atol=1e-8)  # and back
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
@@ -109,7 +114,7 @@ def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
         body = make_body(n=n)
         even = path.Equilibrium(body, body.X, path.even_levels(body)).grown(1.1).x
         apart.append(np.sqrt(np.mean((even - statics.equilibrium(body, 1.1)) ** 2)))
-    assert apart[1] < 0.4 * apart[0] < 0.01                             # of 1.7 mm that the surface moves
+    assert apart[1] < 0.4 * apart[0] < 0.01  # of 1.7 mm that the surface moves
 
 
 @pytest.mark.parametrize(
@@ -127,7 +132,7 @@ def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even)
     assert (levels is not None) == even
     if even:
         assert levels.shape[1] * body.n_surface == len(body.X)
-    body.pattern = np.linspace(0, 1, body.elements.n_cortex)            # regional growth
+    body.pattern = np.linspace(0, 1, body.elements.n_cortex)  # regional growth
     assert path.even_levels(body) is None
 
 
@@ -210,7 +215,7 @@ def test_critical_growth_lies_between_a_stable_and_an_unstable_state(monkeypatch
     assert low < found.g_crit < high <= low + 1e-5
     body.grow(low)
     assert statics.stability(body, found.x).negative == 0
-    up = found.mode[: body.n_surface, 2]                                # a cosine from end to end
+    up = found.mode[: body.n_surface, 2]  # a cosine from end to end
     want = np.cos(2 * np.pi * body.X[: body.n_surface, 0] / flat("isotropic", 1.0)[1])
     assert abs(up @ want) / np.linalg.norm(up) / np.linalg.norm(want) > 0.999
 
@@ -230,8 +235,13 @@ def test_an_ellipsoid_that_bends_into_folds_is_said_to(cells):
 
     On the coarser mesh a step beyond finds another path, which is unstable.
     """
-    body = Body(bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", cells), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0,
-                law="isotropic")  # fmt: skip
+    body = Body(
+        bilayer_ellipsoid((15, 13, 12), 2, 0.5, "octant", cells),
+        mu_cortex=2.0,
+        mu_core=1.0,
+        kappa_ratio=50.0,
+        law="isotropic",
+    )
     found = statics.bifurcation_of_body(body, g_min=1.1)
     assert found.rounded
     assert (found.history[found.history[:, 0] < found.g_crit, 1] > 0).all()
@@ -259,8 +269,14 @@ def test_a_body_that_nothing_holds_is_refused():
 
 
 def test_a_body_of_single_precision_is_refused_and_a_scene_is_taken_in_double():
-    body = Body(bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0,
-                law="isotropic", single=True)  # fmt: skip
+    body = Body(
+        bilayer_patch((1.0, 1.0), 6.0, 1.0, 0.5),
+        mu_cortex=1.0,
+        mu_core=1.0,
+        kappa_ratio=50.0,
+        law="isotropic",
+        single=True,
+    )
     with pytest.raises(DoesNotApply, match=r'accuracy\.precision = "double"'):
         statics.equilibrium(body, 1.1)
     scene = load_scene("patch", ["geometry.size=[4, 4]", "accuracy.edge=2", "accuracy.precision=single"])

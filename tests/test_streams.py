@@ -96,7 +96,7 @@ def started(argv, here, **options):
 
 SIMULATE = [
     *["simulate", "fig5", "-o", "run"],
-    *["--set", "geometry.portion=octant", "--set", "output.checkpoint_minutes=0.02"],     # the log comes with it
+    *["--set", "geometry.portion=octant", "--set", "output.checkpoint_minutes=0.02"],  # the log comes with it
 ]
 
 

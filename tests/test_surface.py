@@ -128,18 +128,33 @@ def public():
     from morphofold import analysis
 
     of_arrays = [
-        analysis.crest_lines, analysis.curvature, analysis.fractal_dimension, analysis.gyrification_index,
-        analysis.local_gyrification_index, analysis.sulcal_depth, analysis.vertex_areas, analysis.vertex_normals,
+        analysis.crest_lines,
+        analysis.curvature,
+        analysis.fractal_dimension,
+        analysis.gyrification_index,
+        analysis.local_gyrification_index,
+        analysis.sulcal_depth,
+        analysis.vertex_areas,
+        analysis.vertex_normals,
         analysis.wavelength,
-    ]  # fmt: skip
+    ]
     return {
         "one": [
-            mf.measure, mf.compare, mf.estimate_error, analysis.euler_characteristic, analysis.gray_volumes,
-            analysis.gyral_graph, analysis.gyral_thickness, analysis.hinge_sensitivity, analysis.hinge_shapes,
-            analysis.hinges, lambda x: analysis.region_table(x, {}), lambda x: mf.compare({"model": x}),
+            mf.measure,
+            mf.compare,
+            mf.estimate_error,
+            analysis.euler_characteristic,
+            analysis.gray_volumes,
+            analysis.gyral_graph,
+            analysis.gyral_thickness,
+            analysis.hinge_sensitivity,
+            analysis.hinge_shapes,
+            analysis.hinges,
+            lambda x: analysis.region_table(x, {}),
+            lambda x: mf.compare({"model": x}),
         ],
         "two": [mf.Cortex, mf.Surface, analysis.cortical_thickness, *of_arrays],
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("wrong", ["lh.pial", None, 3, Surface, {}.keys()], ids=str)

@@ -40,7 +40,7 @@ def test_no_affine_map_that_the_planes_admit_wakes_the_filter(body, rng):
     A, offset = rng.standard_normal((3, 3)), rng.standard_normal(3)
     for axis in range(3):
         at = [plane.at for plane in body.bilayer.planes if plane.axis == axis]
-        if at:                                                          # what a plane holds stays there, square to it
+        if at:  # what a plane holds stays there, square to it
             A[axis], A[:, axis], offset[axis] = 0.0, 0.0, 0.0
             A[axis, axis] = 1.0 if any(at) else 1.7
     zigzag = np.abs(body.filter.forces(shaken(body, rng))).max()
@@ -59,7 +59,7 @@ def test_forces_are_the_derivative_of_the_energy_of_a_grown_body(body, rng):
     body.grow(1.4)
     x, d = shaken(body, rng), rng.standard_normal(body.X.shape) * body.free
     scaled = 1.1 * x * body.free + x * body.on_plane
-    for at, way in ((x, d), (x, scaled - x)):                           # the second changes the size of the cells
+    for at, way in ((x, d), (x, scaled - x)):  # the second changes the size of the cells
         slope = (body.filter.energy(at + 1e-3 * way) - body.filter.energy(at - 1e-3 * way)) / 2e-3
         assert slope == pytest.approx(-np.sum(body.filter.forces(at) * way[: body.n_surface]), rel=1e-8)
     body.grow(1.0)
@@ -103,6 +103,6 @@ def test_a_body_that_grows_throughout_stays_free_of_stress():
         body.core_share = 1.0
         body.grow(1.5)
         x = 1.5 * body.X
-        stiff = np.abs(body.forces(body.X)).max()                       # of one that may not follow its growth
+        stiff = np.abs(body.forces(body.X)).max()  # of one that may not follow its growth
         assert np.abs(body.forces(x)).max() < 1e-9 * stiff
         assert np.abs(body.filter.forces(x)).max() < 1e-9 * stiff

@@ -194,7 +194,7 @@ def ball(here, monkeypatch):
     def open_fleet(**asked):
         yield Here()
 
-    monkeypatch.setattr(radial_run, "SPHERE_LEVEL", 3)                  # 642 vertices
+    monkeypatch.setattr(radial_run, "SPHERE_LEVEL", 3)  # 642 vertices
     monkeypatch.setattr(fleet, "open_fleet", open_fleet)
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     monkeypatch.setattr(measuring, "measure", measured)
@@ -228,7 +228,7 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ba
     assert list(dict.fromkeys(row["run"] for row in rows)) == NAMES
     for row in rows:
         assert row["run"] == f"mu_ratio-{row['mu_ratio']}_cortex_thickness-{row['cortex_thickness']}"
-        if row["measure"] == "area_pial_mm2":                           # the sphere stays one
+        if row["measure"] == "area_pial_mm2":  # the sphere stays one
             health = json.loads((here / "out/runs" / row["run"] / "simulation/health.json").read_text())
             radius = health["stages"][-1]["mean_radius_mm"]
             assert float(row["value"]) == pytest.approx(4 * np.pi * radius**2, rel=0.02)
@@ -340,12 +340,12 @@ def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypa
     held_place = one.place.record.parent, "one.lock"
     monkeypatch.setattr(tasks, "PAUSE", 0.01)
     monkeypatch.setattr(tasks, "LONGEST_WAIT", 0.05)
-    with alone(*held_place):                                            # a worker that the scheduler gave up for lost
+    with alone(*held_place):  # a worker that the scheduler gave up for lost
         outcome = grow_and_measure(one)
     assert outcome.state == "failed"
     assert "another run is writing here" in outcome.failures[""]
     assert ball["grown"] == []
-    assert read_record(one.place.record)["key"] == ""                   # and so it is tried again
+    assert read_record(one.place.record)["key"] == ""  # and so it is tried again
 
     monkeypatch.setattr(tasks, "LONGEST_WAIT", 60.0)
     held = threading.Event()
@@ -382,7 +382,7 @@ def test_a_simulation_whose_files_were_changed_is_grown_anew(here, ball, name):
     file.write_bytes(whole.replace(b"2", b"3") if name.endswith("json") else whole + b"\n")
     found = grow_and_measure(one)
     assert (found.state, found.changed) == ("done", True)
-    assert name == "health.json" or file.read_bytes() == whole          # which has times
+    assert name == "health.json" or file.read_bytes() == whole  # which has times
     assert ball["grown"] == ["one", "one"]
     assert grow_and_measure(one).state == "reused"
 
@@ -394,7 +394,7 @@ def test_a_run_never_removes_what_is_its_users(here, ball):
     (one.analysis / "NOTES.txt").write_text("mine")
     assert grow_and_measure(one).state == "reused"
     (one.simulation / "health.json").write_text("{}")
-    found = grow_and_measure(one)                                       # it can't be grown anew there
+    found = grow_and_measure(one)  # it can't be grown anew there
     assert found.state == "failed"
     assert "NOTES.txt" in found.failures[""]
     (one.simulation / "NOTES.txt").unlink()
@@ -499,13 +499,19 @@ def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_
     write_record(here / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
     read = read_run(here, point)
     assert read.measures[OVER_FLAT] == pytest.approx(np.sqrt(2))
-    assert (HINGES_PER_AREA in read.measures) == (scene == "patch")      # a section has no hinges
+    assert (HINGES_PER_AREA in read.measures) == (scene == "patch")  # a section has no hinges
 
 
 OCTANT = (
-    "geometry.portion=octant", "accuracy.level=draft", "geometry.radius=20", "geometry.hole_radius=10",
-    "growth.final=1.5", "output.checkpoint_minutes=0.002", "output.stages=[]", "output.volume=false",
-)  # fmt: skip
+    "geometry.portion=octant",
+    "accuracy.level=draft",
+    "geometry.radius=20",
+    "geometry.hole_radius=10",
+    "growth.final=1.5",
+    "output.checkpoint_minutes=0.002",
+    "output.stages=[]",
+    "output.volume=false",
+)
 
 
 @pytest.mark.slow
@@ -526,7 +532,7 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
     assert taken_up == [runs["a"].simulation / "checkpoint.npz"]
     assert grow_and_measure(runs["b"]).state == "done"
     assert len(taken_up) == 1
-    for name in ("surf/lh.pial", "hinges.tsv"):                         # as if it had never been killed
+    for name in ("surf/lh.pial", "hinges.tsv"):  # as if it had never been killed
         assert (runs["a"].analysis / name).read_bytes() == (runs["b"].analysis / name).read_bytes()
 
 

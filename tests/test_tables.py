@@ -35,7 +35,7 @@ def test_a_table_cut_short_is_refused(tmp_path):
     write_table(table, ("region", "n"), [{"region": name, "n": 1} for name in ("front", "middle", "back")])
     whole = table.read_text()
     for end in range(len(whole)):
-        if not whole[:end].endswith("\n"):                              # a line too few is still a table
+        if not whole[:end].endswith("\n"):  # a line too few is still a table
             table.write_text(whole[:end])
             with pytest.raises(DamagedFile, match=r"regions\.tsv: \D*$"):
                 read_table(table)
@@ -47,10 +47,33 @@ def test_a_table_cut_short_is_refused(tmp_path):
         read_table(table)
 
 
-TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12) | st.sampled_from([
-    "n/a", "'n/a", "nan", "1e5", "007", "", "=1+1", "+x", "-x", "@x", "'=x", "''@", '"x', '"a\tb"', "a\nb", "'", "x'",
-    " x ", "True", "1_000", "inf", "\x1c", "\x85",
-])  # fmt: skip
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12) | st.sampled_from(
+    [
+        "n/a",
+        "'n/a",
+        "nan",
+        "1e5",
+        "007",
+        "",
+        "=1+1",
+        "+x",
+        "-x",
+        "@x",
+        "'=x",
+        "''@",
+        '"x',
+        '"a\tb"',
+        "a\nb",
+        "'",
+        "x'",
+        " x ",
+        "True",
+        "1_000",
+        "inf",
+        "\x1c",
+        "\x85",
+    ]
+)
 
 
 @given(st.lists(st.tuples(TEXTS, st.none() | st.floats(allow_nan=False) | st.integers(-(10**17), 10**17)), min_size=1))
@@ -61,7 +84,7 @@ def test_text_and_numbers_come_back_and_every_reader_finds_the_same_cells(rows):
         raw = path.read_bytes().decode()
         found = read_table(path, {"name"}, len(rows), numbers={"x"})
         python = list(csv.reader(raw.split("\n")[:-1], delimiter="\t"))
-    cells = [line.split("\t") for line in raw.split("\n")[:-1]]         # as cut and awk have them
+    cells = [line.split("\t") for line in raw.split("\n")[:-1]]  # as cut and awk have them
     assert python == cells
     assert {len(line) for line in cells} == {2}
     for (name, x), (cell, _), row in zip(rows, cells[1:], found):

@@ -28,7 +28,7 @@ def split(bilayer):
     tets = bilayer.mesh.to_meshtet()
     n = len(bilayer.mesh.subdomains["cortex"])
     middle = tets.p[:, tets.t].mean(axis=1).T
-    brick = np.arange(tets.nelements) % bilayer.mesh.nelements         # skfem stacks the six tetrahedra of all bricks
+    brick = np.arange(tets.nelements) % bilayer.mesh.nelements  # skfem stacks the six tetrahedra of all bricks
     assert np.abs(middle[: bilayer.mesh.nelements] - bilayer.mesh.p[:, bilayer.mesh.t].mean(axis=1).T).max() < 30
     mesh = tets.with_subdomains({"cortex": np.flatnonzero(brick < n), "core": np.flatnonzero(brick >= n)})
     faces = np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]])
@@ -75,7 +75,7 @@ def test_moving_and_turning_a_body_at_rest_costs_nothing_and_all_else_does(kind)
     rigid = [np.tile(e, (len(body.X), 1)).ravel() for e in eye] + [np.cross(e, body.X).ravel() for e in eye]
     scale = abs(K).max()
     assert max(np.abs(K @ u).max() / np.abs(u).max() for u in rigid) < 1e-12 * scale
-    for small, count in ((1e-9, 6), (-1e-9, 0), (1e-5, 6)):             # nothing else is as soft
+    for small, count in ((1e-9, 6), (-1e-9, 0), (1e-5, 6)):  # nothing else is as soft
         shifted = sparse.csr_matrix(K - small * scale * sparse.identity(K.shape[0]))
         nodes = sparse.csr_matrix((np.ones(K.nnz), (K.tocoo().row // 3, K.tocoo().col // 3)))
         assert Factor(Dissection(body.X, nodes, np.arange(K.shape[0]), shifted), shifted).negative == count

@@ -1,4 +1,3 @@
-
 import re
 
 import numba
@@ -30,8 +29,12 @@ def scattered(rng, n=5):
     lattice = np.stack(np.meshgrid(*[np.linspace(0, 1, n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     inside = (lattice > 0) & (lattice < 1)
     centres = lattice[(lattice < 1).all(axis=1)] + 0.5 / n
-    points = np.concatenate([lattice + 0.25 / n * rng.uniform(-1, 1, lattice.shape) * inside,
-                             centres + 0.2 / n * rng.uniform(-1, 1, centres.shape)])  # fmt: skip
+    points = np.concatenate(
+        [
+            lattice + 0.25 / n * rng.uniform(-1, 1, lattice.shape) * inside,
+            centres + 0.2 / n * rng.uniform(-1, 1, centres.shape),
+        ]
+    )
     tets = Delaunay(points).simplices
     volume = np.abs(np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])) / 6
     tets = rng.permuted(tets[volume > 1e-3 / n**3], axis=1)
@@ -49,8 +52,16 @@ def make_tets(kind, rng, law="isotropic", kappa=50.0, n=6, material=NEO_HOOKEAN)
         mesh = scattered(rng, n)
         radial = np.tile([0.0, 0.6, 0.8], (mesh.nvertices, 1)) + 0.2 * rng.standard_normal((mesh.nvertices, 3))
         cortex = mesh.p[2, mesh.t].mean(axis=0) > 0.6
-    tets = Tets(mesh, np.ascontiguousarray(mesh.p.T), radial, cortex, np.where(cortex, 2.0, 1.0),
-                np.full(mesh.nelements, kappa), law, material)  # fmt: skip
+    tets = Tets(
+        mesh,
+        np.ascontiguousarray(mesh.p.T),
+        radial,
+        cortex,
+        np.where(cortex, 2.0, 1.0),
+        np.full(mesh.nelements, kappa),
+        law,
+        material,
+    )
     tets.mesh, tets.X, tets.radial, tets.cortex = mesh, np.ascontiguousarray(mesh.p.T), radial, cortex
     return tets
 
@@ -133,7 +144,7 @@ def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng
             mine = patch[patch >= 0]
             assert state["energy"][mine].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
             assert state["volume_ratio"][mine] == pytest.approx((twin.w * J)[mine].sum() / twin.w[mine].sum(), rel=1e-9)
-    assert J.min() < 0 < 2 < J.max()                                   # the last positions crush and burst some
+    assert J.min() < 0 < 2 < J.max()  # the last positions crush and burst some
 
 
 @pytest.mark.parametrize("material", [NEO_HOOKEAN, MooneyRivlin(0.4)])
@@ -151,7 +162,7 @@ def test_forces_are_minus_the_gradient_of_the_energy(material, rng):
 def test_patch_stress_is_the_derivative_of_the_patch_energy(rng):
     A = np.eye(3) + 0.3 * rng.standard_normal((4, 6, 3, 3))
     dA, w = rng.standard_normal(A.shape), rng.uniform(0.5, 1.0, (4, 6)) * (rng.random((4, 6)) < 0.8)
-    A[0, 0] @= np.diag([1.0, 1.0, -0.1 / np.linalg.det(A[0, 0])])      # one of them is inside out
+    A[0, 0] @= np.diag([1.0, 1.0, -0.1 / np.linalg.det(A[0, 0])])  # one of them is inside out
     mu, kappa, h = np.full(4, 1.7), np.full(4, 40.0), 1e-5
     W = lambda s: elastic.patch_energy(A + s * dA, w, mu, kappa)
     slope = np.einsum("pt,ptij,ptij->p", w, elastic.patch_stress(A, w, mu, kappa), dA)
@@ -217,7 +228,7 @@ def test_a_tetrahedron_that_is_flattened_resists_ever_more_also_inside_out():
     assert (slope < 1e-12).all()
     J = tet_kernels.CRUSHED
     below, above = (elastic.isochoric_stress(np.diag([1.0, 1.0, J + d]), 1.0) for d in (-1e-9, 1e-9))
-    np.testing.assert_allclose(below, above, rtol=1e-6)                 # no step where the tangent takes over
+    np.testing.assert_allclose(below, above, rtol=1e-6)  # no step where the tangent takes over
 
 
 def test_inverse_cube_root_is_exact_over_its_range():
@@ -377,7 +388,7 @@ def test_tangential_growth_without_a_thickness_direction_is_refused_where_the_co
     X, all_ = np.ascontiguousarray(mesh.p.T), np.ones(mesh.nelements)
     up = np.tile([0.0, 0.0, 1.0], (len(X), 1))
     cortex = X[mesh.t.T, 2].mean(axis=1) > 0.6
-    up[X[:, 2] < 0.1] = np.nan                                          # the core has none, and needs none
+    up[X[:, 2] < 0.1] = np.nan  # the core has none, and needs none
     tets = Tets(mesh, X, up, cortex, all_, all_, "tangential")
     tets.grow(np.full(tets.n_cortex, 1.2), 1.1)
     assert np.isfinite(forces(tets, X)).all()
@@ -389,7 +400,9 @@ def test_tangential_growth_without_a_thickness_direction_is_refused_where_the_co
 def test_two_triangles_of_the_surface_make_one_cell():
     """The cell size, by which contact and filter go, is that of the bricks that the tetrahedra were cut from."""
     bricks = bilayer_sphere(50, 3, 25, "octant", 8)
-    h = [Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic").cell
-         for bilayer in (bricks, cut_bricks(bricks))]  # fmt: skip
+    h = [
+        Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic").cell
+        for bilayer in (bricks, cut_bricks(bricks))
+    ]
     assert h[1] == pytest.approx(h[0], rel=5e-3)
     assert h[0] == pytest.approx((4 * np.pi * 50**2 / (6 * 8**2)) ** 0.5, rel=0.01)

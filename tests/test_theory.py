@@ -10,7 +10,7 @@ from morphofold.errors import ImpossibleBody, OptionsClash, OutOfRange, UnknownN
 from morphofold.sim import theory
 
 LAWS = ("isotropic", "tangential")
-THICKNESSES = (1.0, 2.0, 3.0)      # with C = 50: the paper's cortices
+THICKNESSES = (1.0, 2.0, 3.0)  # with C = 50: the paper's cortices
 
 
 def det(g, law):
@@ -36,7 +36,7 @@ def test_radius_solves_the_incompressibility_equation(law, g_core):
     g, A, B, C = 1.7, 25.0, 47.0, 50.0
 
     def slope(R, r):
-        return (g_core**3 if R < B else det(g, law)) * R**2 / r**2          # Eq. 8
+        return (g_core**3 if R < B else det(g, law)) * R**2 / r**2  # Eq. 8
 
     core = solve_ivp(slope, (A, B), [A], rtol=1e-11, atol=1e-11)
     b = core.y[0, -1]
@@ -63,7 +63,7 @@ def test_volume_of_the_cortex_grows_by_det_G_and_not_that_of_the_system(law):
     b, c = theory.deformed_radius(g, C_bar, law, R_bar=[1.0, C_bar])
     assert (c**3 - b**3) / (C_bar**3 - 1) == pytest.approx(det(g, law), rel=1e-13)
     hole = (C_bar / 2) ** 3
-    assert (c**3 - hole) / (C_bar**3 - hole) < 0.8 * det(g, law)            # "the deformed system" of the paper's text
+    assert (c**3 - hole) / (C_bar**3 - hole) < 0.8 * det(g, law)  # "the deformed system" of the paper's text
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -78,7 +78,7 @@ def test_the_hole_is_at_half_the_outer_radius_unless_said():
     assert theory.critical_growth(1.1, g_core=1.2) == theory.critical_growth(1.1, g_core=1.2, A_bar=0.55)
     with pytest.raises(OptionsClash, match=r"\bC_bar = 2\.5\b.*\bA_bar\b"):
         theory.deformed_radius(1.5, 2.5, g_core=1.2)
-    assert theory.deformed_radius(1.5, 2.5) > 2.5               # a core at rest needs none
+    assert theory.deformed_radius(1.5, 2.5) > 2.5  # a core at rest needs none
 
 
 def test_radii_broadcast():
@@ -149,7 +149,7 @@ def test_isotropic_creases_end_at_1_20_and_tangential_ones_never():
 def test_biots_ratio_is_that_of_his_surface_instability():
     x = 1 / theory.BIOT
     assert x**3 + x**2 + 3 * x == pytest.approx(1, abs=1e-14)
-    assert x ** (1 / 3) == pytest.approx(0.6661, abs=5e-5)          # equibiaxial stretch
+    assert x ** (1 / 3) == pytest.approx(0.6661, abs=5e-5)  # equibiaxial stretch
 
 
 @pytest.mark.parametrize("ratio", [1.0, np.inf, np.nan])
@@ -185,10 +185,8 @@ def by_quadrature(g, A, B, C, law, mu_cortex, mu_core, g_core, R):
 def test_stress_is_the_integral_of_equilibrium(law, g, T, g_core):
     B, C, A, mu_cortex, mu_core = 50.0 - T, 50.0, 20.0, 3.0, 0.7
     for part, ends in (("cortex", (B, C)), ("core", (A, B))):
-        s = theory.stresses(
-            g, B, C, law, mu_cortex=mu_cortex, mu_core=mu_core, part=part, n=4, A=A, g_core=g_core
-        )  # fmt: skip
-        inner = part == "cortex"        # at R = B the quadrature stands on the cortex's side
+        s = theory.stresses(g, B, C, law, mu_cortex=mu_cortex, mu_core=mu_core, part=part, n=4, A=A, g_core=g_core)
+        inner = part == "cortex"  # at R = B the quadrature stands on the cortex's side
         for i, R in list(enumerate(np.linspace(*ends, 4)))[: 4 if inner else 3]:
             want = by_quadrature(g, A, B, C, law, mu_cortex, mu_core, g_core, R)
             np.testing.assert_allclose((s.sigma_r[i], s.sigma_theta[i]), want, rtol=1e-9, atol=1e-10)
@@ -208,7 +206,7 @@ def test_a_core_that_does_not_grow_carries_one_pressure(law):
     core = theory.stresses(1.8, 47, 50, law, part="core", A=0.0)
     pulled = theory.stresses(1.8, 47, 50, law).sigma_r[0]
     np.testing.assert_allclose([core.sigma_r, core.sigma_theta], pulled, rtol=1e-13)
-    assert pulled > 0                                               # the swelling shell pulls the core outwards
+    assert pulled > 0  # the swelling shell pulls the core outwards
 
 
 @pytest.mark.parametrize("law", LAWS)

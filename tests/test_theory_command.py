@@ -94,7 +94,7 @@ def test_critical_prints_a_dash_where_no_crease_forms(capsys):
     assert note == number == "[1]"
     assert " ".join(reason).startswith("no crease")
     g = float(tangential[3])
-    assert g**3 * 1.25**3 - 2.4 * g**2 * (1.25**3 - 1) - 2.4 == pytest.approx(0, abs=1e-3)      # four decimals
+    assert g**3 * 1.25**3 - 2.4 * g**2 * (1.25**3 - 1) - 2.4 == pytest.approx(0, abs=1e-3)  # four decimals
 
 
 def test_critical_takes_a_thickness_for_a_ratio(capsys):
@@ -136,7 +136,7 @@ def test_bifurcation_says_inf_where_the_shortest_waves_come_first(capsys):
     assert row["degree"] == "inf"
     assert row["g_crit"] == pytest.approx(row_of_biot(capsys)["g_biot"], rel=1e-6)
     assert "shortest waves" in row["reason"]
-    assert answer["parameters"]["kappa_ratio"] == "inf"                 # which strict JSON has no number for
+    assert answer["parameters"]["kappa_ratio"] == "inf"  # which strict JSON has no number for
 
 
 def test_the_table_of_bifurcations_is_no_wider_than_a_page(capsys):
@@ -258,7 +258,7 @@ def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
     full = OSError(28, "No space left")
     monkeypatch.setattr("morphofold.report.plots.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
     said = refused(capsys, "theory", "radius", "--plot", "old.png")
-    assert said.startswith("morphofold theory: old.png: No space left")             # not the temporary file beside it
+    assert said.startswith("morphofold theory: old.png: No space left")  # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
 
 
@@ -297,7 +297,7 @@ def test_check_prints_the_same_growth_by_finite_elements(capsys):
     assert told.err == ""
     rows = json.loads(told.out)["rows"]
     for row in rows:
-        if row["degree"] == "inf":                      # shortest waves first: no mesh resolves them
+        if row["degree"] == "inf":  # shortest waves first: no mesh resolves them
             assert row["g_elements"] is None
         else:
             assert row["difference"] == pytest.approx(row["g_elements"] / row["g_crit"] - 1, abs=1e-15)
@@ -328,8 +328,16 @@ def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch)
 # the body of a scene
 
 OCTANT = ("--body", "demo", "--set", "geometry.portion=octant", "--set", "accuracy.edge=8")
-STRIP = ("--body", "strip", "--set", "geometry.length=22", "--set", "accuracy.edge=1.25",
-         "--set", "accuracy.elements_through_cortex=2")  # fmt: skip
+STRIP = (
+    "--body",
+    "strip",
+    "--set",
+    "geometry.length=22",
+    "--set",
+    "accuracy.edge=1.25",
+    "--set",
+    "accuracy.elements_through_cortex=2",
+)
 
 
 @pytest.mark.slow
@@ -350,7 +358,7 @@ def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, 
     for name in ("g_crit", "rounded", "degree"):
         assert row[name] == getattr(body, name)
     assert row["difference_percent"] == pytest.approx(100 * (body.g_crit / exact.g_crit - 1), rel=1e-12)
-    assert 0 < row["difference_percent"] < 5                            # a mesh of 800 bricks
+    assert 0 < row["difference_percent"] < 5  # a mesh of 800 bricks
     assert row["degree"] == pytest.approx(exact.mode, rel=0.3)
     assert (row["wavelength_mm"], row["wavelength_over_T"]) == (body.wavelength, body.wavelength / 3)
     assert row["elements"] == build_bilayer(scene).mesh.nelements
@@ -358,7 +366,7 @@ def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, 
     assert row["seconds"] > 0
     assert row["reason"] is None
     assert (answer["parameters"]["body"], answer["parameters"]["settings"][-1]) == ("demo", "geometry.hole_radius=20")
-    assert "mu_ratio" not in answer["parameters"]                       # it is the scene's
+    assert "mu_ratio" not in answer["parameters"]  # it is the scene's
 
 
 @pytest.mark.slow
@@ -402,7 +410,7 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert note.startswith("[1] theory is of spheres")
     assert "left out: contact, perturbation" in " ".join(lines)
     assert max(map(len, lines)) <= 120
-    said = [line for line in told.err.splitlines() if COMPILING not in line]     # which it does where no other test has
+    said = [line for line in told.err.splitlines() if COMPILING not in line]  # which it does where no other test has
     assert said[0].startswith("strip:  14% after")
     assert said[0].endswith("  stable at g = 1.05000")
 

@@ -34,9 +34,9 @@ def test_the_clock_stands_still_while_numba_compiles_and_goes_on_after():
         kernel(3)
         kernel(4.0)
     wall, work = time.perf_counter() - wall, working_seconds() - work
-    assert len(told) == 2                               # for floats and for integers, the inner ones within them
+    assert len(told) == 2  # for floats and for integers, the inner ones within them
     assert told[0] <= told[1] <= told[0] + work
-    assert work < 0.5 * wall                            # calling three times takes microseconds, compiling far more
+    assert work < 0.5 * wall  # calling three times takes microseconds, compiling far more
     before = working_seconds()
     time.sleep(0.02)
     assert working_seconds() - before >= 0.02
@@ -58,12 +58,12 @@ def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeyp
     now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 7.0, 20.0, 28.0])
     monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
-    clock.begin("reading")                              # 0 to 1
-    clock.at(0.0, "areas")                              # 1 to 3
-    clock.at(0.5, "curvature")                          # 3 to 7
+    clock.begin("reading")  # 0 to 1
+    clock.at(0.0, "areas")  # 1 to 3
+    clock.at(0.5, "curvature")  # 3 to 7
     clock.at(1.0, "done")
     clock.end()
-    clock.begin("reading")                              # 20 to 28; what lies between is nobody's
+    clock.begin("reading")  # 20 to 28; what lies between is nobody's
     clock.end()
     assert clock.seconds == {"reading": 9.0, "areas": 2.0, "curvature": 4.0}
 
@@ -81,15 +81,22 @@ def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch
             assert said.count(COMPILING) == (not quiet)
         elif quiet:
             assert not said
-    new_kernel()(3.0)                                   # nobody is told any more
+    new_kernel()(3.0)  # nobody is told any more
     assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("seconds", "share", "words"),
-    [(10, 0, ""), (10, 0.5, "10 s left"), (60, 0.5, "60 s left"), (60, 0.1, "9 min left"), (60, 1, ""),
-     (3600, 0.25, "3 h 0 min left"), (3594, 0.1, "8 h 59 min left")],
-)  # fmt: skip
+    [
+        (10, 0, ""),
+        (10, 0.5, "10 s left"),
+        (60, 0.5, "60 s left"),
+        (60, 0.1, "9 min left"),
+        (60, 1, ""),
+        (3600, 0.25, "3 h 0 min left"),
+        (3594, 0.1, "8 h 59 min left"),
+    ],
+)
 def test_what_is_left_is_said_in_words(seconds, share, words):
     assert time_left(seconds, share) == words
 
@@ -103,17 +110,17 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
     done = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
     before, during, after = map(float, done.stdout.split())
     assert during - before == pytest.approx(0.25, abs=0.02)
-    assert during - 0.005 < after < before + 0.27                       # the kernel counts in batches
-    assert after < 0.9                                                  # GiB; the parent holds 1
+    assert during - 0.005 < after < before + 0.27  # the kernel counts in batches
+    assert after < 0.9  # GiB; the parent holds 1
 
 
 @pytest.mark.parametrize(("platform", "told"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
 def test_peak_memory_knows_the_unit_of_each_system(platform, told, monkeypatch):
     usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=told))
     with monkeypatch.context() as patch:
-        patch.setattr("morphofold.timing.Path.exists", lambda path: False)                # no /proc
+        patch.setattr("morphofold.timing.Path.exists", lambda path: False)  # no /proc
         patch.setattr(sys, "platform", platform)
         patch.setitem(sys.modules, "resource", usage)
         assert peak_memory() == 3.0
-        patch.setitem(sys.modules, "resource", None)                                    # as on Windows
+        patch.setitem(sys.modules, "resource", None)  # as on Windows
         assert peak_memory() is None

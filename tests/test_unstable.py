@@ -25,8 +25,14 @@ def grown(scene, settings, g):
     return run
 
 
-STRIP = ["geometry.length=12", "geometry.depth=8", "accuracy.edge=1.5", "accuracy.elements_through_cortex=2",
-         "accuracy.precision=double", "effects.perturbation.amplitude=1e-9"]  # fmt: skip
+STRIP = [
+    "geometry.length=12",
+    "geometry.depth=8",
+    "accuracy.edge=1.5",
+    "accuracy.elements_through_cortex=2",
+    "accuracy.precision=double",
+    "effects.perturbation.amplitude=1e-9",
+]
 
 
 def lowest(run, count=12):
@@ -52,7 +58,7 @@ def lowest(run, count=12):
 
 
 def test_the_count_is_that_of_all_eigenvalues_of_the_differences_of_forces():
-    run = grown("strip", STRIP, 1.4)                                    # straight still, far past wrinkling
+    run = grown("strip", STRIP, 1.4)  # straight still, far past wrinkling
     values = lowest(run)
     for bound in (-0.005, -0.02, 0.02):
         assert unstable_modes(run, bound) == np.count_nonzero(values < bound)

@@ -14,8 +14,8 @@ from morphofold.surface import Surface
 
 pytestmark = needs_browser
 SMALL = 0.8
-LATERAL = 0                     # of a hinge whose arms run on the side that a left hemisphere shows laterally
-OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}      # hinges by number, mm; the last on the other side
+LATERAL = 0  # of a hinge whose arms run on the side that a left hemisphere shows laterally
+OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}  # hinges by number, mm; the last on the other side
 
 
 def shrunk(m, g):
@@ -81,7 +81,7 @@ def click(tab, panel):
 def slide(tab, k, g):
     """Move the slider of growth to its place k, where the first body is shown at growth g."""
     tab.js(f"(s => {{ s.value = {k}; s.dispatchEvent(new Event('input')); }})(document.getElementById('growth'))")
-    for _ in range(50):                                                 # a stage is unpacked when it is first asked for
+    for _ in range(50):  # a stage is unpacked when it is first asked for
         if tab.frame()["growth"].split(",")[0] == g:
             return
     pytest.fail("the stage was not shown")
@@ -106,8 +106,10 @@ def test_the_overlay_switch_changes_colours_unit_and_limits(tab):
     assert np.abs(tab.pixels() - before).mean() > 5
     assert tab.js("document.getElementById('bar-title').textContent") == "Cortical thickness [mm]"
     assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [1, 5]
-    tab.js("(() => { const m = document.querySelector('select[name=map]'); m.value = 'none'; "
-           "m.dispatchEvent(new Event('change')); })()")  # fmt: skip
+    tab.js(
+        "(() => { const m = document.querySelector('select[name=map]'); m.value = 'none'; "
+        "m.dispatchEvent(new Event('change')); })()"
+    )
     assert tab.frame()["map"] == ""
     assert coloured(tab.pixels()) < 100
     tab.js("document.querySelector('input[value=H]').click()")
@@ -170,6 +172,7 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
 def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     """The ruler follows the zoom."""
     width = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
+
     def wheel(by, modifiers=0):
         """How far the page went and how many times larger the surfaces are."""
         before = tab.js(f"[scrollY, {width}]")
@@ -185,7 +188,7 @@ def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     tab.js("document.activeElement.blur()")
     assert wheel(100) == (100, 1)
     assert wheel(-100) == (-100, 1)
-    assert wheel(-100, modifiers=2) == (0, larger)                          # with ctrl
+    assert wheel(-100, modifiers=2) == (0, larger)  # with ctrl
     click(tab, "panel-0")
     assert wheel(-100) == (0, larger)
     tab.js("document.activeElement.blur(); document.getElementById('reset').click()")
@@ -221,7 +224,7 @@ def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
         assert tab.frame()[layer] == "true"
         model, left, right = tab.count(rgb)
         assert area[0] < left < area[1]
-        assert (model, right) == (0, 0)                                     # they have none
+        assert (model, right) == (0, 0)  # they have none
         tab.js(f"document.getElementById('{layer}').click()")
         assert tab.frame()[layer] == "false"
     tab.js("document.querySelector('input[value=H]').click()")
@@ -233,7 +236,7 @@ def test_a_click_on_a_hinge_reads_it(tab):
     away = verts[vertex] - (verts.max(axis=0) + verts.min(axis=0)) / 2
     scale = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
     per_mm = tab.js(scale)
-    x, y = tab.middle_of("panel-1") - per_mm * away[1:]                     # seen from the left: anterior is left
+    x, y = tab.middle_of("panel-1") - per_mm * away[1:]  # seen from the left: anterior is left
     read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => [d.textContent, d.nextSibling.textContent])"
 
     def click():
@@ -242,7 +245,7 @@ def test_a_click_on_a_hinge_reads_it(tab):
         tab.frame()
         return dict(tab.js(read))
 
-    assert "Hinge" not in click()                                           # not shown, not read
+    assert "Hinge" not in click()  # not shown, not read
     tab.js("document.getElementById('hinges').click()")
     tab.frame()
     said = click()
@@ -261,9 +264,9 @@ def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
         tab.frame()
         return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
 
-    assert press("n") == []                                                 # not shown
+    assert press("n") == []  # not shown
     tab.js("document.getElementById('hinges').click()")
-    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]       # from the middle outwards, around
+    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]  # from the middle outwards, around
     assert [press(key) for key in "pp"] == [[7], [8]]
     assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
     place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
@@ -271,7 +274,7 @@ def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
     for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
         assert press(key, shift="true") == [8]
         np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
-    assert tab.frame()["view"] == "lateral"                                 # not turned
+    assert tab.frame()["view"] == "lateral"  # not turned
     tab.js("document.querySelector('[data-look=medial]').click()")
     assert press("n") == [9]
     tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
@@ -295,7 +298,7 @@ def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
         assert tab.js("document.getElementById('growth-now').textContent") == f"g = {g:g}"
         assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
         pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
-        assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)        # H was not measured at 1.0: bare
+        assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)  # H was not measured at 1.0: bare
     tab.js("document.getElementById('reset').click()")
 
 
@@ -304,7 +307,7 @@ def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_t
     choose = "document.querySelector('input[name=surface][value={}]').click()"
     slide(tab, 1, "1.5")
     assert names() == ["model (shown at g = 1.5)", "MRI lh", "MRI rh"]
-    tab.js(choose.format("inflated"))                                       # which a stage does not have
+    tab.js(choose.format("inflated"))  # which a stage does not have
     tab.frame()
     assert names()[0] == "model (shown at g = 1.5; pial: has no inflated surface)"
     assert names()[1:] == ["MRI lh", "MRI rh"]
@@ -320,7 +323,7 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter'}))")
     tab.frame()
     assert "Vertex" in tab.js(read.replace("panel-1", "panel-2"))
-    assert tab.js(read) == []                                               # hidden
+    assert tab.js(read) == []  # hidden
     tab.js("document.querySelector('input[name=side][value=both]').click()")
     tab.frame()
     corner = tab.js("(b => [b.left + 8, b.bottom - 8])(document.getElementById('panel-1').getBoundingClientRect())")
@@ -345,7 +348,7 @@ def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_
     pages = [compare(shown).report(tmp_path / str(k)) for k, shown in enumerate(several)]
     with opened(analysis_report([one], tmp_path / "report.html"), tmp_path / "profile", "viewer") as tab:
         tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=720, deviceScaleFactor=1, mobile=False)
-        for page in (None, *pages):                                         # of one panel, two, three and four
+        for page in (None, *pages):  # of one panel, two, three and four
             if page:
                 tab.go(page, "viewer")
             tab.js("document.getElementById('hinges').click()")
@@ -370,7 +373,7 @@ def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
         "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
     )
     model, left, right = tab.js(scales)
-    assert model == pytest.approx(left, rel=0.02)                         # a ruler is drawn to a pixel
+    assert model == pytest.approx(left, rel=0.02)  # a ruler is drawn to a pixel
     assert right == pytest.approx(left, rel=0.02)
     tab.js("document.getElementById('fit').click()")
     tab.frame()
@@ -395,7 +398,7 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pi
         [left, made_measures("rh")], tmp_path / "report.html", stages=[shrunk(left, g) for g in (1.0, 1.5)]
     )
     with opened(page, tmp_path / "profile", "viewer") as tab:
-        assert tab.frame()["growth"] == "2,"                                # the right one does not grow
+        assert tab.frame()["growth"] == "2,"  # the right one does not grow
         tab.js("document.querySelectorAll('#viewer .tools input, #viewer .tools button').forEach(b => b.click())")
         slide(tab, 1, "1.5")
         tab.js("document.querySelectorAll('button.sort').forEach(b => b.click())")

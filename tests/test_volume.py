@@ -15,9 +15,13 @@ from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
 
 TINY = [
-    "geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1, 1.125]",
+    "geometry.portion=octant",
+    "accuracy.edge=9.82",
+    "growth.rate=4",
+    "growth.final=1.2",
+    "output.stages=[1.1, 1.125]",
     "output.checkpoint_minutes=1e-6",
-]  # fmt: skip
+]
 
 
 @pytest.fixture
@@ -35,13 +39,13 @@ def series(folder):
 
 def test_the_series_of_a_run_opens_with_the_growth_of_each_stage_as_its_time(run, tmp_path):
     reader = pyvista.PVDReader(str(run / "stages.pvd"))
-    assert reader.time_values == [1.1, 1.125, 1.2]                      # folders are named to two digits: g1.12
+    assert reader.time_values == [1.1, 1.125, 1.2]  # folders are named to two digits: g1.12
     for g, name in series(run).items():
         reader.set_active_time_value(g)
         _, x = read_volume(run / name)
         np.testing.assert_array_equal(reader.read()[0].points, x)
         assert json.loads((run / name).with_name("stage.json").read_text())["g"] == g
-    run.rename(tmp_path / "elsewhere")                                  # names are from the series on
+    run.rename(tmp_path / "elsewhere")  # names are from the series on
     assert all((tmp_path / "elsewhere" / name).is_file() for name in series(tmp_path / "elsewhere").values())
 
 
@@ -64,7 +68,7 @@ def test_the_series_grows_with_the_stages_of_a_run_that_is_stopped_and_resumed(t
     with pytest.raises(Stop):
         simulate("demo", out, settings=TINY, progress=stop)
     assert series(out) == {1.1: "stages/g1.10/volume.vtu"}
-    (out / "stages.pvd").unlink()                                       # as if killed between stage and series
+    (out / "stages.pvd").unlink()  # as if killed between stage and series
     with pytest.raises(Stop):
         simulate("demo", out, settings=TINY, progress=stop, resume=True)
     assert list(series(out)) == [1.1]
@@ -78,8 +82,8 @@ def test_a_run_without_volumes_has_no_series(scene, settings, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda raw: raw[: len(raw) // 2], lambda raw: b"", lambda raw: raw.replace(b'"1.1"', b'"1.3"')],
-)  # fmt: skip
+    "damage", [lambda raw: raw[: len(raw) // 2], lambda raw: b"", lambda raw: raw.replace(b'"1.1"', b'"1.3"')]
+)
 def test_a_finished_run_with_a_damaged_series_is_refused_and_the_cure_makes_it_whole(run, damage, capsys):
     written = (run / "stages.pvd").read_bytes()
     (run / "stages.pvd").write_bytes(damage(written))

@@ -90,17 +90,17 @@ def test_blocks_larger_than_the_file_are_refused(tmp_path, appended, wide, word)
         at = raw.index(b"_", raw.index(b"<AppendedData")) + 1
         changed = raw[:at] + with_word(raw[at:], word, size, b"base64" in raw)
     else:
-        at = raw.index(b"AQAAAA")                                       # one block
+        at = raw.index(b"AQAAAA")  # one block
         changed = raw[:at] + with_word(raw[at:], word, size, True)
     found, most = numbers_told(changed)
-    if word in (1, 2):                                                  # all arrays unpacked
+    if word in (1, 2):  # all arrays unpacked
         assert (found >= 2**31, most) == (True, MAX_UNPACKED)
-    else:                                                               # blocks, and the bytes of the file
+    else:  # blocks, and the bytes of the file
         assert (found, most) == (2**31 if word == 0 else 1, len(changed))
 
 
 ONE_BLOCK, NO_BASE64 = "one block that is larger than the file", None
-HIDDEN = {      # whether data are appended, what is replaced, by what, what is told
+HIDDEN = {  # whether data are appended, what is replaced, by what, what is told
     "offset with format ascii": (True, b'format="appended"', b'format="ascii"', ONE_BLOCK),
     "offset without format": (True, b'format="appended"', b"", ONE_BLOCK),
     "string array, appended": (True, b"DataArray", b"Array", ONE_BLOCK),

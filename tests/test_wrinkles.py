@@ -14,11 +14,18 @@ LENGTH, T = 100.0, 2.0
 
 
 def strip(mu_ratio, seed=0):
-    return load_scene("strip", [
-        f"geometry.length={LENGTH}", f"geometry.cortex_thickness={T}", "geometry.depth=40",
-        f"material.mu_ratio={mu_ratio}",
-        "accuracy.edge=0.67", "accuracy.elements_through_cortex=3", f"effects.perturbation.seed={seed}",
-    ])  # fmt: skip
+    return load_scene(
+        "strip",
+        [
+            f"geometry.length={LENGTH}",
+            f"geometry.cortex_thickness={T}",
+            "geometry.depth=40",
+            f"material.mu_ratio={mu_ratio}",
+            "accuracy.edge=0.67",
+            "accuracy.elements_through_cortex=3",
+            f"effects.perturbation.seed={seed}",
+        ],
+    )
 
 
 def test_of_a_sphere_they_are_those_of_its_own_theory():
@@ -42,9 +49,16 @@ def test_a_core_that_grows_along_puts_them_off_and_a_region_that_grows_more_brin
     g = first_wrinkles(along).growth
     assert g / (1 + (g - 1) * 0.2) == pytest.approx(plain)
     spots = [{"centre": [0.0, 0.0, 50.0], "radius": 20.0, "factor": 1.5}]
-    more = load_scene("fig6-thick", [f"effects.regional_growth.spots={spots}".replace("'", '"').replace('":', '"=')
-                                     .replace('"centre"', "centre").replace('"radius"', "radius")
-                                     .replace('"factor"', "factor")])  # fmt: skip
+    more = load_scene(
+        "fig6-thick",
+        [
+            f"effects.regional_growth.spots={spots}".replace("'", '"')
+            .replace('":', '"=')
+            .replace('"centre"', "centre")
+            .replace('"radius"', "radius")
+            .replace('"factor"', "factor")
+        ],
+    )
     assert 1.5 * (first_wrinkles(more).growth - 1) == pytest.approx(plain - 1)
 
 

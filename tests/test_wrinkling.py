@@ -25,7 +25,7 @@ LAWS = ("isotropic", "tangential")
 @pytest.mark.parametrize(
     ("T_over_C", "mu_ratio", "degree"),
     [
-        *[(1 / 50, 1, 37), (2 / 50, 1, 18), (2 / 50, 2, 17), (3 / 50, 4, 11)],      # the paper's, near their minima
+        *[(1 / 50, 1, 37), (2 / 50, 1, 18), (2 / 50, 2, 17), (3 / 50, 4, 11)],  # the paper's, near their minima
         *[(0.001, 1, 700), (0.25, 10, 3), (0.3, 1, 40), (2 / 50, 1, 2), (0.2, 0.1, 20)],
     ],
 )
@@ -33,7 +33,7 @@ def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, d
     sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
     marched = wrinkling.critical_growth_of_degree(sphere, degree)
     elements = finite_elements.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
-    assert marched == pytest.approx(elements, rel=1e-8)             # asked: 1e-6
+    assert marched == pytest.approx(elements, rel=1e-8)  # asked: 1e-6
 
 
 @pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
@@ -83,14 +83,14 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     c = float(theory.deformed_radius(found.g_crit, 1 / (1 - T_over_C))) * (1 - T_over_C)
     stretch = c / found.g_crit
     a, N = found.creasing_amplitude, found.mode * (found.mode + 1)
-    across = stretch * (1 - a * (U - N * V) / U / c)            # u_theta,theta of u = U Y e_r + V grad Y, Y = -1
+    across = stretch * (1 - a * (U - N * V) / U / c)  # u_theta,theta of u = U Y e_r + V grad Y, Y = -1
     along = stretch * (1 - a / c)
     assert 1 / (across * along) / across == pytest.approx(theory.CREASE, rel=1e-6)
     assert found.first == "wrinkle"
 
 
 def test_creasing_needs_no_amplitude_where_the_smooth_surface_creases_first():
-    for mu_ratio in (0.5, 0.1):                                 # soft enough for wrinkles to come late
+    for mu_ratio in (0.5, 0.1):  # soft enough for wrinkles to come late
         found = theory.bifurcation(1e-3, mu_ratio)
         assert found.g_crit > theory.critical_growth(1 / 0.999)
         assert found.creasing_amplitude == 0
@@ -213,10 +213,10 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
     M = np.empty((4, 4))
     impedance._coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
     for _ in range(5):
-        u, velocity = rng.standard_normal(2), rng.standard_normal(2)        # (U, n V) and r d/dr of it
+        u, velocity = rng.standard_normal(2), rng.standard_normal(2)  # (U, n V) and r d/dr of it
         momenta = np.linalg.solve(M[:2, 2:], velocity - M[:2, :2] @ u)
         forces = M[2:, :2] @ u + M[2:, 2:] @ momenta
-        got = (momenta @ velocity + forces @ u) / r                         # E = 1/2 int (...) ds = 1/2 int w r^2 dr
+        got = (momenta @ velocity + forces @ u) / r  # E = 1/2 int (...) ds = 1/2 int w r^2 dr
         U, V, dU, dV = u[0], u[1] / n, velocity[0] / r, velocity[1] / n / r
         want = second_variation_on_the_sphere(np.diag([lr, lt, lt]), degree, r, U, V, dU, dV, mu, kappa)
         assert got == pytest.approx(want * r**2, rel=1e-6)
@@ -287,10 +287,10 @@ def test_a_state_that_the_points_do_not_resolve_is_refused():
     """A soft core drawn out threefold by a stiff, compressible cortex: finite elements differ by 4e-7 in g there."""
     with pytest.raises(ConvergenceError, match=r"\bg = 2\.9465, kappa_ratio = 10, T/C = 0\.2\b"):
         smooth_state(Sphere(0.2, 1000.0, "isotropic", 10.0), 2.9465)
-    smooth_state(Sphere(0.4, 1000.0, "isotropic", 50.0), 2.93)          # and one that they do, just, is not
+    smooth_state(Sphere(0.4, 1000.0, "isotropic", 50.0), 2.93)  # and one that they do, just, is not
     found = theory.bifurcation(0.2, 1e4, "isotropic", 10.0)
     assert math.isnan(found.g_crit)
-    assert re.search(r"\bg = [\d.]+;", found.reason)           # and then that it could be followed no further
+    assert re.search(r"\bg = [\d.]+;", found.reason)  # and then that it could be followed no further
 
 
 def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones(monkeypatch):
@@ -298,7 +298,7 @@ def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_on
     newton = smooth_sphere._newton
     monkeypatch.setattr(smooth_sphere, "_newton", lambda *given: ways.append(newton(*given)) or ways[-1])
     state = smooth_state(sphere, g)
-    assert ways[0] is None                                      # straight from the incompressible state: no
+    assert ways[0] is None  # straight from the incompressible state: no
     other = finite_elements.radial_equilibrium(g, 0.16, 38.0, "tangential", 2.3, A_over_C=0.65, elements=16)
     assert state.fields[1, smooth_sphere.RADIUS, -1] == pytest.approx(other.at(1.0, "cortex").r[0], rel=1e-8)
 
@@ -367,7 +367,7 @@ def test_thin_cortices_of_both_laws_wrinkle_alike():
     for mu_ratio in (1.0, 10.0):
         iso, tan = (theory.bifurcation(1e-5, mu_ratio, law) for law in LAWS)
         assert iso.g_crit == pytest.approx(tan.g_crit, rel=1e-4)
-        assert iso.wavelength == pytest.approx(tan.wavelength * iso.g_crit, rel=0.01)   # it is g times as thick
+        assert iso.wavelength == pytest.approx(tan.wavelength * iso.g_crit, rel=0.01)  # it is g times as thick
 
 
 @pytest.mark.slow
@@ -411,7 +411,7 @@ def test_a_sphere_that_stays_stable_is_nan_with_the_reason():
     found = theory.bifurcation(0.04, 1.0, g_max=1.2)
     assert math.isnan(found.g_crit)
     assert math.isnan(found.mode)
-    assert found.reason.endswith(" g = 1.2")                   # all the way
+    assert found.reason.endswith(" g = 1.2")  # all the way
     assert np.isnan(found.curve.g).all()
 
 

@@ -60,6 +60,6 @@ def _confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, l
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
         *(arm.length / prune - 1 for arm in free),
     ]
-    if not math.isnan(hinge.persistence):                               # else blind arms make it: their lengths count
+    if not math.isnan(hinge.persistence):  # else blind arms make it: their lengths count
         margins.append(hinge.persistence / least - 1)
     return float(np.clip(min(margins), 0, 1))

@@ -21,9 +21,9 @@ from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
-EQUAL = 1e-6            # relative: distances that are the same but for rounding
-STRONG = 0.9            # quantile over the length of the net that stands for the strength of a true crest,
-WEAK = 0.15             # and the share of it below which one is none
+EQUAL = 1e-6  # relative: distances that are the same but for rounding
+STRONG = 0.9  # quantile over the length of the net that stands for the strength of a true crest,
+WEAK = 0.15  # and the share of it below which one is none
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,21 @@ from morphofold.analysis.graph.net import Arc, Net, Node, resampled
 from morphofold.geometry import way_along
 from morphofold.surface import PerVertex
 
-LOWEST = 0.1            # quantile of the altitudes along the net, below which nothing is a crown
+LOWEST = 0.1  # quantile of the altitudes along the net, below which nothing is a crown
 STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 a mm, c the way to the flank in half widths
-BROAD = 1.3             # half widths from the flank beyond which the cost falls no more
-TRIM = 0.5              # widths by which the crest of a gyrus ends before its flank
+BROAD = 1.3  # half widths from the flank beyond which the cost falls no more
+TRIM = 0.5  # widths by which the crest of a gyrus ends before its flank
 
 
 def add_blind_gyri(
-    net: Net, meter: Altimeter, graph: sparse.csr_array, D: PerVertex, crown: NDArray[np.bool_], width: float,
+    net: Net,
+    meter: Altimeter,
+    graph: sparse.csr_array,
+    D: PerVertex,
+    crown: NDArray[np.bool_],
+    width: float,
     tip: float,
-) -> None:  # fmt: skip
+) -> None:
     """Trace crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
 
     ``crown`` (N,): what can be one; it is if its altitude D (N,) is above the lowest tenth of the net, too. The way
@@ -64,9 +69,7 @@ def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | 
 
 def _root(net: Net, at: NDArray[np.float64]) -> int:
     """The node of the net at a point, or a new one on the nearest curve."""
-    nearest = min(
-        ((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()),
-    )[1]
+    nearest = min(((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()))[1]
     arc = net.arcs[nearest]
     k = int(np.linalg.norm(arc.points - at, axis=1).argmin())
     if k == 0 or k == len(arc.points) - 1:

@@ -16,14 +16,14 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-COTANGENTS = (-5.0, 20.0)   # needle triangles have any
-RTOL = 1e-4                 # 0.003 mm of altitude in a brain
-HEAT_STEPS = 3              # implicit Euler steps of one heat flow
-FIRST_SCALE = 0.007         # of the root of the area, at which the width is measured: 2 mm for a hemisphere
-REACH, FINEST = 7.0, 0.7    # reach of the altitude and persistence of its basins there, in that scale
-WIDE, CALM = 1.5, 0.2       # reach and smoothing of the altitude, in gyral widths
-RELATIVE = 0.2              # of the range of altitudes: the largest persistence that is asked for
-LOW, HIGH = 0.05, 0.98      # quantiles between which that range lies
+COTANGENTS = (-5.0, 20.0)  # needle triangles have any
+RTOL = 1e-4  # 0.003 mm of altitude in a brain
+HEAT_STEPS = 3  # implicit Euler steps of one heat flow
+FIRST_SCALE = 0.007  # of the root of the area, at which the width is measured: 2 mm for a hemisphere
+REACH, FINEST = 7.0, 0.7  # reach of the altitude and persistence of its basins there, in that scale
+WIDE, CALM = 1.5, 0.2  # reach and smoothing of the altitude, in gyral widths
+RELATIVE = 0.2  # of the range of altitudes: the largest persistence that is asked for
+LOW, HIGH = 0.05, 0.98  # quantiles between which that range lies
 
 
 class Altimeter:
@@ -58,7 +58,7 @@ class Altimeter:
         self._mass = geometry.vertex_areas(verts, faces)
         self.area = float(self._mass.sum())
         self._piece = geometry.components(len(verts), faces)[1]
-        self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)     # integral of H at each vertex
+        self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
         """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], a mean edge at least."""
@@ -93,7 +93,7 @@ class Altimeter:
 
     def _mean_curvatures(self) -> PerVertex:
         """Mean over its piece of the mean curvature (N,) [1/mm]; 0 where no face uses the vertex."""
-        of = self._piece + 1                                            # a share of its own for what no face uses
+        of = self._piece + 1  # a share of its own for what no face uses
         bent, area = np.bincount(of, self._bent), np.bincount(of, self._mass)
         mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
         return mean

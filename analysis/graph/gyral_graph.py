@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 def gyral_graph(
-    surface: Cortex | Surface, *, width: float | None = None, scales: GyralScales | None = None,
-) -> nx.MultiGraph:  # fmt: skip
+    surface: Cortex | Surface, *, width: float | None = None, scales: GyralScales | None = None
+) -> nx.MultiGraph:
     """The net of gyral crests and their hinges.
 
     Parameters
@@ -94,19 +94,29 @@ def _describe(graph: nx.MultiGraph, net: Net, ground: Ground, fields: Fields) ->
         here = net.nodes[node]
         place, vertex = feet.of(here.at[None])
         graph.add_node(
-            number[node], position=place[0], vertex=int(vertex[0]), degree=degrees[node], cut=here.cut,
+            number[node],
+            position=place[0],
+            vertex=int(vertex[0]),
+            degree=degrees[node],
+            cut=here.cut,
             normal=upright(ground.meter, ground.tree, here.at, scales.width),
             persistence=lasting if degrees[node] > 2 else np.nan,
-        )  # fmt: skip
+        )
     arcs = [arc if number[arc.a] <= number[arc.b] else arc.turned() for arc in net.arcs.values()]
     for arc in sorted(arcs, key=lambda arc: (number[arc.a], number[arc.b], arc.length)):
         line, vertices = feet.of(arc.points)
         graph.add_edge(
-            number[arc.a], number[arc.b], polyline=line, vertices=vertices, blind=arc.blind,
-            length=arc.length, altitude=float(np.median(D[vertices])),
-            lowest=float(D[vertices].min()), strength=float(np.median(band[vertices])),
+            number[arc.a],
+            number[arc.b],
+            polyline=line,
+            vertices=vertices,
+            blind=arc.blind,
+            length=arc.length,
+            altitude=float(np.median(D[vertices])),
+            lowest=float(D[vertices].min()),
+            strength=float(np.median(band[vertices])),
             curvature=_turning(arc.points, ground, 0.5 * scales.width),
-        )  # fmt: skip
+        )
     for k, (*_, crest) in enumerate(graph.edges(data=True)):
         crest["number"] = k
     label_hinges(graph, D, least)
@@ -131,9 +141,7 @@ class Feet:
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Places (P, 3), and the nearest vertices (P,): those of the triangles there."""
         nearest = self._tree.query(points)[1]
-        places = _nearest_places(
-            points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices
-        )
+        places = _nearest_places(points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices)
         return places, nearest
 
 

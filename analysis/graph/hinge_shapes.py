@@ -98,10 +98,14 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     arms: dict[int, list[list[float]]] = {}
     for row in measures.arms:
         sharp = bent.get(row["crest"])
-        arms.setdefault(row["hinge"], []).append([
-            np.radians(row["angle_deg"]), np.log(row["length_mm"] / width), row["curvature_per_mm"] * width,
-            np.nan if sharp is None else sharp * width,
-        ])  # fmt: skip
+        arms.setdefault(row["hinge"], []).append(
+            [
+                np.radians(row["angle_deg"]),
+                np.log(row["length_mm"] / width),
+                row["curvature_per_mm"] * width,
+                np.nan if sharp is None else sharp * width,
+            ]
+        )
     sure = [row for row in measures.hinges if counts(row)]
     mine = [row for row in sure if row["degree"] == 3]
     features = np.array([arms[row["hinge"]] for row in mine], dtype=np.float64).reshape(-1, 3, len(FEATURES))
@@ -111,10 +115,12 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     some = known.any(axis=1)
     on_cortex = float(area[np.isfinite(measures.maps["H"])].sum())
     return HingeShapes(
-        np.array([row["hinge"] for row in mine], dtype=np.int64)[some], features[some],
-        np.array([row["shape"] for row in mine], dtype=np.str_)[some], float(width),
+        np.array([row["hinge"] for row in mine], dtype=np.int64)[some],
+        features[some],
+        np.array([row["shape"] for row in mine], dtype=np.str_)[some],
+        float(width),
         len(sure) * float(width) ** 2 / on_cortex,
-    )  # fmt: skip
+    )
 
 
 def together(shapes: Sequence[HingeShapes]) -> Array:
@@ -259,7 +265,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     width = _width(net.lengths, len(net.nodes), shortest, per_area)
     at = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
-    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)      # every node of such a net has three arcs
+    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of such a net has three arcs
     flat = at[to] - np.sum(at[to] * at[:, None], axis=2, keepdims=True) * at[:, None]
     across = np.cross(at, flat[:, 0])
     azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)

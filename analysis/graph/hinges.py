@@ -19,9 +19,9 @@ from morphofold.surface import check_kind
 if TYPE_CHECKING:
     import networkx as nx
 
-EVEN = 30.0             # degrees from 120 within which all three angles of a Y are
-STRAIGHT = 150.0        # degrees that the largest angle of a T has at least
-APART = 30.0            # degrees that its smallest has
+EVEN = 30.0  # degrees from 120 within which all three angles of a Y are
+STRAIGHT = 150.0  # degrees that the largest angle of a T has at least
+APART = 30.0  # degrees that its smallest has
 DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it would by a stricter reading
 
 
@@ -153,14 +153,36 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
         direction, to, crest = found[k]
-        arms.append(Arm(node, number, to, crest["number"], turn, crest["length"], crest["curvature"],
-                        crest["altitude"], crest["lowest"], crest["blind"], tuple(direction.tolist())))  # fmt: skip
+        arms.append(
+            Arm(
+                node,
+                number,
+                to,
+                crest["number"],
+                turn,
+                crest["length"],
+                crest["curvature"],
+                crest["altitude"],
+                crest["lowest"],
+                crest["blind"],
+                tuple(direction.tolist()),
+            )
+        )
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
-        node, data["vertex"], tuple(here.tolist()), len(arms), _shape(turns), max(turns), min(turns),
-        float(np.mean([arm.length for arm in arms])), data["persistence"], seeing < 3,
-        data.get("confidence", math.nan), tuple(arms),
-    )  # fmt: skip
+        node,
+        data["vertex"],
+        tuple(here.tolist()),
+        len(arms),
+        _shape(turns),
+        max(turns),
+        min(turns),
+        float(np.mean([arm.length for arm in arms])),
+        data["persistence"],
+        seeing < 3,
+        data.get("confidence", math.nan),
+        tuple(arms),
+    )
 
 
 def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
@@ -182,7 +204,7 @@ def _shape(turns: list[float]) -> str:
 def counts(row: Mapping[str, Any]) -> bool:
     """Whether a hinge, a row of its table or a node of the graph, is not doubtful; older versions did not say."""
     confidence = row.get("confidence")
-    return confidence is None or not confidence < DOUBTFUL              # NaN in a graph of an older version
+    return confidence is None or not confidence < DOUBTFUL  # NaN in a graph of an older version
 
 
 def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -190,16 +212,36 @@ def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, An
     hinge_rows, arm_rows = [], []
     for hinge in found:
         x, y, z = hinge.position
-        hinge_rows.append({
-            "hinge": hinge.node, "x": x, "y": y, "z": z, "degree": hinge.degree, "shape": hinge.shape,
-            "min_angle_deg": hinge.smallest, "max_angle_deg": hinge.largest, "vertex": hinge.vertex,
-            "mean_arm_length_mm": hinge.mean_arm_length, "persistence_mm": hinge.persistence,
-            "blind": int(hinge.blind), "confidence": None if math.isnan(hinge.confidence) else hinge.confidence,
-        })  # fmt: skip
+        hinge_rows.append(
+            {
+                "hinge": hinge.node,
+                "x": x,
+                "y": y,
+                "z": z,
+                "degree": hinge.degree,
+                "shape": hinge.shape,
+                "min_angle_deg": hinge.smallest,
+                "max_angle_deg": hinge.largest,
+                "vertex": hinge.vertex,
+                "mean_arm_length_mm": hinge.mean_arm_length,
+                "persistence_mm": hinge.persistence,
+                "blind": int(hinge.blind),
+                "confidence": None if math.isnan(hinge.confidence) else hinge.confidence,
+            }
+        )
         for arm in hinge.arms:
-            arm_rows.append({
-                "hinge": arm.hinge, "arm": arm.number, "angle_deg": arm.angle, "length_mm": arm.length,
-                "curvature_per_mm": arm.curvature, "to_hinge": arm.to, "altitude_mm": arm.altitude,
-                "lowest_altitude_mm": arm.lowest, "blind": int(arm.blind), "crest": arm.crest,
-            })  # fmt: skip
+            arm_rows.append(
+                {
+                    "hinge": arm.hinge,
+                    "arm": arm.number,
+                    "angle_deg": arm.angle,
+                    "length_mm": arm.length,
+                    "curvature_per_mm": arm.curvature,
+                    "to_hinge": arm.to,
+                    "altitude_mm": arm.altitude,
+                    "lowest_altitude_mm": arm.lowest,
+                    "blind": int(arm.blind),
+                    "crest": arm.crest,
+                }
+            )
     return hinge_rows, arm_rows

@@ -106,9 +106,10 @@ class Net:
                 self.drop(loops[0])
                 continue
             short = [
-                (arc.length, n) for n, arc in self.arcs.items()
+                (arc.length, n)
+                for n, arc in self.arcs.items()
                 if arc.a != arc.b and arc.length < distance and degree[arc.a] > 2 and degree[arc.b] > 2
-            ]  # fmt: skip
+            ]
             if not short:
                 return
             self._contract(min(short)[1])
@@ -129,10 +130,10 @@ class Net:
         while True:
             degree = self.degrees()
             free = [
-                (arc.length, n) for n, arc in self.arcs.items()
-                if arc.length < length
-                and any(degree[end] == 1 and not self.nodes[end].cut for end in (arc.a, arc.b))
-            ]  # fmt: skip
+                (arc.length, n)
+                for n, arc in self.arcs.items()
+                if arc.length < length and any(degree[end] == 1 and not self.nodes[end].cut for end in (arc.a, arc.b))
+            ]
             if not free:
                 return
             self.drop(min(free)[1])
@@ -192,7 +193,7 @@ def at_ways(points: Array, places: Array) -> Array:
 def smoothed(points: Array, deviation: float) -> Array:
     """A curve resampled and smoothed along itself by a Gaussian [mm]; the ends stay."""
     points = resampled(points, 0.5 * deviation)
-    reach = min(6, len(points) - 1)                                     # three deviations, each of two steps
+    reach = min(6, len(points) - 1)  # three deviations, each of two steps
     before, after = 2 * points[0] - points[reach:0:-1], 2 * points[-1] - points[-2 : -reach - 2 : -1]
     step = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / deviation) ** 2)
@@ -220,13 +221,14 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
     number = np.full(len(pairs), -1)
     number[crossed] = np.arange(len(crossed))
-    side = number[edges_of_faces(faces)]                                # (M, 3)
+    side = number[edges_of_faces(faces)]  # (M, 3)
     count = (side >= 0).sum(axis=1)
     two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
     junction = len(crossed) + np.arange(len(three))
     points = np.concatenate([verts[pairs[crossed]].mean(axis=1), verts[faces[three]].mean(axis=1)])
-    links = np.concatenate([side[two][side[two] >= 0].reshape(-1, 2),
-                            np.column_stack([np.repeat(junction, 3), side[three].ravel()])])  # fmt: skip
+    links = np.concatenate(
+        [side[two][side[two] >= 0].reshape(-1, 2), np.column_stack([np.repeat(junction, 3), side[three].ravel()])]
+    )
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     net, name = Net(), {}
     for path in paths(graph, junction):

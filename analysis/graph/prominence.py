@@ -57,7 +57,7 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
     graph = geometry.adjacency(len(values), faces)
     order = used[np.argsort(-values[used], kind="stable")]
     prominence = _prominence(graph.indptr, graph.indices, values, order)
-    peaks = order[(prominence[order] >= least) & (prominence[order] > 0)]           # 0: a corner of a plateau
+    peaks = order[(prominence[order] >= least) & (prominence[order] > 0)]  # 0: a corner of a plateau
     return peaks[np.argsort(-prominence[peaks], kind="stable")]
 
 

@@ -17,15 +17,15 @@ from morphofold.surface import PerVertex
 from morphofold.threads import BLOCKS
 
 ROUNDS = 3
-ENOUGH = 1.6            # edges around a point within which there are enough vertices for a fit
-STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6                 # widths: of a curve, fitted around a point, moved a round,
-NEAR, SMOOTHING = 0.2, 0.2                              # spared at a junction, smoothed along
-INNER, OUTER = 0.5, 1.5                                 # widths from a junction between which an arm has its direction,
-SHARE = 0.6                                             # and the share of it that may be used
-MEETING = (0.3, 1.0)                                    # widths between which its arms say where a junction is: farther
-                                                        # out they bend, and it would be found anew less exactly
-SHIFT, TIE = 0.25, 0.3                                  # a junction's move a round, widths; how it clings to its place
-STRAIGHT = 0.3                                          # of an arm that is made straight at most
+ENOUGH = 1.6  # edges around a point within which there are enough vertices for a fit
+STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6  # widths: of a curve, fitted around a point, moved a round,
+NEAR, SMOOTHING = 0.2, 0.2  # spared at a junction, smoothed along
+INNER, OUTER = 0.5, 1.5  # widths from a junction between which an arm has its direction,
+SHARE = 0.6  # and the share of it that may be used
+MEETING = (0.3, 1.0)  # widths between which its arms say where a junction is: farther
+# out they bend, and it would be found anew less exactly
+SHIFT, TIE = 0.25, 0.3  # a junction's move a round, widths; how it clings to its place
+STRAIGHT = 0.3  # of an arm that is made straight at most
 
 
 def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
@@ -100,7 +100,7 @@ def _meet(net, meter, tree, width):
             middle = window.mean(axis=0)
             flat = (window - middle) @ across
             direction = np.linalg.svd(flat, full_matrices=False)[2][0]
-            off = across - np.outer(direction, direction)               # projects across the line, in the plane
+            off = across - np.outer(direction, direction)  # projects across the line, in the plane
             matrix, right = matrix + off, right + off @ middle
         shift = np.linalg.solve(matrix, right) - here.at
         far = np.linalg.norm(shift)

@@ -80,11 +80,17 @@ def hinge_sensitivity(
 def _row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
     degrees = np.array(list(net.degrees().values()), dtype=np.int64)
     return {
-        "length": name, "factor": factor, "mm": mm, "n_hinges": int((degrees > 2).sum()),
-        "n_hinges_3": int((degrees == 3).sum()), "n_hinges_4": int((degrees == 4).sum()),
-        "n_ends": int((degrees == 1).sum()), "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
-        "kept": _near(base, net, scales), "old": _near(net, base, scales),
-    }  # fmt: skip
+        "length": name,
+        "factor": factor,
+        "mm": mm,
+        "n_hinges": int((degrees > 2).sum()),
+        "n_hinges_3": int((degrees == 3).sum()),
+        "n_hinges_4": int((degrees == 4).sum()),
+        "n_ends": int((degrees == 1).sum()),
+        "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
+        "kept": _near(base, net, scales),
+        "old": _near(net, base, scales),
+    }
 
 
 def _near(one: Net, other: Net, scales: GyralScales) -> float:

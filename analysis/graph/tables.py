@@ -48,13 +48,22 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
         at = np.unique(crest["vertices"])
-        crest_rows.append({
-            "hemi": cortex.hemi, "crest": crest["number"], "from_hinge": a, "to_hinge": b, "length_mm": crest["length"],
-            "gyral_thickness_mm": _value(np.median, maps["gyral_thickness"][at]),
-            "cortical_thickness_mm": _value(np.mean, maps["cortical_thickness"][at]),
-            "mean_H_per_mm": _value(np.mean, maps["H"][at]), "region": _region(cortex, at),
-            "altitude_mm": crest["altitude"], "strength_mm": crest["strength"], "blind": int(crest["blind"]),
-        })  # fmt: skip
+        crest_rows.append(
+            {
+                "hemi": cortex.hemi,
+                "crest": crest["number"],
+                "from_hinge": a,
+                "to_hinge": b,
+                "length_mm": crest["length"],
+                "gyral_thickness_mm": _value(np.median, maps["gyral_thickness"][at]),
+                "cortical_thickness_mm": _value(np.mean, maps["cortical_thickness"][at]),
+                "mean_H_per_mm": _value(np.mean, maps["H"][at]),
+                "region": _region(cortex, at),
+                "altitude_mm": crest["altitude"],
+                "strength_mm": crest["strength"],
+                "blind": int(crest["blind"]),
+            }
+        )
     found = hinges(graph)
     hinge_rows, arm_rows = as_rows(found)
     for row in hinge_rows:
@@ -64,11 +73,14 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
         row.update(hemi=cortex.hemi)
     degrees = [row["degree"] for row in hinge_rows if counts(row)]
     scalars: dict[str, float | int] = {
-        "n_hinges": len(degrees), "n_hinges_3": degrees.count(3), "n_hinges_4": degrees.count(4),
-        "n_hinges_low": sum(hinge.confidence >= SURE for hinge in found), "n_hinges_high": len(found),
+        "n_hinges": len(degrees),
+        "n_hinges_3": degrees.count(3),
+        "n_hinges_4": degrees.count(4),
+        "n_hinges_low": sum(hinge.confidence >= SURE for hinge in found),
+        "n_hinges_high": len(found),
         "n_crests": graph.number_of_edges(),
         "crest_length_mm": float(sum(crest["length"] for *_, crest in graph.edges(data=True))),
-    }  # fmt: skip
+    }
     return GyralTables(crest_rows, hinge_rows, arm_rows, scalars)
 
 
@@ -85,7 +97,7 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     for *_, crest in graph.edges(data=True):
         steps = np.linalg.norm(np.diff(crest["polyline"], axis=0), axis=1)
         share = crest["length"] / steps.sum() if steps.sum() > 0 else 0.0
-        for end in (crest["vertices"][:-1], crest["vertices"][1:]):     # half of each step to the region of each end
+        for end in (crest["vertices"][:-1], crest["vertices"][1:]):  # half of each step to the region of each end
             known = labels[end] >= 0
             for label in np.unique(labels[end][known]).tolist():
                 length[cortex.regions.names[label]] += 0.5 * share * float(steps[labels[end] == label].sum())

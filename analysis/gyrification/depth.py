@@ -16,7 +16,7 @@ from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
-BUNDLE = 16             # planes that are passed over together
+BUNDLE = 16  # planes that are passed over together
 
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
@@ -60,7 +60,7 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
         raise (OutOfRange if mode == "geodesic" else OptionsClash)(
             f"touching is a distance in mm for mode 'geodesic', got {touching!r} for mode {mode!r}."
         )
-    planes = hull(verts, faces).equations            # n . x + d <= 0 inside; coplanar triangles repeat theirs
+    planes = hull(verts, faces).equations  # n . x + d <= 0 inside; coplanar triangles repeat theirs
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
     used = np.unique(faces)
@@ -82,7 +82,7 @@ def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[
     points = points - middle
     size = float(np.linalg.norm(points, axis=1).max())
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
-    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]           # near ones next to each other
+    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]  # near ones next to each other
     planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE**2, axis=0)])
     bundled = []
     for many in (BUNDLE, BUNDLE**2):
@@ -108,7 +108,7 @@ def _below(points, planes):
     """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     n, depth = len(points), np.empty(len(points))
     for block in prange(BLOCKS):
-        nearest = 0                                                     # of the point before, and so about of this one
+        nearest = 0  # of the point before, and so about of this one
         for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
             x, y, z = points[i]
             far = np.sqrt(x * x + y * y + z * z + 1.0)
@@ -117,7 +117,7 @@ def _below(points, planes):
             for a in range(len(planes.middle)):
                 c = planes.middle[a]
                 if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.reach[a] * far <= highest:
-                    continue                                            # none of these can be nearer
+                    continue  # none of these can be nearer
                 for b in range(a * BUNDLE, (a + 1) * BUNDLE):
                     c = planes.centre[b]
                     if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.spread[b] * far <= highest:

@@ -13,8 +13,8 @@ from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-NEAR = 0.02             # mean edges: vertices joined by an edge so short are at one place, and share their measures
-RTOL = 1e-10            # of the heat flow: on a sphere, where H^2 - K is 0, its root is what counts
+NEAR = 0.02  # mean edges: vertices joined by an edge so short are at one place, and share their measures
+RTOL = 1e-10  # of the heat flow: on a sphere, where H^2 - K is 0, its root is what counts
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     ahead, back = geometry.sides(verts, faces)
     angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
     known = ahead.any(axis=2) & back.any(axis=2)
-    rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)   # at an edge of no length: what is left
+    rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)  # at an edge of no length: what is left
     angle = np.where(known, angle, rest[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
     inner = geometry.used(len(verts), faces)

@@ -11,10 +11,10 @@ from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
 from morphofold.surface import Faces, Verts, check_mesh
 
-FINEST, COARSEST = 2.0, 0.25    # boxes from so many mean edges to this share of the root of the area
-RATIO = 2**0.5                  # from one size to the next
-OFFSETS = 8                     # grids that are tried for each size,
-THIN = 6.0                      # by one point of the surface for each of the cells, so many of which make an edge
+FINEST, COARSEST = 2.0, 0.25  # boxes from so many mean edges to this share of the root of the area
+RATIO = 2**0.5  # from one size to the next
+OFFSETS = 8  # grids that are tried for each size,
+THIN = 6.0  # by one point of the surface for each of the cells, so many of which make an edge
 
 
 def fractal_dimension(

@@ -14,12 +14,12 @@ from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-CLOSING, REGION = 15.0, 25.0    # [mm], of Schaer and others 2008
-VOXELS = 12.0           # in the radius of the closing, unless asked otherwise
-BINS = 12.0             # in the radius of the region
-COARSEST = 0.4          # mean edge, in the radius of the region, above which triangles are cut in four
-SOFT = 1.0              # standard deviation in voxels over which distances are smoothed: their steps cost area
-MOST = 3e8              # voxels
+CLOSING, REGION = 15.0, 25.0  # [mm], of Schaer and others 2008
+VOXELS = 12.0  # in the radius of the closing, unless asked otherwise
+BINS = 12.0  # in the radius of the region
+COARSEST = 0.4  # mean edge, in the radius of the region, above which triangles are cut in four
+SOFT = 1.0  # standard deviation in voxels over which distances are smoothed: their steps cost area
+MOST = 3e8  # voxels
 
 
 def local_gyrification_index(
@@ -70,7 +70,7 @@ def local_gyrification_index(
             f"voxels of {voxel:g} mm would be {np.prod(size / voxel):.1e} for a body of {size.max():.0f} mm; "
             f"take voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
-    while mean_edge_length(verts, faces) > COARSEST * region:           # area lies at the vertices
+    while mean_edge_length(verts, faces) > COARSEST * region:  # area lies at the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
     bin_ = region / BINS
@@ -79,7 +79,7 @@ def local_gyrification_index(
     folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
     smooth = _within(points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region)
     ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
-    index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]   # cut triangles keep their corners first
+    index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]  # cut triangles keep their corners first
     return index
 
 
@@ -93,9 +93,7 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     # distances between centres of voxels: a surface lies half a voxel from the centres on both its sides
     dilated = ndimage.distance_transform_edt(~inside, sampling=voxel) - 0.5 * voxel <= closing
     depth = ndimage.distance_transform_edt(dilated, sampling=voxel) - 0.5 * voxel
-    grid = pyvista.ImageData(
-        dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel
-    )  # fmt: skip
+    grid = pyvista.ImageData(dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel)
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SOFT).ravel(order="F")
     found = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)

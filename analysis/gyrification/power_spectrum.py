@@ -17,8 +17,8 @@ from morphofold import geometry
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-EDGES = 4           # mesh edges that the shortest wave has at least
-MOST = 1000         # degree; the recurrence loses no digit up to there
+EDGES = 4  # mesh edges that the shortest wave has at least
+MOST = 1000  # degree; the recurrence loses no digit up to there
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     if not 1 <= last <= MOST:
         raise OutOfRange(f"last must be a degree from 1 to {MOST}, got {last}.")
     height = values - weight @ values / (4 * math.pi)
-    if np.abs(height).max() <= 1e-13 * np.abs(values).max():            # rounding, of a constant
+    if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding, of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
     power = _project(direction, weight * height, last) / (4 * math.pi)
     return Spectrum(power, float(np.sqrt(weight @ height**2 / (4 * math.pi))), radius)
@@ -137,8 +137,8 @@ def _project(direction, f, last):
     n = len(f)
     power = np.zeros(last + 1)
     sine = np.sqrt(direction[:, 0] ** 2 + direction[:, 1] ** 2)
-    sectoral = np.full(n, np.sqrt(1 / (4 * np.pi)))                     # P_mm, normalised
-    real, imag = f.copy(), np.zeros(n)                                  # f exp(-i m phi)
+    sectoral = np.full(n, np.sqrt(1 / (4 * np.pi)))  # P_mm, normalised
+    real, imag = f.copy(), np.zeros(n)  # f exp(-i m phi)
     below, here = np.empty(n), np.empty(n)
     for m in range(last + 1):
         for i in range(n):
@@ -156,7 +156,7 @@ def _project(direction, f, last):
         grow = np.sqrt((2 * m + 3) / (2 * m + 2))
         for i in range(n):
             sectoral[i] *= grow * sine[i]
-            if sine[i] > 0:                                             # at a pole only m = 0 is not zero
+            if sine[i] > 0:  # at a pole only m = 0 is not zero
                 c, s = direction[i, 0] / sine[i], direction[i, 1] / sine[i]
                 real[i], imag[i] = real[i] * c + imag[i] * s, imag[i] * c - real[i] * s
     return power

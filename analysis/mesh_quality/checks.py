@@ -13,14 +13,14 @@ from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
-NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")     # within names of regions, without spaces and _
-PARCELLATED = 0.75      # of the vertices, in regions of cortex: an annotation that says where cortex is
+NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")  # within names of regions, without spaces and _
+PARCELLATED = 0.75  # of the vertices, in regions of cortex: an annotation that says where cortex is
 
-APART = 0.05            # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
-SAME = 1e-3             # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
-LABELLED = 0.01         # of the vertices: a cortex label that holds fewer is none
-MOSTLY = 0.5            # of a piece with a border, outside pial: that many are not by mistakes of reconstruction
-ALONG = 0.5             # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
+APART = 0.05  # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
+SAME = 1e-3  # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
+LABELLED = 0.01  # of the vertices: a cortex label that holds fewer is none
+MOSTLY = 0.5  # of a piece with a border, outside pial: that many are not by mistakes of reconstruction
+ALONG = 0.5  # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
 
 
 def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
@@ -132,7 +132,7 @@ def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np
     """
     if len(asked) == 0:
         return asked
-    verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays of compiled code
+    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as all arrays of compiled code
     of_face = piece[faces[:, 0]]
     by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
     tree, up, none = box_tree(verts, faces), np.array([0.0, 0.0, 1.0]), np.empty(0)
@@ -179,7 +179,7 @@ def check_open_pieces(cortex: Cortex) -> None:
     """Refuse a piece with a border, which encloses nothing, if white lies outside pial on most of it."""
     if not len(border := geometry.border_edges(cortex.faces)):
         return
-    piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1        # 0: vertices that no triangle has
+    piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices that no triangle has
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
     for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
         raise InsideOut(
@@ -232,5 +232,5 @@ def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDAr
 
 def place_of(point: NDArray[np.float64]) -> str:
     """Coordinates (3,) as messages have them."""
-    x, y, z = np.round(point, 6) + 0.0      # no -0, and no 1e-17 on a plane of symmetry
+    x, y, z = np.round(point, 6) + 0.0  # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"

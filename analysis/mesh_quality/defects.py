@@ -14,36 +14,56 @@ from morphofold.surface import Cortex, PerVertex, check_mesh
 #: notes that a command tells, too, by their code: what they say and what to do (docs/messages.md)
 WARNINGS = {
     "simulation": ("The stage broke bounds of health; their names come first.", "See the table of bounds below."),
-    "repair": ("Faults of the mesh were mended, so that triangles or vertices differ from the file's.",
-               "Look at the places that are named; --no-repair refuses instead."),
-    "cortex_mask": ("No cortex label came with the surfaces, so the medial wall was found otherwise.",
-                    "Put label/?h.cortex.label beside them."),
-    "parcellation": ("No annotation came with the surfaces, so there is no table of regions.",
-                     "Put label/?h.aparc.annot beside them, or name one with --annot."),
-    "cortex_label": ("The cortex label holds far fewer vertices than FreeSurfer's.",
-                     "Check that it is the cortex, not its medial wall."),
+    "repair": (
+        "Faults of the mesh were mended, so that triangles or vertices differ from the file's.",
+        "Look at the places that are named; --no-repair refuses instead.",
+    ),
+    "cortex_mask": (
+        "No cortex label came with the surfaces, so the medial wall was found otherwise.",
+        "Put label/?h.cortex.label beside them.",
+    ),
+    "parcellation": (
+        "No annotation came with the surfaces, so there is no table of regions.",
+        "Put label/?h.aparc.annot beside them, or name one with --annot.",
+    ),
+    "cortex_label": (
+        "The cortex label holds far fewer vertices than FreeSurfer's.",
+        "Check that it is the cortex, not its medial wall.",
+    ),
     "size": ("The surface is not of the size of a brain.", "Check that its unit is mm."),
     "side": ("The surface lies where the other hemisphere does.", "Check --hemi and the name of the file."),
-    "mesh": ("Unused vertices, pieces, borders, rounded coordinates, or triangles of next to no area.",
-             "Read which; measures bear them, other tools may not."),
+    "mesh": (
+        "Unused vertices, pieces, borders, rounded coordinates, or triangles of next to no area.",
+        "Read which; measures bear them, other tools may not.",
+    ),
     "crossing": ("White lies outside pial at some vertices.", "Thickness there is a distance without sign."),
-    "pair": ("White and pial probably do not belong together, or one was moved.",
-             "Take both from one reconstruction, in one frame."),
+    "pair": (
+        "White and pial probably do not belong together, or one was moved.",
+        "Take both from one reconstruction, in one frame.",
+    ),
     "self_crossing": ("A surface passes through itself.", "Doubt curvature and thickness at the places named."),
     "thickness_file": ("The thickness that came with the surfaces has gaps in the cortex.", "Compute it anew."),
-    "thickness_unlike": ("The thickness that came with the surfaces is not what lies between them.",
-                         "Check its unit, and that it is of these surfaces."),
-    "thickness_cap": ("Much of the cortex is as thick as the cap lets it be, so means are too low.",
-                      "Raise --thickness-cap, or leave it out."),
-    "curvature_scale": ("The mesh is too coarse, or the body too small, for the usual scale of curvature.",
-                        "Compare curvature only at equal scales (--curvature-scale)."),
-    "gyral_width": ("The gyral net is of a width that does not go with the gyral thickness.",
-                    "Look at the white surface, or give --gyral-width."),
-}  # fmt: skip
-THIN = 1e-4             # of the mean edge: height below which a triangle is a needle or a cap
-OUTSIDE = 0.01          # of the cortex: people have 0.0002 at most outside pial
-SHIFTED = 0.3           # of the distance of white and pial, that pial is moved by; people have 0.07, by 2 mm 0.56
-ROUGH = 0.005           # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
+    "thickness_unlike": (
+        "The thickness that came with the surfaces is not what lies between them.",
+        "Check its unit, and that it is of these surfaces.",
+    ),
+    "thickness_cap": (
+        "Much of the cortex is as thick as the cap lets it be, so means are too low.",
+        "Raise --thickness-cap, or leave it out.",
+    ),
+    "curvature_scale": (
+        "The mesh is too coarse, or the body too small, for the usual scale of curvature.",
+        "Compare curvature only at equal scales (--curvature-scale).",
+    ),
+    "gyral_width": (
+        "The gyral net is of a width that does not go with the gyral thickness.",
+        "Look at the white surface, or give --gyral-width.",
+    ),
+}
+THIN = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
+OUTSIDE = 0.01  # of the cortex: people have 0.0002 at most outside pial
+SHIFTED = 0.3  # of the distance of white and pial, that pial is moved by; people have 0.07, by 2 mm 0.56
+ROUGH = 0.005  # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
 
 
 def check_edges(cortex: Cortex, why_not: str = "") -> None:
@@ -206,4 +226,3 @@ def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex,
 
 def _place(cortex: Cortex, vertex: int) -> str:
     return checks.place_of(cortex.white.verts[vertex])
-

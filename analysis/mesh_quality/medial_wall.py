@@ -9,8 +9,8 @@ from scipy.sparse import csgraph
 from morphofold import geometry
 from morphofold.surface import Cortex
 
-NEAR = 0.2              # of the median distance of white and pial: nearer than that is no cortex (0.5 mm in adults)
-LEAST, MOST = 0.01, 0.2     # share of the white area: least of a patch, most of all; walls have 0.03 to 0.1
+NEAR = 0.2  # of the median distance of white and pial: nearer than that is no cortex (0.5 mm in adults)
+LEAST, MOST = 0.01, 0.2  # share of the white area: least of a patch, most of all; walls have 0.03 to 0.1
 
 
 def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:

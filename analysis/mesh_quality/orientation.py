@@ -114,7 +114,7 @@ def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
     sides the two ways of a triangle are of two parts, and the one that holds more triangles as they are is right.
     """
     corner, m = faces.ravel(), len(faces)
-    same = corner[joined[:, 0]] == corner[joined[:, 1]]                 # one of the two runs the wrong way
+    same = corner[joined[:, 0]] == corner[joined[:, 1]]  # one of the two runs the wrong way
     if not same.any():
         return np.zeros(m, dtype=bool)
     one, other = (joined // 3).T

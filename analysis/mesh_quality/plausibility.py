@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from morphofold import geometry
 from morphofold.surface import Cortex, PerVertex
 
-LARGEST = 150_000.0     # [mm^2] of white: human hemispheres have 60,000 to 130,000; smaller ones may be of any animal
-ASIDE = 0.15            # of the radius of the sphere of equal area: mean x of a surface on one side (people 0.4)
-LABELLED = 0.5          # of the vertices: FreeSurfer's cortex labels hold 0.9
-CAPPED = 0.02           # of the cortex: people have 0.002 at FreeSurfer's cap of 5 mm
-ALIKE, CORRELATED = 2.0, 0.3    # ratio to the measured thickness, and correlation with it; fsaverage 1.00 and 0.9
+LARGEST = 150_000.0  # [mm^2] of white: human hemispheres have 60,000 to 130,000; smaller ones may be of any animal
+ASIDE = 0.15  # of the radius of the sphere of equal area: mean x of a surface on one side (people 0.4)
+LABELLED = 0.5  # of the vertices: FreeSurfer's cortex labels hold 0.9
+CAPPED = 0.02  # of the cortex: people have 0.002 at FreeSurfer's cap of 5 mm
+ALIKE, CORRELATED = 2.0, 0.3  # ratio to the measured thickness, and correlation with it; fsaverage 1.00 and 0.9
 
 
 def remarks(cortex: Cortex) -> dict[str, str]:
@@ -63,7 +63,7 @@ def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
         return {}
     one, other = given[known], measured[known]
     ratio = float(np.median(one) / np.median(other))
-    varies = min(one.std() / one.mean(), other.std() / other.mean()) > 0.01     # else a correlation is one of noise
+    varies = min(one.std() / one.mean(), other.std() / other.mean()) > 0.01  # else a correlation is one of noise
     r = float(np.corrcoef(one, other)[0, 1]) if varies else 1.0
     if 1 / ALIKE <= ratio <= ALIKE and r >= CORRELATED:
         return {}

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 Done = dict[str, tuple[int, int]]
 
-DEBRIS = 0.005          # of the pial area, below which a piece that parting sheets cut off is left out
-WORDS = {               # what is mended, by the name of its number
+DEBRIS = 0.005  # of the pial area, below which a piece that parting sheets cut off is left out
+WORDS = {  # what is mended, by the name of its number
     "repaired_unlike_triangles": "triangles of pial turned to run as those of white",
     "repaired_flat_triangles": "triangles left out that name a vertex twice",
     "repaired_seam_vertices": "vertices of torn seams joined with another at the same place",
@@ -205,7 +205,7 @@ def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Boo
     n, corner = cortex.n_vertices, faces.ravel()
     keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
     fan = sides.fan
-    if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):          # as many fans as vertices
+    if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):  # as many fans as vertices
         return keep, faces, owner
     ends = lambda of: np.unique(corner[np.concatenate([of, after(of)])])
     crowded = ends(sides.crowded)
@@ -221,10 +221,10 @@ def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Boo
     keep = ~_debris(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)
     if not keep.all():
         done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
-    part = np.repeat(keep, 3) & shared[corner]                          # corners that may get another vertex
+    part = np.repeat(keep, 3) & shared[corner]  # corners that may get another vertex
     names, first, size = np.unique(fan[part], return_index=True, return_counts=True)
     vertex = corner[part][first]
-    order = np.lexsort((names, -size, vertex))                          # of each vertex the largest fan first
+    order = np.lexsort((names, -size, vertex))  # of each vertex the largest fan first
     other = np.diff(vertex[order], prepend=-1) == 0
     number = np.full(fan.max() + 1, -1)
     number[names[order[other]]] = n + np.arange(other.sum())
@@ -247,10 +247,10 @@ def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bool
     """Triangles (M,) of closed pieces that enclose less than nothing, white no more of it than pial."""
     piece = geometry.components(len(owner), faces)[1]
     inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
-    wrong: Bools = (outer <= inner) & (inner < 0)                       # the walls of cavities have more of it
+    wrong: Bools = (outer <= inner) & (inner < 0)  # the walls of cavities have more of it
     alone = np.ones(faces.size, dtype=bool)
     alone[joined] = False
-    wrong[piece[faces.ravel()[alone]]] = False                          # a piece with a border encloses nothing
+    wrong[piece[faces.ravel()[alone]]] = False  # a piece with a border encloses nothing
     return wrong[piece[faces[:, 0]]]
 
 
@@ -260,9 +260,12 @@ def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> 
     twin, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
     white, pial = (replace(s, verts=s.verts[twin], faces=number[faces]) for s in (cortex.white, cortex.pial))
     there = replace(
-        cortex, white=white, pial=pial, maps={name: np.asarray(v)[twin] for name, v in cortex.maps.items()},
+        cortex,
+        white=white,
+        pial=pial,
+        maps={name: np.asarray(v)[twin] for name, v in cortex.maps.items()},
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[twin],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[twin]),
         inflated=None,
-    )  # fmt: skip
+    )
     return Mended(cortex, there, number[at], twin, done)

@@ -15,12 +15,7 @@ from morphofold.threads import BLOCKS
 
 
 def cortical_thickness(
-    white: Surface,
-    pial: Surface,
-    *,
-    mode: str = "surface",
-    cap: float | None = None,
-    rings: int = 10,
+    white: Surface, pial: Surface, *, mode: str = "surface", cap: float | None = None, rings: int = 10
 ) -> PerVertex:
     """Cortical thickness: half the sum of the ways from white to pial and from pial to white.
 
@@ -154,7 +149,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
                 v = queue[at]
                 at += 1
                 away = (target[v, 0] - px) ** 2 + (target[v, 1] - py) ** 2 + (target[v, 2] - pz) ** 2
-                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]             # all of its triangles are
+                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]  # all of its triangles are
                 for e in range(fptr[v], fptr[v] if beyond else fptr[v + 1]):
                     f = findices[e]
                     if tested[f] == i:

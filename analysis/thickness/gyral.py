@@ -19,9 +19,9 @@ from morphofold.analysis.thickness.rays import Scanner
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
-LEAST_COVERAGE = 0.2    # of the mid-height contour, below which no median is stated
-LONGEST = 1.2           # chord, relative to the wavelength
-OFF = 5e-3              # mean edges from a triangle to where a ray that starts on it is cast
+LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is stated
+LONGEST = 1.2  # chord, relative to the wavelength
+OFF = 5e-3  # mean edges from a triangle to where a ray that starts on it is cast
 SYMMETRISE = np.deg2rad([0.0, -15.0, 15.0, -30.0, 30.0])
 FAN = np.deg2rad([0.0, -10.0, 10.0, -20.0, 20.0])
 
@@ -166,7 +166,7 @@ def gyral_thickness(
     check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     inside = _inside(cortex, mask)
-    scan = Scanner(surface)                    # first, so that a missing package is told before the work
+    scan = Scanner(surface)  # first, so that a missing package is told before the work
     contour = mid_height_contour(surface, inside, scale)
     if contour.reason:
         return _nothing(surface, contour, contour.reason)
@@ -373,9 +373,7 @@ def _report(
     )
 
 
-def _carry(
-    surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]
-) -> PerVertex:
+def _carry(surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]) -> PerVertex:
     """Width of the nearest sample that has one, along the edges (N,); NaN where that is too far.
 
     Too far is beyond half a wavelength, or half of that width farther than the nearest sample of all.

@@ -12,10 +12,10 @@ from morphofold import geometry
 from morphofold.analysis.relief import Relief, relief
 from morphofold.surface import PerVertex, Surface
 
-FLAT = 0.1              # amplitude / scale below which a surface counts as unfolded
-SHALLOW = 0.25          # amplitude, relative to its 90th percentile, below which a ripple is no fold
-FINEST = 4.0            # wavelength / mean edge, below which folds cannot be told from noise
-BROADEST = 1.0          # wavelength / radius of the sphere of equal area, above which the body's shape is no fold
+FLAT = 0.1  # amplitude / scale below which a surface counts as unfolded
+SHALLOW = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is no fold
+FINEST = 4.0  # wavelength / mean edge, below which folds cannot be told from noise
+BROADEST = 1.0  # wavelength / radius of the sphere of equal area, above which the body's shape is no fold
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float
     edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
         return _at_scale(surface, inside, whole, size, edge, float(scale))
-    scale = 0.115 * size                        # a person's brain ends within 5 % of it, and so is measured once
+    scale = 0.115 * size  # a person's brain ends within 5 % of it, and so is measured once
     for _ in range(8):
         contour = _at_scale(surface, inside, whole, size, edge, scale)
         wanted = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
@@ -65,7 +65,7 @@ def _at_scale(
         reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
     elif high < FLAT * scale:
         reason = f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {FLAT:g} of the scale"
-    elif not wavelength <= BROADEST * size:     # also if there is no contour
+    elif not wavelength <= BROADEST * size:  # also if there is no contour
         reason = (
             f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "
             f"{size:.3g}, too short to come from more than the shape of the body"
@@ -86,7 +86,7 @@ def _level_set(
     above = value > 0
     crossed = np.isfinite(value).all(axis=1) & (above.any(axis=1) != above.all(axis=1))
     triangle, value, above = whole[crossed], value[crossed], above[crossed]
-    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)    # corner on its own side
+    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)  # corner on its own side
     row = np.arange(len(triangle))
     corner = surface.verts[surface.faces[triangle]]
     ends = []

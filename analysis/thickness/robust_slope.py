@@ -14,7 +14,7 @@ from morphofold.errors import NoSolution
 DRAWS = 2000
 CONFIDENCE = 0.95
 FEWEST = 3
-BOUNDED = 5             # points that a bootstrap takes: with three its bounds hold in two of three cases
+BOUNDED = 5  # points that a bootstrap takes: with three its bounds hold in two of three cases
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,14 @@ def line(x: Array, y: Array, seed: int = 0) -> Line:
         tail = 50 * (1 - CONFIDENCE)
         low, high = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
     return Line(
-        len(x), slope, float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),
-        float(np.median(slopes)), float(low), float(high),
-    )  # fmt: skip
+        len(x),
+        slope,
+        float(y.mean() - slope * x.mean()),
+        float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),
+        float(np.median(slopes)),
+        float(low),
+        float(high),
+    )
 
 
 def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str]:

@@ -15,12 +15,12 @@ import morphofold as mf
 from morphofold.shapes import icosphere
 
 DEGREE = 4
-LENGTH = 70.0           # from front to back [mm], that of a hemisphere halfway through pregnancy or a little later
-CORTEX = 1.6            # thickness [mm]
+LENGTH = 70.0  # from front to back [mm], that of a hemisphere halfway through pregnancy or a little later
+CORTEX = 1.6  # thickness [mm]
 HOLLOW = 0.45, 0.6, 0.55  # size of the ventricle over that of the hemisphere, along each axis
-VERTICES = 5500         # of the pial surface
-CORE = np.cumsum([0.0, 1.0, 1.3, 1.5, 1.5]) / 5.3                       # depths of the core's layers, as shares
-ROUNDS = 300            # of moving each vertex to the middle of its neighbours along the surface
+VERTICES = 5500  # of the pial surface
+CORE = np.cumsum([0.0, 1.0, 1.3, 1.5, 1.5]) / 5.3  # depths of the core's layers, as shares
+ROUNDS = 300  # of moving each vertex to the middle of its neighbours along the surface
 
 
 def even_sphere(n):
@@ -39,9 +39,13 @@ def harmonics(directions):
     x, y, z = directions.T
     theta, phi = np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x)
     return np.stack(
-        [getattr(sph_harm_y(l, abs(m), theta, phi), "imag" if m < 0 else "real")
-         for l in range(DEGREE + 1) for m in range(-l, l + 1)], axis=1,
-    )  # fmt: skip
+        [
+            getattr(sph_harm_y(l, abs(m), theta, phi), "imag" if m < 0 else "real")
+            for l in range(DEGREE + 1)
+            for m in range(-l, l + 1)
+        ],
+        axis=1,
+    )
 
 
 def smooth_pial():
@@ -70,12 +74,12 @@ def main():
     ring = ring.maximum(ring.T)
     pial = project(at)
     for _ in range(ROUNDS):
-        pial = project(ring @ pial)                                     # a sum will do: only its direction counts
+        pial = project(ring @ pial)  # a sum will do: only its direction counts
     normal = np.array(trimesh.Trimesh(pial, faces, process=False).vertex_normals)
     white = pial - CORTEX * normal
     hollow = pial * HOLLOW
     levels = [pial + s * (white - pial) for s in (0, 1 / 3, 2 / 3)] + [white + s * (hollow - white) for s in CORE]
-    columns, S = np.sort(faces, axis=1).T, len(pial)                    # prisms, cut by the order of their columns
+    columns, S = np.sort(faces, axis=1).T, len(pial)  # prisms, cut by the order of their columns
     tets = []
     for k in range(len(levels) - 1):
         (a, b, c), (d, e, f) = columns + k * S, columns + (k + 1) * S
@@ -86,11 +90,14 @@ def main():
     layered = [np.concatenate(tets).astype(np.int32)]
     layered[0][volume < 0] = layered[0][volume < 0][:, [1, 0, 2, 3]]
     meshio.Mesh(
-        np.concatenate(levels).round(4).astype(np.float32), [("tetra", layered[0])],
+        np.concatenate(levels).round(4).astype(np.float32),
+        [("tetra", layered[0])],
         cell_data={"cortex": [cortex.astype(np.int8)]},
-    ).write("hemisphere.vtu", compression="lzma")  # fmt: skip
-    print(f"{len(volume):,} tetrahedra, {len(levels) * S:,} points, {np.ptp(pial, axis=0).round(1)} mm, "
-          f"least volume {np.abs(volume).min() / 6:.3g} mm3")  # fmt: skip
+    ).write("hemisphere.vtu", compression="lzma")
+    print(
+        f"{len(volume):,} tetrahedra, {len(levels) * S:,} points, {np.ptp(pial, axis=0).round(1)} mm, "
+        f"least volume {np.abs(volume).min() / 6:.3g} mm3"
+    )
 
 
 if __name__ == "__main__":

@@ -36,11 +36,11 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
-        self.register("type", None, _not_empty)                         # of every argument that is text
+        self.register("type", None, _not_empty)  # of every argument that is text
 
     def add_subparsers(self, **options: Any) -> Any:
         commands = super().add_subparsers(**options)
-        commands.type = str                                             # empty words after it are for its own parser
+        commands.type = str  # empty words after it are for its own parser
         return commands
 
     def error(self, message: str) -> NoReturn:
@@ -105,11 +105,13 @@ def add_questions(
     questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
     return {
         name: questions.add_parser(
-            name, help=said, description=f"{said[0].upper()}{said[1:]}. {more.get(name, '')}",
+            name,
+            help=said,
+            description=f"{said[0].upper()}{said[1:]}. {more.get(name, '')}",
             formatter_class=parser.formatter_class,
         )
         for name, said in words.items()
-    }  # fmt: skip
+    }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -120,9 +122,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     with standard_streams():
         try:
             args = parser().parse_args(argv)
-        except SystemExit as end:                                       # after --help, --version, or what is wrong
+        except SystemExit as end:  # after --help, --version, or what is wrong
             return int(end.code or 0)
-        except OSError as error:                                        # no room for --help
+        except OSError as error:  # no room for --help
             return _fail("", f"standard output: {error.strerror}.", 2)
         return _run(args)
 
@@ -143,22 +145,22 @@ def _run(args: argparse.Namespace) -> int:
     except (ValueError, TypeError, OSError, ImportError) as error:
         if args.debug:
             raise
-        if isinstance(error, OSError) and error.errno is not None:      # the system's own words, not ours
+        if isinstance(error, OSError) and error.errno is not None:  # the system's own words, not ours
             where = f"{error.filename}: " if error.filename is not None else ""
             return _fail(args.command, f"{where}{error.strerror}. Name another place to read or write.", 2)
         return _fail(args.command, error, 2)
     except MemoryError as error:
         if args.debug:
             raise
-        told = str(error) or "memory did not suffice"                   # numpy says how much it wanted
+        told = str(error) or "memory did not suffice"  # numpy says how much it wanted
         more = "" if told.endswith(".") else ". Close other programs, or ask for less."
         return _fail(args.command, f"{told}{more}", 2)
     except Exception as error:
         if args.debug:
             raise
-        if type(error).__name__ in ("UnstableError", "ConvergenceError"):      # not imported for the sake of --help
+        if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported for the sake of --help
             return _fail(args.command, error, 1)
-        if isinstance(error, RuntimeError) and "no locator available" in str(error):          # numba's, of its cache
+        if isinstance(error, RuntimeError) and "no locator available" in str(error):  # numba's, of its cache
             places = "neither the installed package nor the home folder can be written"
             return _fail(args.command, f"compiled code can't be kept: {places}. Set NUMBA_CACHE_DIR to a folder.", 2)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
@@ -171,7 +173,7 @@ def _ended_as_interrupted() -> Iterator[None]:
     One that was ignored before (by nohup) stays ignored. A second one is: a terminal and its shell both tell of its
     end, and what is half written has to go first.
     """
-    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]     # not on Windows
+    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
     main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in ends if main_thread and signal.getsignal(number) == signal.SIG_DFL]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from morphofold.timing import Stages
 
 
-UNMEASURED = (ValueError, TypeError, OSError)   # of one hemisphere, after which the other is measured all the same
+UNMEASURED = (ValueError, TypeError, OSError)  # of one hemisphere, after which the other is measured all the same
 T = TypeVar("T")
 
 
@@ -44,21 +44,28 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_measuring_args(parser)
     add_options(
         parser,
-        ("--dry-run", None,
-         "say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
-         "write nothing"),
-        ("--stages", None,
-         "every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
-         "an earlier run measured of the same files stays"),
+        (
+            "--dry-run",
+            None,
+            "say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
+            "write nothing",
+        ),
+        (
+            "--stages",
+            None,
+            "every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
+            "an earlier run measured of the same files stays",
+        ),
         ("--no-report", None, "tables and maps only, no page or pictures"),
-        ("--mgh", None,
-         "maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout"),
+        ("--mgh", None, "maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout"),
         ("--wide", None, "regions_wide.tsv, too: one row, a column per region and measure; of the plain layout"),
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--layout", choices=["plain", "bids"], default="plain",
+        "--layout",
+        choices=["plain", "bids"],
+        default="plain",
         help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
-    )  # fmt: skip
+    )
     add_options(parser, ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"))
     add_threads(parser)
     add_options(
@@ -157,10 +164,12 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
     for m in measures:
         s = m.scalars
         index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
-        print(one_line(
-            f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
-            f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
-        ))  # fmt: skip
+        print(
+            one_line(
+                f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
+                f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
+            )
+        )
         for key in WARNINGS:
             if key in m.notes:
                 print(one_line(f"warning: {m.notes[key]} [{key}]"))
@@ -203,9 +212,7 @@ def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
             )
         hemi = None if args.hemi == "both" else args.hemi
         return {
-            "": partial(
-                read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot
-            )
+            "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
         }
     named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     hemis = named if args.hemi else hemispheres(Path(args.input))
@@ -229,10 +236,15 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
         return mended
 
     found = forecast_analysis(
-        _of_each({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed), accuracy=args.accuracy,
-        report=not args.no_report, threads=args.threads, reading=reading, curvature_scale=args.curvature_scale,
-        repair=args.repair, stages=len(_places_of_stages(args.input)),
-    )  # fmt: skip
+        _of_each({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed),
+        accuracy=args.accuracy,
+        report=not args.no_report,
+        threads=args.threads,
+        reading=reading,
+        curvature_scale=args.curvature_scale,
+        repair=args.repair,
+        stages=len(_places_of_stages(args.input)),
+    )
     code = _tell_failed(failed)
     if args.json:
         print_json({**found.as_dict(), "failed": failed})

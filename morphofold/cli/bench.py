@@ -24,7 +24,7 @@ WORDS = {
     "accuracy": "what accuracy costs in time: error against seconds of many settings, and of peers",
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
-CASES = "cases"         # of a study of accuracy, in its folder
+CASES = "cases"  # of a study of accuracy, in its folder
 TWINS = tuple(f"{name}-tangential" for name in SCENES)
 FOLDS = """
 Grows every scene at every level of accuracy from the first seed of its imperfection, and at the second-finest of the
@@ -45,31 +45,51 @@ Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and su
 MORE = {
     "measures": "The surface is a sphere with ridges along an irregular net.",
     "cohort": "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.",
-    "folds": FOLDS, "accuracy": ACCURACY,
-}  # fmt: skip
+    "folds": FOLDS,
+    "accuracy": ACCURACY,
+}
 #: question -> what of its folder of results an earlier run may have written
 STAYING = {
-    "cohort": "made-up subjects stay", "folds": "simulations of an earlier study there stay",
+    "cohort": "made-up subjects stay",
+    "folds": "simulations of an earlier study there stay",
     "accuracy": "cases of an earlier study there stay",
-}  # fmt: skip
+}
 #: question, option, and how its list is called, what it is if it isn't given, and what it lists
 LISTS = (
-    ("measures", "--vertices", "N,N", "10000,40000,160000,400000,1000000",
-     "sizes, separated by commas (default: 10000 to 1000000; the last takes minutes)"),
-    ("cohort", "--subjects", "N,N", "100,400",
-     "numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)"),
+    (
+        "measures",
+        "--vertices",
+        "N,N",
+        "10000,40000,160000,400000,1000000",
+        "sizes, separated by commas (default: 10000 to 1000000; the last takes minutes)",
+    ),
+    (
+        "cohort",
+        "--subjects",
+        "N,N",
+        "100,400",
+        "numbers of subjects, separated by commas (default: 100,400; 10000 take half an hour)",
+    ),
     ("cohort", "--workers", "N,N", "1,2", "numbers of workers (default: 1,2)"),
-    ("folds", "--scenes", "NAMES", ",".join((*SCENES, *TWINS)),
-     f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)"),
+    (
+        "folds",
+        "--scenes",
+        "NAMES",
+        ",".join((*SCENES, *TWINS)),
+        f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)",
+    ),
     ("folds", "--levels", "LEVELS", "draft,standard,fine", "of accuracy (default: draft,standard,fine)"),
     ("folds", "--seeds", "SEEDS", "0,1,2", "of the imperfection (default: 0,1,2)"),
-    ("folds", "--portion", "PORTION", "octant",
-     "of the sphere: octant, quarter, half or full (default: octant)"),
-    ("folds", "--growth", "G", "1.3,1.5,1.75,2.0",
-     "stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)"),
-    ("accuracy", "--halves", "HALVES", "measuring,solver",
-     "of the tool, separated by commas (default: measuring,solver)"),
-)  # fmt: skip
+    ("folds", "--portion", "PORTION", "octant", "of the sphere: octant, quarter, half or full (default: octant)"),
+    ("folds", "--growth", "G", "1.3,1.5,1.75,2.0", "stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)"),
+    (
+        "accuracy",
+        "--halves",
+        "HALVES",
+        "measuring,solver",
+        "of the tool, separated by commas (default: measuring,solver)",
+    ),
+)
 #: what --json prints, and the lines that are printed else
 Answer = tuple[str, list[str]]
 
@@ -77,13 +97,9 @@ Answer = tuple[str, list[str]]
 def add_args(parser: argparse.ArgumentParser) -> None:
     parsers = add_questions(parser, WORDS, MORE)
     for name in ("speed", "effects"):
-        parsers[name].add_argument(
-            "--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)"
-        )  # fmt: skip
+        parsers[name].add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
     for name, what in STAYING.items():
-        parsers[name].add_argument(
-            "-o", "--out", metavar="DIR", required=True, help=f"folder to write; {what}"
-        )  # fmt: skip
+        parsers[name].add_argument("-o", "--out", metavar="DIR", required=True, help=f"folder to write; {what}")
     for name, option, metavar, default, words in LISTS:
         parsers[name].add_argument(option, metavar=metavar, default=default, help=words)
     for name, sub in parsers.items():
@@ -91,14 +107,18 @@ def add_args(parser: argparse.ArgumentParser) -> None:
             add_threads(sub)
         printed = "summary.json" if name in STAYING else "as JSON"
         sub.add_argument("--json", action="store_true", help=f"print {printed}")
-        add_shared(sub, default=argparse.SUPPRESS)          # so that they count on either side of WHAT
+        add_shared(sub, default=argparse.SUPPRESS)  # so that they count on either side of WHAT
 
 
 def run(args: argparse.Namespace) -> int:
     kinds = {
-        "speed": _speed, "effects": _effects, "measures": _measures, "cohort": _cohort, "folds": _folds,
+        "speed": _speed,
+        "effects": _effects,
+        "measures": _measures,
+        "cohort": _cohort,
+        "folds": _folds,
         "accuracy": _accuracy,
-    }  # fmt: skip
+    }
     as_json, lines = kinds[args.what](args)
     print(as_json.rstrip() if args.json else "\n".join(lines))
     return 0
@@ -111,21 +131,25 @@ def _folds(args: argparse.Namespace) -> Answer:
     from morphofold.studies.folds.study import Study, planned, run_study
 
     study = Study(
-        _listed("--scenes", args.scenes, str), _listed("--levels", args.levels, str),
-        _listed("--seeds", args.seeds, int), args.portion, _listed("--growth", args.growth, float),
-    )  # fmt: skip
-    planned(study)                                                      # refuses before anything is written
+        _listed("--scenes", args.scenes, str),
+        _listed("--levels", args.levels, str),
+        _listed("--seeds", args.seeds, int),
+        args.portion,
+        _listed("--growth", args.growth, float),
+    )
+    planned(study)  # refuses before anything is written
     out = Path(args.out)
     runs = Runs(out, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
     lines = [
-        "\n\n".join(text_tables(out)), "",
+        "\n\n".join(text_tables(out)),
+        "",
         *(f"no {name}.tsv: {why}" for name, why in summary["left_out"].items()),
         *(f"warning: {warning}" for warning in summary["warnings"]),
         f"-> {out / 'summary.json'}",
-    ]  # fmt: skip
+    ]
     return (out / "summary.json").read_text(encoding="utf-8"), lines
 
 
@@ -144,7 +168,7 @@ def _accuracy(args: argparse.Namespace) -> Answer:
     set_threads(args.threads)
     out, made = Path(args.out), circumstances()
     args.on_interrupt = " Run it again to go on."
-    with atomic_folder(out) as folder:                                  # refuses a foreign folder at once
+    with atomic_folder(out) as folder:  # refuses a foreign folder at once
         begin(out)
         with progress("accuracy", args.quiet) as tell:
             points = all_points(halves, Kept(out / CASES, made), tell)
@@ -239,12 +263,13 @@ def _measures(args: argparse.Namespace) -> Answer:
         f"seconds with {rows[0]['threads']} threads; the cost grows as the power of n log n, n being vertices",
         f"{'stage':20}" + "".join(f"{n:>12,}" for n in sizes) + f"{'power':>8}",
         *(
-            f"{stage:20}" + "".join(f"{row['seconds']:12.2f}" for row in rows if row["stage"] == stage)
+            f"{stage:20}"
+            + "".join(f"{row['seconds']:12.2f}" for row in rows if row["stage"] == stage)
             + (f"{exponent(rows, stage):8.2f}" if len(sizes) > 1 else "")
             for stage in stages
         ),
         f"{'memory, GiB':20}" + "".join(f"{row['memory_GiB'] or math.nan:12.2f}" for row in whole),
-    ]  # fmt: skip
+    ]
     return json.dumps(rows, indent=1), lines
 
 

@@ -20,10 +20,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--participant-label", metavar="LABEL", nargs="+", default=[], help="without sub- (default: all)"
     )
     parser.add_argument(
-        "--fs-subjects-dir", metavar="DIR",
+        "--fs-subjects-dir",
+        metavar="DIR",
         help="where FreeSurfer's subjects lie (default: in BIDS_DIR derivatives/freesurfer, sourcedata/freesurfer or "
         "itself)",
-    )  # fmt: skip
+    )
     add_side_args(parser, "each subject")
     add_group_args(parser)
     parser.set_defaults(layout="bids")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from morphofold.cohort.tasks import Outcome
 
 
-LOOKED_AT = 3           # subjects, for the memory that one takes
+LOOKED_AT = 3  # subjects, for the memory that one takes
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -54,9 +54,11 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--threads", type=int, metavar="N", default=1, help="threads of each worker (default: 1)")
     parser.add_argument(
-        "--memory", type=float, metavar="GIB",
+        "--memory",
+        type=float,
+        metavar="GIB",
         help="a worker that takes more is stopped, and its work begun anew (default: its share of the machine)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that runs already, as tcp://host:8786"
     )
@@ -89,9 +91,13 @@ def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
 
 
 def run_cohort(
-    folders: dict[str, Path], out: Path, args: argparse.Namespace, *, group: bool = True,
+    folders: dict[str, Path],
+    out: Path,
+    args: argparse.Namespace,
+    *,
+    group: bool = True,
     everyone: dict[str, Path] | None = None,
-) -> int:  # fmt: skip
+) -> int:
     """Measure subjects and, where it is wanted, write their group; the scales are those of ``everyone``."""
     import secrets
     from contextlib import ExitStack
@@ -120,11 +126,11 @@ def run_cohort(
         for some in (folders, everyone or folders)
     )
     places, reasons = places_of(out, subjects)
-    kept_scales(out)                                                    # refused before hours of work
+    kept_scales(out)  # refused before hours of work
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, bool(report))) as fleet:
-            begin_cohort(out, bids=bids)                                # nothing is written where there are no workers
-            if group:                                                   # several may measure participants at once
+            begin_cohort(out, bids=bids)  # nothing is written where there are no workers
+            if group:  # several may measure participants at once
                 held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
@@ -152,7 +158,11 @@ def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager
     from morphofold.cohort.fleet import open_fleet
 
     return open_fleet(
-        workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, slurm=args.slurm,
+        workers=args.workers,
+        threads=args.threads,
+        memory=args.memory,
+        scheduler=args.scheduler,
+        slurm=args.slurm,
         need=need,
     )
 
@@ -160,7 +170,7 @@ def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager
 def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     """Where the results of all subjects of earlier runs are, or would be."""
     there = (out / "records").glob("*.json")
-    names = sorted(path.stem for path in there if not path.name.startswith("."))     # what a killed run left of one
+    names = sorted(path.stem for path in there if not path.name.startswith("."))  # what a killed run left of one
     if not names:
         raise FileNotFoundError(f"{out}: holds no subject that was measured. Measure participants first.")
     return {name: _place_of(out, name, bids=bids)[0] for name in names}
@@ -204,7 +214,7 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
         refuse_no_collection(out, "cohort")
     else:
         refuse_other_dataset(out)
-    refuse_foreign(out / GROUP)                                         # before hours of work, not after them
+    refuse_foreign(out / GROUP)  # before hours of work, not after them
     places: dict[str, Path] = {}
     reasons: dict[str, str] = {}
     taken: dict[Path, str] = {}

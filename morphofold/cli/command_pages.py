@@ -76,8 +76,11 @@ def _spelling(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
 
 
 def _value(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
-    name = plain._get_default_metavar_for_positional if not action.option_strings else (
-        plain._get_default_metavar_for_optional)  # fmt: skip
+    name = (
+        plain._get_default_metavar_for_positional
+        if not action.option_strings
+        else (plain._get_default_metavar_for_optional)
+    )
     return plain._format_args(action, name(action)) if action.nargs != 0 else ""
 
 

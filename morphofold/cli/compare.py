@@ -13,22 +13,33 @@ from morphofold.progress import part_of
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "analyses", metavar="NAME=DIR", nargs="+",
+        "analyses",
+        metavar="NAME=DIR",
+        nargs="+",
         help="a folder that analyze wrote, in the BIDS layout DATASET/sub-NAME, and its name",
-    )  # fmt: skip
+    )
     parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder (default: comparison)")
     parser.add_argument(
-        "--group", metavar="GROUP=NAME,NAME", action="append", default=[],
+        "--group",
+        metavar="GROUP=NAME,NAME",
+        action="append",
+        default=[],
         help="pool the hinges of these, and compare them with those of other groups; once per group",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--growth", metavar="NAME=DIR", action="append", default=[],
+        "--growth",
+        metavar="NAME=DIR",
+        action="append",
+        default=[],
         help="a folder that analyze --stages wrote: draw its numbers over growth; once per body",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--colour", metavar="NAME=RRGGBB", action="append", default=[],
+        "--colour",
+        metavar="NAME=RRGGBB",
+        action="append",
+        default=[],
         help="colour of an analysis or a group, as 0072b2; once per colour (default: one per group)",
-    )  # fmt: skip
+    )
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
@@ -53,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     colours = _by_name("--colour", [_colour(item) for item in args.colour])
     grown = _by_name("--growth", [_body(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
-    refuse_foreign(Path(args.out))                                      # before minutes of work, not after them
+    refuse_foreign(Path(args.out))  # before minutes of work, not after them
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):

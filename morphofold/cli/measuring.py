@@ -8,14 +8,13 @@ from typing import Any
 from morphofold.errors import OutOfRange
 
 LENGTHS = {
-    "--curvature-scale":
-        "radius of curvature neighbourhoods (default: 3, more on coarse meshes; of a group, one for all)",
-    "--gyral-width":
-        "lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
-        "(default: from each surface; of a group, their median)",
+    "--curvature-scale": "radius of curvature neighbourhoods (default: 3, more on coarse meshes; "
+    "of a group, one for all)",
+    "--gyral-width": "lengths of the gyral net are shares of it; hold it to compare hinges of several meshes "
+    "(default: from each surface; of a group, their median)",
     "--thickness-cap": "upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
-}  # fmt: skip
-SHORTEST, LONGEST = 1e-9, 1e9           # of what may be meant for a length, in any unit
+}
+SHORTEST, LONGEST = 1e-9, 1e9  # of what may be meant for a length, in any unit
 SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
 
 
@@ -24,15 +23,19 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     for option, words in LENGTHS.items():
         parser.add_argument(option, type=float, metavar="MM", help=words)
     parser.add_argument(
-        "--accuracy", choices=["draft", "standard", "fine"], default="standard",
+        "--accuracy",
+        choices=["draft", "standard", "fine"],
+        default="standard",
         help="draft: thicknesses and the gyral net are of a thinned copy of a mesh of more than 50,000 vertices; fine: "
         "of a split one of a mesh of less than 40,000 (default: standard, of the mesh as it is)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--no-repair", dest="repair", action="store_false",
+        "--no-repair",
+        dest="repair",
+        action="store_false",
         help="refuse surfaces with flipped triangles, pinched edges, torn seams and the like (default: they are mended "
         "first, and what was mended is told)",
-    )  # fmt: skip
+    )
 
 
 def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
@@ -41,9 +44,10 @@ def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
         "--hemi", metavar="{lh,rh,both}", type=_side, help=f"left, right or both (default: those that {who} has)"
     )
     parser.add_argument(
-        "--annot", metavar="NAME",
+        "--annot",
+        metavar="NAME",
         help="parcellation, label/?h.NAME.annot, as aparc.a2009s (default: aparc, where it is there)",
-    )  # fmt: skip
+    )
 
 
 def _side(word: str) -> str:

@@ -13,7 +13,7 @@ from morphofold.errors import NotReadable, OptionsClash
 
 def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
     """Raise ``OptionsClash`` if writing ``out`` would replace a folder that the command reads, or one around it."""
-    target = Path(os.path.realpath(out))            # resolve() raises at a link to itself
+    target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
     for source in inputs:
         place = Path(os.path.realpath(source))
         if target == place or target in place.parents:
@@ -39,7 +39,7 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     FileNotFoundError
         If the one or the other is not there; the message says which names are.
     """
-    subject = subject.rstrip("/")                                       # as a shell completes it
+    subject = subject.rstrip("/")  # as a shell completes it
     said = subjects_dir or os.environ.get("SUBJECTS_DIR")
     if not said:
         raise OptionsClash(

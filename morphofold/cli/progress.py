@@ -55,10 +55,13 @@ def _bar(label: str) -> Iterator[Tell]:
     from morphofold.timing import telling_of_compiling, working_seconds
 
     columns = (
-        TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.percentage:>3.0f}%"),
-        TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[text]}", style="dim", markup=False),   # names may have brackets
-    )  # fmt: skip
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+        TextColumn("{task.fields[text]}", style="dim", markup=False),  # names may have brackets
+    )
     started = working_seconds()
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
         task = bars.add_task(label, total=1.0, text="", left="")

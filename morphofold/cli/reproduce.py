@@ -27,9 +27,12 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     shown = "; ".join(f"{name}: {words}" for name, words in FIGURES.items())
     parser.add_argument("figures", metavar="FIGURE", nargs="+", help=f"{shown}; or all")
     parser.add_argument(
-        "-o", "--out", metavar="DIR", default="reproduce",
+        "-o",
+        "--out",
+        metavar="DIR",
+        default="reproduce",
         help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
-    )  # fmt: skip
+    )
     parser.add_argument("--draft", action="store_true", help="simulate coarsely, in about a third of the time")
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
@@ -84,4 +87,3 @@ def run(args: argparse.Namespace) -> int:
         print(f"{name}: kept from an earlier run")
     print(f"-> {out / 'report.html'}")
     return 0
-

@@ -43,11 +43,15 @@ class Runs:
         with self.telling(name) as tell:
             try:
                 return simulate(
-                    scene, self._out / SIMULATIONS / name, settings=settings, resume=True, threads=self._threads,
+                    scene,
+                    self._out / SIMULATIONS / name,
+                    settings=settings,
+                    resume=True,
+                    threads=self._threads,
                     progress=tell,
-                )  # fmt: skip
+                )
             except UnstableError as error:
-                raise UnstableError(f"{name}: {error}", error.sound) from error         # which of many
+                raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
             finally:
                 self.seconds_growing += time.perf_counter() - begun
 

@@ -27,24 +27,34 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ("--resume", None, "go on from the checkpoint in DIR; a finished run is left as it is"),
-        ("--restart-from", "RUN",
-         "begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
-         "(RUN/stages/g1.50); material, growth, effects and stages may be others"),
-        ("--dry-run", None,
-         "say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
-         "write nothing"),
+        (
+            "--restart-from",
+            "RUN",
+            "begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
+            "(RUN/stages/g1.50); material, growth, effects and stages may be others",
+        ),
+        (
+            "--dry-run",
+            None,
+            "say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
+            "write nothing",
+        ),
         ("--budget", "TIME", "take the finest mesh that is expected to fit: 90s, 5min, 2h or 1d"),
-        ("--error", "SHARE",
-         "take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
-         "percentage such as 5%%, or a fraction such as 0.05"),
-        ("--estimate", None,
-         "then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
-         "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes"),
-    )  # fmt: skip
-    add_threads(parser)
-    add_options(
-        parser, ("--json", None, "print health.json, with what --estimate found; or the forecast of --dry-run")
+        (
+            "--error",
+            "SHARE",
+            "take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
+            "percentage such as 5%%, or a fraction such as 0.05",
+        ),
+        (
+            "--estimate",
+            None,
+            "then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
+            "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
+        ),
     )
+    add_threads(parser)
+    add_options(parser, ("--json", None, "print health.json, with what --estimate found; or the forecast of --dry-run"))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,13 +67,13 @@ def run(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene, args.settings)
     if not args.dry_run:
         folder = Path(args.out or scene.name)
-        is_finished(folder, scene, args.resume, restart_from=args.restart_from)     # or refuses, before any timing
+        is_finished(folder, scene, args.resume, restart_from=args.restart_from)  # or refuses, before any timing
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
         from morphofold.forecasts.richardson import twins
 
-        twins(scene)                                                    # or refuses, before anything is grown
+        twins(scene)  # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, chosen, args)
     from morphofold.simulation import simulate

@@ -52,19 +52,19 @@ def standard_streams() -> Iterator[None]:
     numbers; of one that nobody reads any more, the rest goes nowhere, and the work goes on."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            nowhere = open(os.devnull, mode, encoding="utf-8")          # the lowest free number: that of this stream
-            os.set_inheritable(nowhere.fileno(), True)                  # workers are to have it, too
+            nowhere = open(os.devnull, mode, encoding="utf-8")  # the lowest free number: that of this stream
+            os.set_inheritable(nowhere.fileno(), True)  # workers are to have it, too
             setattr(sys, name, nowhere)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")               # a name that is no text, an old terminal
+            stream.reconfigure(errors="backslashreplace")  # a name that is no text, an old terminal
     kept = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Going(sys.stdout), _Going(sys.stderr)     # type: ignore[assignment]
+    sys.stdout, sys.stderr = _Going(sys.stdout), _Going(sys.stderr)  # type: ignore[assignment]
     try:
         yield
     finally:
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError):                                     # a full disk was told, or told too late
+            with suppress(OSError):  # a full disk was told, or told too late
                 stream.flush()
         sys.stdout, sys.stderr = kept
 
@@ -91,6 +91,6 @@ class _Going:
             if error.errno not in _NOBODY_READS:
                 raise
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._stream.fileno())                     # also for what it still holds, and our workers
+            os.dup2(nowhere, self._stream.fileno())  # also for what it still holds, and our workers
             os.close(nowhere)
             return otherwise

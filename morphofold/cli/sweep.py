@@ -25,9 +25,12 @@ if TYPE_CHECKING:
 def add_args(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument(
-        "--vary", metavar="KEY=VALUE,...", action="append", default=[],
+        "--vary",
+        metavar="KEY=VALUE,...",
+        action="append",
+        default=[],
         help="a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be repeated",
-    )  # fmt: skip
+    )
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N-1 at every point (default: the scene's)")
     add_settings(parser, "change one value of the scene for all runs, e.g. accuracy.level=draft; may be repeated")
     parser.add_argument("-o", "--out", metavar="DIR", default="sweep", help="folder (default: sweep)")
@@ -39,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.cohort import ended
     from morphofold.cohort.grid import make_grid
 
-    measuring_options(args)                                             # refused before a scene is read
+    measuring_options(args)  # refused before a scene is read
     grid = make_grid(args.scene, args.vary, seeds=args.seeds, settings=args.settings)
     if args.dry_run:
         return _dry_run(grid, args)
@@ -67,12 +70,12 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.report.pages.phase_page import phase_report
 
     refuse_no_collection(out, "sweep")
-    refuse_foreign(out / GROUP)                                         # before hours of work, not after them
+    refuse_foreign(out / GROUP)  # before hours of work, not after them
     runs = runs_of(grid.points, out, args)
     need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
     with ExitStack() as held:
         with fleet_asked(args, need) as fleet:
-            begin_collection(out, "sweep")                              # nothing is written where there are no workers
+            begin_collection(out, "sweep")  # nothing is written where there are no workers
             held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
             told(f"{len(runs)} runs, {fleet.words}", args.quiet)
@@ -104,7 +107,7 @@ def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> lis
 def _anywhere(scene: Scene) -> Scene:
     """A scene whose mesh file is found from any folder that a worker may be in."""
     file = getattr(scene.geometry, "file", None)
-    if file is None or not Path(file).is_file():                        # a sample, by its name
+    if file is None or not Path(file).is_file():  # a sample, by its name
         return scene
     geometry = scene.geometry.model_copy(update={"file": str(Path(file).absolute())})
     return scene.model_copy(update={"geometry": geometry})

@@ -66,7 +66,7 @@ class Question(NamedTuple):
     numbers: Mapping[str, str | list[str]]
     law: str
     drawn: str = "it"
-    words: Mapping[str, str] = {}                           # of options that mean something else here
+    words: Mapping[str, str] = {}  # of options that mean something else here
 
 
 NUMBERS = {
@@ -83,38 +83,62 @@ NUMBERS = {
 SPHERE: dict[str, str | list[str]] = {"thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5"}
 QUESTIONS = {
     "radius": Question(
-        {**SPHERE, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"}, "isotropic",
+        {**SPHERE, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"},
+        "isotropic",
         words={"thickness": "cortex, T = C - B"},
     ),
     "stress": Question(
-        {**SPHERE, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"}, "isotropic",
+        {**SPHERE, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"},
+        "isotropic",
         "the tangential stress through the cortex",
     ),
     "critical": Question(
-        {"ratio": ["1.02:1.3:15"], **SPHERE, "thickness": [], "core_growth": "1"}, "both",
+        {"ratio": ["1.02:1.3:15"], **SPHERE, "thickness": [], "core_growth": "1"},
+        "both",
         words={"thickness": "of the cortex, instead of --ratio", "radius": "outer radius C, with --thickness"},
     ),
     "bifurcation": Question(
-        {**SPHERE, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"}, "both",
+        {**SPHERE, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"},
+        "both",
         "critical growth by thickness (by degree with --curve)",
     ),
-}  # fmt: skip
+}
 #: key of a column -> its heading, and the format of its numbers
 COLUMNS = {
-    "law": ("law", ""), "thickness_mm": ("T [mm]", "g"), "mu_ratio": ("mu ratio", "g"), "layer": ("layer", ""),
-    "growth": ("g", ".4f"), "c_over_B": ("c/B", ".6f"), "c_over_C": ("c/C", ".6f"),
-    "position": ("position", ".3f"), "R_mm": ("R [mm]", ".3f"), "r_mm": ("r [mm]", ".3f"),
-    "sigma_r_over_mu_core": ("sigma_r/mu_core", ".6g"), "sigma_theta_over_mu_core": ("sigma_theta/mu_core", ".6g"),
+    "law": ("law", ""),
+    "thickness_mm": ("T [mm]", "g"),
+    "mu_ratio": ("mu ratio", "g"),
+    "layer": ("layer", ""),
+    "growth": ("g", ".4f"),
+    "c_over_B": ("c/B", ".6f"),
+    "c_over_C": ("c/C", ".6f"),
+    "position": ("position", ".3f"),
+    "R_mm": ("R [mm]", ".3f"),
+    "r_mm": ("r [mm]", ".3f"),
+    "sigma_r_over_mu_core": ("sigma_r/mu_core", ".6g"),
+    "sigma_theta_over_mu_core": ("sigma_theta/mu_core", ".6g"),
     "sigma_theta_over_mu_cortex": ("sigma_theta/mu_cortex", ".6g"),
-    "C_over_B": ("C/B", ".4f"), "T_over_C": ("T/C", ".4f"), "g_biot": ("g Biot", ".4f"),
-    "g_crit": ("g_crit", ".5f"), "g_elements": ("by elements", ".9f"), "difference": ("difference", ".1e"),
-    "degree": ("l", "d"), "wavelength_mm": ("wavelength [mm]", ".2f"), "wavelength_over_T": ("over T", ".3f"),
-    "wavelength_deformed_over_T": ("grown, over T", ".3f"), "creasing_amplitude_over_T": ("a/T to crease", ".3f"),
-    "g_crease": ("g crease", ".5f"), "first": ("first", ""), "g_theory": ("by theory", ".5f"),
-    "degree_theory": ("its l", "d"), "difference_percent": ("difference [%]", "+.2f"),
-    "elements": ("elements", ",d"), "edge_over_T": ("edge/T", ".2f"), "seconds": ("seconds", ".1f"),
+    "C_over_B": ("C/B", ".4f"),
+    "T_over_C": ("T/C", ".4f"),
+    "g_biot": ("g Biot", ".4f"),
+    "g_crit": ("g_crit", ".5f"),
+    "g_elements": ("by elements", ".9f"),
+    "difference": ("difference", ".1e"),
+    "degree": ("l", "d"),
+    "wavelength_mm": ("wavelength [mm]", ".2f"),
+    "wavelength_over_T": ("over T", ".3f"),
+    "wavelength_deformed_over_T": ("grown, over T", ".3f"),
+    "creasing_amplitude_over_T": ("a/T to crease", ".3f"),
+    "g_crease": ("g crease", ".5f"),
+    "first": ("first", ""),
+    "g_theory": ("by theory", ".5f"),
+    "degree_theory": ("its l", "d"),
+    "difference_percent": ("difference [%]", "+.2f"),
+    "elements": ("elements", ",d"),
+    "edge_over_T": ("edge/T", ".2f"),
+    "seconds": ("seconds", ".1f"),
     "reason": ("note", ""),
-}  # fmt: skip
+}
 
 
 class Answer(NamedTuple):
@@ -138,16 +162,19 @@ def add_args(parser: argparse.ArgumentParser) -> None:
             number, several = NUMBERS[name], isinstance(default, list)
             told = " ".join(default) if several else default
             (size if name in ("ratio", "thickness") else sub).add_argument(
-                _option(name), nargs="+" if several else None, metavar=number.metavar,
-                help=question.words.get(name, number.words) + ("; numbers or FROM:TO:COUNT" if several else "")
+                _option(name),
+                nargs="+" if several else None,
+                metavar=number.metavar,
+                help=question.words.get(name, number.words)
+                + ("; numbers or FROM:TO:COUNT" if several else "")
                 + (f" (default: {number.default_words.format(told)})" if told else ""),
-            )  # fmt: skip
+            )
         if what == "bifurcation":
             _add_checks_and_bodies(sub)
         sub.add_argument("--law", choices=[*LAWS, "both"], help=f"growth of the cortex (default: {question.law})")
         drawn = f"also draw {question.drawn}: .png, .svg or .pdf"
         add_options(sub, ("--json", None, "print as JSON"), ("--plot", "FILE", drawn))
-        add_shared(sub, default=argparse.SUPPRESS)          # so that they count on either side of WHAT
+        add_shared(sub, default=argparse.SUPPRESS)  # so that they count on either side of WHAT
 
 
 def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
@@ -169,7 +196,7 @@ def run(args: argparse.Namespace) -> int:
     if args.what == "bifurcation":
         _refuse_sphere_or_settings(args)
     plot = None if args.plot is None else Path(args.plot)
-    if plot is not None:                                    # refused before anything is computed
+    if plot is not None:  # refused before anything is computed
         check_format(plot)
         check_place(plot)
     if not body:
@@ -182,7 +209,7 @@ def run(args: argparse.Namespace) -> int:
         left_out = ("command", "what", "run", "json", "plot", "quiet", "debug")
         asked = {key: value for key, value in vars(args).items() if key not in left_out and value not in (None, [])}
         if asked.get("kappa_ratio") == math.inf:
-            asked["kappa_ratio"] = "inf"                    # JSON has no infinity
+            asked["kappa_ratio"] = "inf"  # JSON has no infinity
         content = {"morphofold": __version__, "theory": args.what, "parameters": asked, "rows": answer.rows}
         print_json(content)
     else:
@@ -206,8 +233,9 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
             f"Outer radius c of the smooth grown sphere, T = {args.thickness:g} mm, C = {args.radius:g} mm, "
             f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)",
             "law growth c_over_B c_over_C",
-            theory_tables.radius_rows(*sphere, **core), partial(theory_plots.radius_figure, *sphere, **core),
-        )  # fmt: skip
+            theory_tables.radius_rows(*sphere, **core),
+            partial(theory_plots.radius_figure, *sphere, **core),
+        )
     if args.what == "critical":
         ratios = _ratios(args)
         return Answer(
@@ -215,8 +243,9 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
             "tangential),\nand at which it is unstable to waves of vanishing length (Biot, 3.383)",
             "law C_over_B T_over_C g_crease g_biot reason",
             theory_tables.critical_rows(ratios, laws, **core),
-            partial(theory_plots.critical_figure, ratios, laws, **core), {"g_crease": ("g crease", ".4f")},
-        )  # fmt: skip
+            partial(theory_plots.critical_figure, ratios, laws, **core),
+            {"g_crease": ("g crease", ".4f")},
+        )
     if args.points != int(args.points):
         raise OutOfRange(f"--points must be a whole number, got {args.points:g}.")
     args.points = int(args.points)
@@ -256,9 +285,15 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
         cases = theory_tables.bifurcation_cases(
-            args.thickness, args.radius, args.mu_ratio, laws,
-            kappa_ratio=args.kappa_ratio, A_over_C=args.hole_ratio, check=args.check, progress=tell,
-        )  # fmt: skip
+            args.thickness,
+            args.radius,
+            args.mu_ratio,
+            laws,
+            kappa_ratio=args.kappa_ratio,
+            A_over_C=args.hole_ratio,
+            check=args.check,
+            progress=tell,
+        )
     if args.curve:
         title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
         rows = [row for case in cases for row in case.curve_rows()]
@@ -272,9 +307,10 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         "wrinkles crease (an estimate). T is the ungrown thickness throughout.",
         f"law thickness_mm mu_ratio {'g_crit g_elements difference degree' if args.check else found} g_crease first "
         "reason",
-        [case.row() for case in cases], partial(theory_plots.crease_or_wrinkle, cases),
+        [case.row() for case in cases],
+        partial(theory_plots.crease_or_wrinkle, cases),
         {"g_crit": ("g_crit", ".9f")} if args.check else {},
-    )  # fmt: skip
+    )
 
 
 def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
@@ -283,8 +319,11 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
         if args.settings:
             raise OptionsClash("--set changes a scene, and there is none: name it with --body.")
         return
-    wrong = [_option(name) for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
-             if getattr(args, name) not in (None, False)]  # fmt: skip
+    wrong = [
+        _option(name)
+        for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
+        if getattr(args, name) not in (None, False)
+    ]
     if wrong:
         raise OptionsClash(
             f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the scene by "
@@ -334,7 +373,7 @@ def _read_numbers(args: argparse.Namespace) -> None:
     question = QUESTIONS[args.what]
     args.law = args.law or question.law
     meant = dict(question.numbers)
-    if args.what == "critical":                             # a ratio, or a thickness that the radius makes one
+    if args.what == "critical":  # a ratio, or a thickness that the radius makes one
         meant["radius" if args.thickness is None else "ratio"] = ""
     for name, default in meant.items():
         given, option = getattr(args, name) or default, _option(name)
@@ -365,7 +404,7 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
                 "such as 1:2:11."
             ) from None
         step = (high - low) / (count - 1)
-        numbers += [float(f"{low + i * step:.12g}") for i in range(count)]      # 1.2, not 1.2000000000000002
+        numbers += [float(f"{low + i * step:.12g}") for i in range(count)]  # 1.2, not 1.2000000000000002
     for number in numbers:
         if not least <= number <= largest:
             raise OutOfRange(f"{option} must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
@@ -376,7 +415,7 @@ def _refuse_too_much(args: argparse.Namespace) -> None:
     """Raise before anything is computed if the answer or its figure would be beyond reading."""
     numbers = {name: getattr(args, name) for name in QUESTIONS[args.what].numbers}
     several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
-    rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))   # two layers
+    rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))  # two layers
     if rows > MOST_ROWS:
         raise TooLarge(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
     curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
@@ -389,8 +428,11 @@ def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
     checked = [row["difference"] for row in rows if "difference" in row and isinstance(row["degree"], int)]
     apart = sum(not abs(difference) <= AGREE for difference in checked)
     if apart:
-        warnings.warn(f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
-                      "routes, or were found by one alone; see difference.", stacklevel=2)  # fmt: skip
+        warnings.warn(
+            f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
+            "routes, or were found by one alone; see difference.",
+            stacklevel=2,
+        )
 
 
 def _write_plot(figure: Figure, plot: Path) -> None:
@@ -403,7 +445,7 @@ def _write_plot(figure: Figure, plot: Path) -> None:
     except OSError as error:
         if error.errno is None:
             raise
-        raise OSError(error.errno, error.strerror, str(plot)) from error    # not of the temporary file beside it
+        raise OSError(error.errno, error.strerror, str(plot)) from error  # not of the temporary file beside it
 
 
 def _table(answer: Answer) -> str:

@@ -20,12 +20,12 @@ from morphofold.errors import Mismatch, MissingPart, OptionsClash, OutOfRange, T
 from morphofold.words import in_one_line
 
 GiB = 2**30
-DEATHS = 3              # of workers under one job, after which it is put last
-ANSWER = 20             # [s] that a scheduler has to answer
-AHEAD = 4               # jobs handed over per thread of a worker; the scheduler holds these alone
-AT_LEAST = 64           # of them
-GONE = ("scheduler-connection-lost", "scheduler-restart")       # reasons for which a client takes all to be cancelled
-LOOK_AGAIN = 32         # jobs after which workers are counted again: clusters grow
+DEATHS = 3  # of workers under one job, after which it is put last
+ANSWER = 20  # [s] that a scheduler has to answer
+AHEAD = 4  # jobs handed over per thread of a worker; the scheduler holds these alone
+AT_LEAST = 64  # of them
+GONE = ("scheduler-connection-lost", "scheduler-restart")  # reasons for which a client takes all to be cancelled
+LOOK_AGAIN = 32  # jobs after which workers are counted again: clusters grow
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class Fleet:
 
     client: Any
     words: str
-    bound: str          # of the memory of one worker, in words
-    flying: dict[str, Job] = field(default_factory=dict)    # by their keys
+    bound: str  # of the memory of one worker, in words
+    flying: dict[str, Job] = field(default_factory=dict)  # by their keys
 
     def run(self, work: Callable[[Any], Any], jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
         """Call ``work(job.argument)`` for every job; yield each with what it returned, or ``Lost``, as they end.
@@ -87,7 +87,7 @@ class Fleet:
 
         def hand_over(count: int) -> None:
             for job in islice(waiting, count):
-                key = f"job-{secrets.token_hex(8)}"                     # no name: others may see keys
+                key = f"job-{secrets.token_hex(8)}"  # no name: others may see keys
                 flying[key] = job
                 ended.add(self.client.submit(work, job.argument, key=key, pure=False))
 
@@ -104,14 +104,14 @@ class Fleet:
 
         try:
             return future.result(), False
-        except KilledWorker as error:                                   # a scheduler of others has its own number
+        except KilledWorker as error:  # a scheduler of others has its own number
             how = f"{error.allowed_failures + 1} workers died while they measured it, one after the other"
             return Lost(f"{how}; each may take {self.bound}. Give workers more memory, and see its log."), True
-        except CancelledError as error:                                 # its client tells who did
+        except CancelledError as error:  # its client tells who did
             if self.client.status != "running" or getattr(error, "reason", "") in GONE:
                 raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
             return Lost(f"it was cancelled ({in_one_line(error)}). Run it again."), False
-        except (OSError, MemoryError) as error:                         # of its machine: a log that can't be written
+        except (OSError, MemoryError) as error:  # of its machine: a log that can't be written
             return Lost(in_one_line(error) or type(error).__name__), False
         except Exception as error:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
@@ -119,6 +119,7 @@ class Fleet:
     @contextmanager
     def telling_of_deaths(self, tell: Callable[[list[str]], None]) -> Iterator[None]:
         """Call ``tell`` with the names of the jobs that a worker had in hand when it died."""
+
         def told(event: tuple[float, Any]) -> None:
             what = event[1]
             if isinstance(what, dict) and what.get("action") == "remove-worker" and what.get("processing-tasks"):
@@ -134,9 +135,14 @@ class Fleet:
 
 @contextmanager
 def open_fleet(
-    *, workers: int | None = None, threads: int = 1, memory: float | None = None, scheduler: str | None = None,
-    slurm: int | None = None, need: float = 0.0,
-) -> Iterator[Fleet]:  # fmt: skip
+    *,
+    workers: int | None = None,
+    threads: int = 1,
+    memory: float | None = None,
+    scheduler: str | None = None,
+    slurm: int | None = None,
+    need: float = 0.0,
+) -> Iterator[Fleet]:
     """Workers for the time of a ``with``.
 
     Parameters
@@ -173,10 +179,12 @@ def open_fleet(
 
     _check(workers, threads, memory, scheduler, slurm)
     settings = {
-        "distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.scheduler.worker-saturation": 1.0,
-        **LESS_WATCHING, **NO_PAGES,
+        "distributed.scheduler.allowed-failures": DEATHS - 1,
+        "distributed.scheduler.worker-saturation": 1.0,
+        **LESS_WATCHING,
+        **NO_PAGES,
         **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
-    }  # fmt: skip
+    }
     with ExitStack() as stack:
         scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True)
         settings["temporary-directory"] = stack.enter_context(scratch)  # or Dask leaves a folder in that of the system
@@ -223,9 +231,10 @@ def _environment(threads: int) -> dict[str, str]:
 #: every process of Dask wakes 50 times a second to see whether it is late, and workers note what they are doing 100
 #: times: of two busy cores that took a twentieth
 LESS_WATCHING = {
-    "distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms",
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "2s",
-}  # fmt: skip
+}
 
 
 #: Dask's pages show names, paths and call stacks to whoever asks. Schedulers and workers listen for them whatever they
@@ -251,9 +260,7 @@ def _refuse_other_versions(client: Any) -> None:
         raise Mismatch(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
 
 
-def _check(
-    workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None
-) -> None:
+def _check(workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None) -> None:
     for name, value in (("workers", workers), ("threads", threads), ("slurm", slurm)):
         if value is not None and value < 1:
             raise OutOfRange(f"{name} must be 1 or more, got {value}.")
@@ -270,7 +277,7 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
 
-    there = 0.9 * MEMORY_LIMIT / GiB                                    # the rest is for this process and the system
+    there = 0.9 * MEMORY_LIMIT / GiB  # the rest is for this process and the system
     if workers is None:
         workers = max(1, CPU_COUNT // threads)
         each = memory if memory is not None else need
@@ -289,10 +296,13 @@ def _local_cluster(workers: int, memory: float) -> Any:
     from distributed import LocalCluster
 
     return LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, memory_limit=int(memory * GiB),
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        memory_limit=int(memory * GiB),
         scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
-        silence_logs=logging.CRITICAL,                                  # one job each: its kernels have the threads
-    )  # fmt: skip
+        silence_logs=logging.CRITICAL,  # one job each: its kernels have the threads
+    )
 
 
 def _slurm_cluster(threads: int, memory: float | None) -> Any:
@@ -307,10 +317,13 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
     prologue = [f"export {name}={value}" for name, value in _environment(threads).items()]
     try:
         return SLURMCluster(
-            cores=threads, processes=1, job_script_prologue=prologue,
+            cores=threads,
+            processes=1,
+            job_script_prologue=prologue,
             worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", UNSEEN],
-            scheduler_options={**said, "dashboard": False, "dashboard_address": UNSEEN}, **given,
-        )  # fmt: skip
+            scheduler_options={**said, "dashboard": False, "dashboard_address": UNSEEN},
+            **given,
+        )
     except ValueError as error:
         raise OptionsClash(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
 

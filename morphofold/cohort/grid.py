@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 SEED = "effects.perturbation.seed"
 MOST_RUNS = 10_000
-LONGEST = 80            # characters of a name, as a scene's
-MOST_TOLD = 20          # problems of a grid
+LONGEST = 80  # characters of a name, as a scene's
+MOST_TOLD = 20  # problems of a grid
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def make_grid(
         raise NamedTwice(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
-    if seeds is not None and seeds > MOST_RUNS:                         # before they are listed
+    if seeds is not None and seeds > MOST_RUNS:  # before they are listed
         raise _too_many(seeds)
     if seeds is not None and SEED in dict(said):
         raise OptionsClash(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
@@ -150,10 +150,13 @@ def _too_many(count: int) -> TooLarge:
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all that a scene of this shape may say."""
     tables: dict[str, type[BaseModel]] = {
-        "geometry": type(scene.geometry), "material": type(scene.material), "growth": type(scene.growth),
+        "geometry": type(scene.geometry),
+        "material": type(scene.material),
+        "growth": type(scene.growth),
         **{f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()},
-        "accuracy": type(scene.accuracy), "output": type(scene.output),
-    }  # fmt: skip
+        "accuracy": type(scene.accuracy),
+        "output": type(scene.output),
+    }
     return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
 
 
@@ -220,7 +223,7 @@ def _points(
 ) -> tuple[tuple[int | None, ...], tuple[Point, ...]]:
     """Seeds and points of a grid; raises as :func:`make_grid` says."""
     problems: dict[str, list[str]] = {}
-    kinds: list[type[Refusal]] = []                         # of the problems, as they come
+    kinds: list[type[Refusal]] = []  # of the problems, as they come
     meshes: dict[str, Exception | None] = {}
     found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
@@ -242,8 +245,7 @@ def _points(
         raise with_notes(lines[:MOST_TOLD] + more, kinds[0])
     own = _folder_names([name for name, *_ in found])
     points = [
-        Point(name, at, seed, scene.model_copy(update={"name": name}))
-        for name, (_, at, seed, scene) in zip(own, found)
+        Point(name, at, seed, scene.model_copy(update={"name": name})) for name, (_, at, seed, scene) in zip(own, found)
     ]
     return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
 
@@ -304,10 +306,11 @@ def _folder_names(names: Sequence[str]) -> list[str]:
     """The names, no two of them one folder's, none longer than a scene's; a digest tells apart what would be."""
     alike = Counter(name.casefold()[:LONGEST] for name in names)
     return [
-        name if alike[name.casefold()[:LONGEST]] == 1 and len(name) <= LONGEST
+        name
+        if alike[name.casefold()[:LONGEST]] == 1 and len(name) <= LONGEST
         else f"{name[: LONGEST - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
         for i, name in enumerate(names)
-    ]  # fmt: skip
+    ]
 
 
 def _some(names: Sequence[str]) -> str:

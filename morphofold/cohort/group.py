@@ -16,9 +16,13 @@ Draw = Callable[[Group, Path, Progress], object]
 
 
 def write_group(
-    out: Path, results: Mapping[str, Path], outcomes: Sequence[Outcome] = (), *, report: Draw | Literal[False] = False,
+    out: Path,
+    results: Mapping[str, Path],
+    outcomes: Sequence[Outcome] = (),
+    *,
+    report: Draw | Literal[False] = False,
     progress: Progress = silent,
-) -> Group:  # fmt: skip
+) -> Group:
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv; and
     report.html if it is drawn.
 

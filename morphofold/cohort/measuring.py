@@ -31,10 +31,12 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
 def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options as results record them, as :func:`morphofold.analysis.measure` takes them."""
     return {
-        "curvature_scale": options.get("curvature_scale_mm"), "gyral_width": options.get("gyral_width_mm"),
-        "thickness_cap": options.get("thickness_cap_mm"), "accuracy": options.get("accuracy", "standard"),
+        "curvature_scale": options.get("curvature_scale_mm"),
+        "gyral_width": options.get("gyral_width_mm"),
+        "thickness_cap": options.get("thickness_cap_mm"),
+        "accuracy": options.get("accuracy", "standard"),
         "repair": options.get("repair", True),
-    }  # fmt: skip
+    }
 
 
 def curvature_scale(cortex: Cortex, common: float) -> float | None:

@@ -69,7 +69,7 @@ def measure_participant(subject: Participant) -> Outcome:
     """
     hemis = subject.hemis or _hemispheres(subject)
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
-    seen: dict[str, str] = {}                                           # digests of its files, by their paths
+    seen: dict[str, str] = {}  # digests of its files, by their paths
 
     def key() -> str:
         files = {hemi: _files(subject, hemi) for hemi in hemis}
@@ -79,16 +79,19 @@ def measure_participant(subject: Participant) -> Outcome:
         return digest({**asked, "half": half, "files": {what: seen[str(path)] for what, path in named.items()}})
 
     return perform(
-        subject.place, key, lambda: files_of(subject.results),
-        lambda say, changed: _measure(subject, hemis, say, seen), parts=len(hemis),
-    )  # fmt: skip
+        subject.place,
+        key,
+        lambda: files_of(subject.results),
+        lambda say, changed: _measure(subject, hemis, say, seen),
+        parts=len(hemis),
+    )
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
     """Those that a subject has; both where one is half there, so that it fails by itself, or where none is seen."""
     try:
         found = hemispheres(Path(subject.folder))
-    except OSError:                                                     # looking for its files tells
+    except OSError:  # looking for its files tells
         found = ()
     return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
@@ -98,8 +101,8 @@ def _files(subject: Participant, hemi: str) -> dict[str, Path]:
     try:
         found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
     except REFUSALS:
-        return {}                                                       # which reading it will tell
-    said = Path(subject.folder) / "summary.json"                        # of one that analyze has written
+        return {}  # which reading it will tell
+    said = Path(subject.folder) / "summary.json"  # of one that analyze has written
     return {**found, "summary": said} if said.is_file() else found
 
 
@@ -125,13 +128,18 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:
-        remove_folder(place)                                            # of what the files once were
+        remove_folder(place)  # of what the files once were
         return failures
     say("writing")
     asked = {"hemi": None, "name": None, **subject.options}
     if subject.bids:
         write_dataset(
-            measured, subject.place.out, subject.name, failed=failures, parameters=asked, report=subject.report,
+            measured,
+            subject.place.out,
+            subject.name,
+            failed=failures,
+            parameters=asked,
+            report=subject.report,
             clock=clock,
         )
     else:

@@ -112,17 +112,18 @@ def theory_of(scene: Scene) -> Theory:
     assert isinstance(geometry, Sphere | Radial)
     try:
         found = theory.bifurcation(
-            geometry.cortex_thickness / geometry.radius, scene.material.mu_ratio, scene.growth.law,
-            scene.material.kappa_ratio, A_over_C=geometry.hole_radius / geometry.radius,
-        )  # fmt: skip
+            geometry.cortex_thickness / geometry.radius,
+            scene.material.mu_ratio,
+            scene.growth.law,
+            scene.material.kappa_ratio,
+            A_over_C=geometry.hole_radius / geometry.radius,
+        )
     except (ValueError, ConvergenceError) as error:
         return Theory(reason=in_one_line(error))
     return Theory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
 
 
-def theory_by_place(
-    fleet: Fleet, grid: Grid, tell: Progress = silent
-) -> dict[tuple[int, ...], Theory]:
+def theory_by_place(fleet: Fleet, grid: Grid, tell: Progress = silent) -> dict[tuple[int, ...], Theory]:
     """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
     spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
     wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
@@ -183,7 +184,7 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
     try:
         said = read_health(folder)
     except (OSError, ValueError):
-        return (), {}                                                   # it did not come to its end
+        return (), {}  # it did not come to its end
     return tuple(said["warnings"]), {key: said[key] for key in ("elements", "steps") if key in said}
 
 
@@ -191,9 +192,14 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 
 
 def write_sweep(
-    out: Path, grid: Grid, theory: Mapping[tuple[int, ...], Theory], outcomes: Sequence[Outcome] = (), *,
-    report: Draw | Literal[False] = False, progress: Progress = silent,
-) -> Phases:  # fmt: skip
+    out: Path,
+    grid: Grid,
+    theory: Mapping[tuple[int, ...], Theory],
+    outcomes: Sequence[Outcome] = (),
+    *,
+    report: Draw | Literal[False] = False,
+    progress: Progress = silent,
+) -> Phases:
     """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv;
     and report.html if it is drawn.
 
@@ -223,17 +229,19 @@ def write_tables(phases: Phases, folder: Path) -> None:
     """Tables of a sweep: tidy measures, one row per run and measure; runs and their health; theory of each point."""
     axes = {axis.label: float if axis.numeric else str for axis in phases.grid.axes}
     with closing(TidyWriter(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float})) as writer:
-        writer.write([
-            (*_told(phases.grid, run.point).values(), key, run.measures.get(key))
-            for run in phases.runs
-            for key in MEASURES
-            if not run.reason and (key != OVER_FLAT or key in run.measures)
-        ])
+        writer.write(
+            [
+                (*_told(phases.grid, run.point).values(), key, run.measures.get(key))
+                for run in phases.runs
+                for key in MEASURES
+                if not run.reason and (key != OVER_FLAT or key in run.measures)
+            ]
+        )
     write_table(
         folder / "runs.tsv",
         ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log"),
         [_run_row(phases.grid, run) for run in phases.runs],
-    )  # fmt: skip
+    )
     write_table(
         folder / "theory.tsv",
         (*axes, "final_growth", "g_crit", "g_crease", "wavelength_mm", "reason"),
@@ -255,15 +263,23 @@ def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
 
 def _run_row(grid: Grid, run: Found) -> dict[str, Any]:
     return {
-        **_told(grid, run.point), "state": "failed" if run.reason else "done",
-        "healthy": None if run.reason else not run.warnings, "warnings": "; ".join(run.warnings) or None,
-        "reason": run.reason or None, **run.numbers, "log": f"logs/{run.point.name}.log",
-    }  # fmt: skip
+        **_told(grid, run.point),
+        "state": "failed" if run.reason else "done",
+        "healthy": None if run.reason else not run.warnings,
+        "warnings": "; ".join(run.warnings) or None,
+        "reason": run.reason or None,
+        **run.numbers,
+        "log": f"logs/{run.point.name}.log",
+    }
 
 
 def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     found, scene = phases.theory[at], phases.grid.scenes[at]
     return {
-        **_place(phases.grid, at), "final_growth": scene.growth.final, "g_crit": found.g_crit,
-        "g_crease": found.g_crease, "wavelength_mm": found.wavelength, "reason": found.reason or None,
-    }  # fmt: skip
+        **_place(phases.grid, at),
+        "final_growth": scene.growth.final,
+        "g_crit": found.g_crit,
+        "g_crease": found.g_crease,
+        "wavelength_mm": found.wavelength,
+        "reason": found.reason or None,
+    }

@@ -12,20 +12,25 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS
 
-HOW = ("morphofold", *PARAMETERS)       # the version, and what every measure may follow from
-MAJORITY = 0.5                          # share of the hemispheres that must be alike and more, for them to be pooled
-NAMED = 4                               # values that a sentence names
+HOW = ("morphofold", *PARAMETERS)  # the version, and what every measure may follow from
+MAJORITY = 0.5  # share of the hemispheres that must be alike and more, for them to be pooled
+NAMED = 4  # values that a sentence names
 WORDS = {
-    "morphofold": "version of morphofold", "folding_scale_mm": "scale of the folding indices [mm]",
-    "graph_width_mm": "gyral width of the net [mm]", "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
-    "cortex_mask": "cortex marked by", "accuracy": "accuracy", "annotation": "parcellation",
-}  # fmt: skip
+    "morphofold": "version of morphofold",
+    "folding_scale_mm": "scale of the folding indices [mm]",
+    "graph_width_mm": "gyral width of the net [mm]",
+    "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
+    "cortex_mask": "cortex marked by",
+    "accuracy": "accuracy",
+    "annotation": "parcellation",
+}
 #: options that give a group one value: the coarsest scale, which all meshes bear, and the width in the middle
 CURES: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "folding_scale_mm": ("--curvature-scale", np.max), "graph_width_mm": ("--gyral-width", np.median),
-}  # fmt: skip
+    "folding_scale_mm": ("--curvature-scale", np.max),
+    "graph_width_mm": ("--gyral-width", np.median),
+}
 
-How = tuple[Any, ...]                   # of one hemisphere, in the order of HOW
+How = tuple[Any, ...]  # of one hemisphere, in the order of HOW
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ class Task(Protocol):
 
 def failed(place: Place, reason: str) -> Outcome:
     """What became of a task that has no outcome of its own, and its record, where one can be written."""
-    with suppress(OSError, ValueError):                                 # a name that no file can have
+    with suppress(OSError, ValueError):  # a name that no file can have
         write_record(place.record, "", {"": reason}, results=False)
     return Outcome(place.name, "failed", {"": reason})
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from morphofold.cohort.participant import Participant
 
 FILE = "scales.json"
-MOST = 50               # subjects that are looked at, spread evenly over their names
-FAR = 2.0               # times the median, beyond which a mesh is too coarse to set the scale of all
+MOST = 50  # subjects that are looked at, spread evenly over their names
+FAR = 2.0  # times the median, beyond which a mesh is too coarse to set the scale of all
 
 
 class Scales(Record):
@@ -41,10 +41,7 @@ class Scales(Record):
         return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({FILE})"
 
 
-def scales_of(
-    out: Path, fleet: Fleet, subjects: Sequence[Participant],
-    progress: Progress = silent,
-) -> Scales | None:  # fmt: skip
+def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress: Progress = silent) -> Scales | None:
     """The scales of a cohort: those that its first run has chosen, or now chosen and kept.
 
     The curvature scale is the coarsest of those that ``measure`` would take, which all meshes bear, but for meshes more
@@ -87,7 +84,7 @@ def look(subject: Participant) -> list[tuple[float, float]]:
     found = []
     try:
         hemis = subject.hemis or hemispheres(Path(subject.folder))
-    except (*REFUSALS, OSError):                                        # measuring it says what is wrong with it
+    except (*REFUSALS, OSError):  # measuring it says what is wrong with it
         return []
     for hemi in hemis:
         try:

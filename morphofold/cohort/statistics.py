@@ -20,21 +20,21 @@ from morphofold.comparison.thickness import Cloud, Point, bins, fit_line
 from morphofold.quantities import RATIO
 from morphofold.tables import write_table
 
-FAR = 3.5               # robust z above which a value is an outlier
-FEWEST = 8              # values of a measure and side among which outliers are looked for
-RARE = 0.25             # share of values at most that may differ from what the others share, to be outliers
-ROUND_OFF = 1e-6        # relative; coordinates are float32, tables have seven digits
-COUNTS = "n_"           # how the names of counts begin
-HALF = 0.5              # median absolute deviation of a count at least: one more or less is no outlier
-NORMAL = 0.6745         # median absolute deviation of a normal distribution over its standard deviation
-MOST_POINTS = 400       # subjects that are points of a plot; more are put into bins
+FAR = 3.5  # robust z above which a value is an outlier
+FEWEST = 8  # values of a measure and side among which outliers are looked for
+RARE = 0.25  # share of values at most that may differ from what the others share, to be outliers
+ROUND_OFF = 1e-6  # relative; coordinates are float32, tables have seven digits
+COUNTS = "n_"  # how the names of counts begin
+HALF = 0.5  # median absolute deviation of a count at least: one more or less is no outlier
+NORMAL = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
+MOST_POINTS = 400  # subjects that are points of a plot; more are put into bins
 BINS = 20
-BOOTSTRAPPED = 1000     # points at most through which the robust line goes: all their pairs are compared
-BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")     # of another measure, not one themselves
+BOOTSTRAPPED = 1000  # points at most through which the robust line goes: all their pairs are compared
+BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # of another measure, not one themselves
 #: of a mesh, not of a brain; and what may be negative or near 0, so that a ratio of sides says nothing
 UNSIDED = ("n_vertices", "euler_characteristic", *LINE)
 
-Scalars = Mapping[str, NDArray[np.float64]]     # measure to (subjects, 2): left and right, NaN where there is none
+Scalars = Mapping[str, NDArray[np.float64]]  # measure to (subjects, 2): left and right, NaN where there is none
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """p-values (N,) corrected for their number by Holm's step-down method; NaN is no test and stays."""
     corrected = np.full(len(p), np.nan)
-    order = np.argsort(p, kind="stable")                                # NaN last
+    order = np.argsort(p, kind="stable")  # NaN last
     order = order[np.isfinite(p[order])]
     corrected[order] = np.minimum(np.maximum.accumulate(np.arange(len(order), 0, -1) * p[order]), 1.0)
     return corrected
@@ -267,7 +267,9 @@ def write_statistics(
 ) -> None:
     """Write distributions.tsv, asymmetry.tsv and outliers.tsv; a robust z that is infinite is ``n/a``."""
     tables: dict[str, tuple[type, Sequence[Any]]] = {
-        "distributions": (Distribution, spread), "asymmetry": (Asymmetry, sides), "outliers": (Outlier, far),
-    }  # fmt: skip
+        "distributions": (Distribution, spread),
+        "asymmetry": (Asymmetry, sides),
+        "outliers": (Outlier, far),
+    }
     for name, (kind, rows) in tables.items():
         write_table(folder / f"{name}.tsv", [column.name for column in fields(kind)], map(asdict, rows))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 
-PARTS = ("surf", "mri", "scripts", "stats", "label")    # folders of which a FreeSurfer subject has at least one
-TEMPLATES = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")   # that FreeSurfer puts beside subjects
+PARTS = ("surf", "mri", "scripts", "stats", "label")  # folders of which a FreeSurfer subject has at least one
+TEMPLATES = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")  # that FreeSurfer puts beside subjects
 
 
 def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
@@ -43,7 +43,7 @@ def _is_subject(path: Path) -> bool:
         if not path.is_dir():
             return False
         return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
-    except PermissionError:                                             # it fails by itself, and stops no other
+    except PermissionError:  # it fails by itself, and stops no other
         return True
 
 

@@ -70,6 +70,7 @@ def grow_and_measure(run: Run) -> Outcome:
     Only what has changed is done anew: another way to measure grows nothing. A simulation that was begun goes on from
     its checkpoint. One that leaves its bounds has failed, and stays as far as it came.
     """
+
     def key() -> str:
         return digest({"grown": _grown_key(run.scene), "report": bool(run.report), **run.options})
 
@@ -93,7 +94,7 @@ def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
     try:
         _measure(run, _grown(run, say, anew=any(name.startswith("simulation/") for name in changed)), say)
     except (ConvergenceError, UnstableError, *REFUSALS) as error:
-        remove_folder(run.analysis)                                     # of what the scene once was
+        remove_folder(run.analysis)  # of what the scene once was
         return {"": in_one_line(error)}
     return {}
 
@@ -124,7 +125,7 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
     except ValueError as error:
         if not begun:
             raise
-        say(f"{error} It is grown anew.")                              # what was there is damaged
+        say(f"{error} It is grown anew.")  # what was there is damaged
         clear_run(run.simulation)
         return grow()
 

@@ -27,13 +27,13 @@ from morphofold.tables import line, read_table, write_table
 from morphofold.words import in_one_line
 
 HEMIS = ("lh", "rh")
-WHOLE = "hemisphere"    # in the column ``region``, of what is of a whole one
+WHOLE = "hemisphere"  # in the column ``region``, of what is of a whole one
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
 REGION_THICKNESS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
-HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)      # how each was measured, and what FreeSurfer says of it
+HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)  # how each was measured, and what FreeSurfer says of it
 FAILURES = ("subject", "hemi", "reason", "log")
-BATCH = 200             # subjects whose rows are held at once
+BATCH = 200  # subjects whose rows are held at once
 
 Row = tuple[str, str, str, str, float | None]
 
@@ -161,8 +161,8 @@ class TidyWriter:
         self._table = pa.Table
         self._parquet = parquet.ParquetWriter(folder / "measures.parquet", self._schema, compression="zstd")
         self._file: IO[str] = (folder / "measures.tsv").open(
-            "w", encoding="utf-8", errors="backslashreplace", newline="",
-        )  # fmt: skip
+            "w", encoding="utf-8", errors="backslashreplace", newline=""
+        )
         self._file.write(line(columns))
 
     def write(self, rows: Sequence[Sequence[Any]]) -> None:
@@ -181,9 +181,12 @@ class TidyWriter:
 
 
 def write_tables(
-    folder: Path, out: Path, results: Mapping[str, Path], outcomes: Mapping[str, Outcome] | None = None,
+    folder: Path,
+    out: Path,
+    results: Mapping[str, Path],
+    outcomes: Mapping[str, Outcome] | None = None,
     tell: Callable[[float], None] = lambda share: None,
-) -> Group:  # fmt: skip
+) -> Group:
     """Write measures.tsv, measures.parquet, hemispheres.tsv and failures.tsv of a group.
 
     Parameters
@@ -244,7 +247,7 @@ class _Gathered:
         self.scalars = {name: np.full((count, 2), np.nan) for name in SCALARS}
         #: by how thickness was measured, of each region and side: number, sums and sums of squares
         self.regions: dict[How, dict[str, NDArray[np.float64]]] = defaultdict(lambda: defaultdict(_nothing))
-        self.counts: Counter[How] = Counter()                           # hemispheres with regions, by the same
+        self.counts: Counter[How] = Counter()  # hemispheres with regions, by the same
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
         self.simulated = 0

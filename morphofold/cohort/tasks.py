@@ -27,8 +27,8 @@ from morphofold.provenance import changed_since, sha256_of, strict_json
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
-LONGEST_WAIT = 3600.0   # [s] for another worker that is at the same task
-PAUSE = 2.0             # [s] between two looks
+LONGEST_WAIT = 3600.0  # [s] for another worker that is at the same task
+PAUSE = 2.0  # [s] between two looks
 
 #: what reading and measuring raise of an input that is not as it should be
 REFUSALS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
@@ -111,9 +111,12 @@ class Say:
 
 
 def perform(
-    place: Place, key: Callable[[], str], files: Callable[[], Mapping[str, Path]],
-    work: Callable[[Say, list[str]], dict[str, str]], parts: int = 1,
-) -> Outcome:  # fmt: skip
+    place: Place,
+    key: Callable[[], str],
+    files: Callable[[], Mapping[str, Path]],
+    work: Callable[[Say, list[str]], dict[str, str]],
+    parts: int = 1,
+) -> Outcome:
     """Do a task unless it has been done, and keep its log and record. Whatever is raised, the task alone has failed.
 
     One worker at a time is at a task, from the look at its record until that is written: a worker that the scheduler
@@ -134,14 +137,17 @@ def perform(
     """
     try:
         return _perform(place, key, files, work, parts)
-    except Exception as error:                                          # no log or record can be written there
+    except Exception as error:  # no log or record can be written there
         return Outcome(place.name, "failed", {"": _told(error)})
 
 
 def _perform(
-    place: Place, key: Callable[[], str], files: Callable[[], Mapping[str, Path]],
-    work: Callable[[Say, list[str]], dict[str, str]], parts: int,
-) -> Outcome:  # fmt: skip
+    place: Place,
+    key: Callable[[], str],
+    files: Callable[[], Mapping[str, Path]],
+    work: Callable[[Say, list[str]], dict[str, str]],
+    parts: int,
+) -> Outcome:
     began = time.perf_counter()
     with _logged(place) as log, ExitStack() as held:
         changed: list[str] = []
@@ -158,12 +164,12 @@ def _perform(
             if changed:
                 names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
                 log(f"changed since they were written, so done anew: {names}")
-            place.record.unlink(missing_ok=True)                        # what is there is no longer what it spoke of
+            place.record.unlink(missing_ok=True)  # what is there is no longer what it spoke of
             failures = work(log, changed)
             results = len(failures) < parts
             if results:
                 written = {name: sha256_of(path) for name, path in files().items()}
-        except Exception as error:                                      # of this machine, or a defect: no result
+        except Exception as error:  # of this machine, or a defect: no result
             log(traceback.format_exc())
             now, results, failures = "", False, {"": _told(error)}
         write_record(place.record, now, failures, results=results, files=written)
@@ -184,7 +190,7 @@ def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
     while True:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")                         # no locks there: who began the run was told
+                warnings.simplefilter("ignore")  # no locks there: who began the run was told
                 held.enter_context(alone(place.record.parent, f"{place.name}.lock"))
             return
         except FileExistsError as error:
@@ -199,7 +205,7 @@ def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
 def _told(error: Exception) -> str:
     """An error in one line; one that is not an input's is named by its kind."""
     words = in_one_line(error)
-    if isinstance(error, OSError) and error.errno is not None:          # the system's own words, not ours
+    if isinstance(error, OSError) and error.errno is not None:  # the system's own words, not ours
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*REFUSALS, OSError, MemoryError)):
         return words or type(error).__name__
@@ -240,7 +246,7 @@ def read_record(path: Path) -> dict[str, Any]:
         found = read_json(path, _Known, "")
     except (OSError, ValueError):
         return {}
-    said = found["files"] if found["results"] else found["failures"]    # results are files, and a failure has a reason
+    said = found["files"] if found["results"] else found["failures"]  # results are files, and a failure has a reason
     return found if said else {}
 
 

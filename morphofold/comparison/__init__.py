@@ -8,5 +8,13 @@ from morphofold.comparison.side_by_side import Comparison, compare
 from morphofold.comparison.thickness import Cloud, Fit, Point, Theory, fit_line, thickness_cloud, wrinkling_wavelength
 
 __all__ = [
-    "Cloud", "Comparison", "Fit", "Point", "Theory", "compare", "fit_line", "thickness_cloud", "wrinkling_wavelength",
-]  # fmt: skip
+    "Cloud",
+    "Comparison",
+    "Fit",
+    "Point",
+    "Theory",
+    "compare",
+    "fit_line",
+    "thickness_cloud",
+    "wrinkling_wavelength",
+]

@@ -17,6 +17,6 @@ def distance(one: Surface, other: Surface) -> float:
 def _one_way(points: Surface, surface: Surface) -> float:
     import pyvista as pv
 
-    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)      # type: ignore[arg-type]
+    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)  # type: ignore[arg-type]
     _, nearest = mesh.find_closest_cell(points.verts, return_closest_point=True)
     return float(np.linalg.norm(points.verts - nearest, axis=1).mean())

@@ -29,6 +29,7 @@ def _wavelength(m: Measures) -> float | None:
     wavelength, thickness = m.scalars.get("wavelength_mm"), m.scalars.get("mean_cortical_thickness_mm")
     return None if wavelength is None or not thickness else wavelength / thickness
 
+
 #: numbers without unit, so that bodies of any size can be laid beside each other
 NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),

@@ -19,8 +19,8 @@ from morphofold.analysis.graph.hinge_shapes import (
 )
 from morphofold.arrays import Array
 
-SHORTEST = 0.5          # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
-DENSEST = 0.7           # hinges per square of the gyral width: of more the arms can't all be as long as that
+SHORTEST = 0.5  # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
+DENSEST = 0.7  # hinges per square of the gyral width: of more the arms can't all be as long as that
 NET_HINGES = 2000
 CHANCE = "net at chance"
 PERMUTATIONS = 999
@@ -116,9 +116,14 @@ def _compare(
     pooled = np.concatenate([a, b])
     across, _ = shape_distance(pooled, pooled)
     return HingeComparison(
-        one, other, (len(mine), len(theirs)), two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
-        _numbers(mine, theirs), _controls(one, other, a, b, theirs, seed), _matches(a, b, mine, theirs),
-    )  # fmt: skip
+        one,
+        other,
+        (len(mine), len(theirs)),
+        two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
+        _numbers(mine, theirs),
+        _controls(one, other, a, b, theirs, seed),
+        _matches(a, b, mine, theirs),
+    )
 
 
 def _numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
@@ -139,10 +144,7 @@ def _controls(
 ) -> tuple[Control, ...]:
     within, _ = shape_distance(b, b, of=OF_A_NET)
     np.fill_diagonal(within, np.inf)
-    nearest = {
-        one: shape_distance(a, b, of=OF_A_NET)[0].min(axis=1),
-        f"{other} itself": within.min(axis=1),
-    }
+    nearest = {one: shape_distance(a, b, of=OF_A_NET)[0].min(axis=1), f"{other} itself": within.min(axis=1)}
     net = net_at_chance([s for s in theirs.values() if len(s)], seed=seed)
     if net is not None:
         nearest[CHANCE] = shape_distance(net, b, of=OF_A_NET)[0].min(axis=1)

@@ -11,7 +11,7 @@ from morphofold.errors import NamedTwice, NothingToDo, NotReadable, UnknownName
 from morphofold.quantities import CATEGORICAL
 from morphofold.surface import check_kind
 
-Names = Mapping[str, tuple[str, ...]]   # of the surfaces, hemispheres apart, by the name of both or of their group
+Names = Mapping[str, tuple[str, ...]]  # of the surfaces, hemispheres apart, by the name of both or of their group
 
 
 def named_surfaces(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> tuple[dict[str, Measures], Names]:

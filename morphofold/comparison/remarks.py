@@ -17,18 +17,20 @@ def _mm(length: Any) -> str:
 #: parameters that make numbers differ: how a value is said, and the sentence with all values and who has them
 CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
     "curvature_scale_mm": (
-        _mm, "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care."),
+        _mm,
+        "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care.",
+    ),
     "cortical_thickness_cap_mm": (
         lambda mm: f"at {mm:g} mm" if mm else "nowhere",
-        "Cortical thickness was capped {}; compare thick cortex with care."),
-    "graph_width_mm": (
-        _mm, "Hinges are those of nets at a gyral width of {}; compare them per square of that width."),
-    "accuracy": (
-        str, "Accuracy was {}; hinges and local gyrification hang on it where meshes are coarse."),
+        "Cortical thickness was capped {}; compare thick cortex with care.",
+    ),
+    "graph_width_mm": (_mm, "Hinges are those of nets at a gyral width of {}; compare them per square of that width."),
+    "accuracy": (str, "Accuracy was {}; hinges and local gyrification hang on it where meshes are coarse."),
     "cortex_mask": (
         lambda mask: f"by '{mask}'",
-        "Cortex was marked out {}; means where nothing marks the medial wall may count it as cortex."),
-}  # fmt: skip
+        "Cortex was marked out {}; means where nothing marks the medial wall may count it as cortex.",
+    ),
+}
 
 
 def cautions(named: Mapping[str, Measures]) -> list[str]:
@@ -59,8 +61,9 @@ def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[s
     plotted = list(zip(named, named.values(), clouds))
     said = [
         f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two."
-        for name, _, cloud in plotted if not cloud.points
-    ]  # fmt: skip
+        for name, _, cloud in plotted
+        if not cloud.points
+    ]
     if crests := [name for name, m, cloud in plotted if cloud.kind == "crest" and m.regions]:
         said.append(
             f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "

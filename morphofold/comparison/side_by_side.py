@@ -27,7 +27,7 @@ from morphofold.quantities import CREST_RATIO, RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
 
-RATIOS = (RATIO, CREST_RATIO)           # in the order of thickness_ratios
+RATIOS = (RATIO, CREST_RATIO)  # in the order of thickness_ratios
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +99,14 @@ class Comparison:
 
 
 def compare(
-    surfaces: Mapping[str, Measures | Sequence[Measures]], *, mu_ratio: float | None = None,
-    groups: Mapping[str, Sequence[str]] | None = None, growth: Mapping[str, Sequence[Measures]] | None = None,
-    colours: Mapping[str, str] | None = None, seed: int = 0,
-) -> Comparison:  # fmt: skip
+    surfaces: Mapping[str, Measures | Sequence[Measures]],
+    *,
+    mu_ratio: float | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    growth: Mapping[str, Sequence[Measures]] | None = None,
+    colours: Mapping[str, str] | None = None,
+    seed: int = 0,
+) -> Comparison:
     """Put the measures of several cortices side by side.
 
     Parameters

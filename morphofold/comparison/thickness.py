@@ -13,7 +13,7 @@ from morphofold.analysis.thickness.robust_slope import line
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
-WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")     # of a whole surface: gyral, cortical
+WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")  # of a whole surface: gyral, cortical
 
 
 @dataclass(frozen=True)
@@ -183,6 +183,12 @@ def fit_line(points: Sequence[Point], *, robust: bool = True) -> Fit | None:
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
         middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
     return Fit(
-        slope, slope - half, slope + half, float(found.intercept), float(found.rvalue), float(found.pvalue),
-        len(points), *middle,
-    )  # fmt: skip
+        slope,
+        slope - half,
+        slope + half,
+        float(found.intercept),
+        float(found.rvalue),
+        float(found.pvalue),
+        len(points),
+        *middle,
+    )

@@ -8,5 +8,12 @@ from morphofold.forecasts.mesh_choice import Pick, pick
 from morphofold.forecasts.richardson import Estimate, estimate_error
 
 __all__ = [
-    "AnalysisForecast", "Estimate", "Forecast", "Pick", "estimate_error", "forecast", "forecast_analysis", "pick",
-]  # fmt: skip
+    "AnalysisForecast",
+    "Estimate",
+    "Forecast",
+    "Pick",
+    "estimate_error",
+    "forecast",
+    "forecast_analysis",
+    "pick",
+]

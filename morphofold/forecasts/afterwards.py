@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 REST = "rest"
-Shares = Mapping[str, tuple[float, float]]      # by what was done: its seconds, and its share of all
+Shares = Mapping[str, tuple[float, float]]  # by what was done: its seconds, and its share of all
 
 #: phases of the solver's clock that are no effect's, and what they do
 PHASES = {
@@ -86,10 +86,16 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         {name: cost for name, cost in shared.items() if name not in called},
         {name: cost for name, cost in shared.items() if name in called},
         {name: "within radial" if "radial" in shared else _counted(name) for name in called if name not in shared},
-        health.get("steps"), health.get("elements"), health.get("threads"), health.get("peak_memory_GiB"), ratio,
-        {} if ratio is None or outside else expected_errors(ratio), outside, unstudied(outside) if outside else how,
+        health.get("steps"),
+        health.get("elements"),
+        health.get("threads"),
+        health.get("peak_memory_GiB"),
+        ratio,
+        {} if ratio is None or outside else expected_errors(ratio),
+        outside,
+        unstudied(outside) if outside else how,
         () if ratio is None else tuple(doubts(scene, ratio)),
-    )  # fmt: skip
+    )
 
 
 def shares(seconds: Mapping[str, float], whole: float) -> Shares:

@@ -89,9 +89,14 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
     seconds = sum(clock.seconds.values())
     accuracy = str(measures[0].parameters["accuracy"])
     return AnalysisCost(
-        {m.cortex.hemi: m.cortex.n_vertices for m in measures}, accuracy, get_num_threads(), seconds,
-        shares(clock.seconds, seconds), peak_memory(), *measured_errors((m.cortex for m in measures), accuracy),
-    )  # fmt: skip
+        {m.cortex.hemi: m.cortex.n_vertices for m in measures},
+        accuracy,
+        get_num_threads(),
+        seconds,
+        shares(clock.seconds, seconds),
+        peak_memory(),
+        *measured_errors((m.cortex for m in measures), accuracy),
+    )
 
 
 def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:

@@ -12,11 +12,11 @@ from morphofold.forecasts.steps import Steps, steps_of
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LARGEST = 330_000       # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
-SECONDS = 0.8           # that steps are taken for
-BLOCKS = 3, 60          # of steps, at least and at most
-CREEP = 1e-6            # growth in each
-UNEVEN = 1.5            # slower over fastest block, beyond which a machine is called busy
+LARGEST = 330_000  # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
+SECONDS = 0.8  # that steps are taken for
+BLOCKS = 3, 60  # of steps, at least and at most
+CREEP = 1e-6  # growth in each
+UNEVEN = 1.5  # slower over fastest block, beyond which a machine is called busy
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,19 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
         slowness = slowness_of_stages(costs)
     per_unit, bilayer = float(1 / run.rate), body.bilayer
     return Calibration(
-        small, sizes_of(bilayer), layers_of(bilayer) if bilayer.faces.shape[1] == 4 else None, body.crossing, per_unit,
-        steps_of(small, per_unit, body.crossing, costs), phases, fastest, slowest, setting_up, slowness, threads,
-    )  # fmt: skip
+        small,
+        sizes_of(bilayer),
+        layers_of(bilayer) if bilayer.faces.shape[1] == 4 else None,
+        body.crossing,
+        per_unit,
+        steps_of(small, per_unit, body.crossing, costs),
+        phases,
+        fastest,
+        slowest,
+        setting_up,
+        slowness,
+        threads,
+    )
 
 
 def reduced(scene: Scene) -> Scene:
@@ -120,7 +130,7 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
         run.grow_to(run.state.growth + CREEP)
         return {name: seconds / REFRESH for name, seconds in run.seconds.items()}
 
-    block()                                                             # kernels are fetched, caches filled
+    block()  # kernels are fetched, caches filled
     started = working_seconds()
     taken: list[dict[str, float]] = []
     while len(taken) < BLOCKS[0] or (working_seconds() - started < SECONDS and len(taken) < BLOCKS[1]):

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from morphofold.sim.scene import Scene
 
-STAGES = "stages"       # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
-SETTING_UP = "set-up"   # and the building of its body
-LEAST = 0.1             # of its range of times, over the expected one
+STAGES = "stages"  # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
+SETTING_UP = "set-up"  # and the building of its body
+LEAST = 0.1  # of its range of times, over the expected one
 
 
 @dataclass(frozen=True)
@@ -130,15 +130,29 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     single, bricks = scene.accuracy.precision == "single", found.layers is not None
     memory = memory_GiB(sizes, bricks=bricks, single=single, volume=scene.output.volume)
     return Forecast(
-        scene.name, scene.geometry.shape, _setting_words(scene, sizes.edge), sizes.edge, sizes.edge / T,
-        None if scene.geometry.shape == "mesh" else layers, sizes.elements, sizes.nodes, total, fewest, most,
-        len(scene.stages), seconds,
+        scene.name,
+        scene.geometry.shape,
+        _setting_words(scene, sizes.edge),
+        sizes.edge,
+        sizes.edge / T,
+        None if scene.geometry.shape == "mesh" else layers,
+        sizes.elements,
+        sizes.nodes,
+        total,
+        fewest,
+        most,
+        len(scene.stages),
+        seconds,
         seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
         seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
-        phases, memory, found.threads,
-        {} if outside else expected_errors(sizes.edge / T), outside, _how(scene, found, itself, outside),
+        phases,
+        memory,
+        found.threads,
+        {} if outside else expected_errors(sizes.edge / T),
+        outside,
+        _how(scene, found, itself, outside),
         tuple(_doubts(scene, sizes, found)),
-    )  # fmt: skip
+    )
 
 
 def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
@@ -199,7 +213,7 @@ def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...
         "time": f"steps timed here by {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
         "errors": unstudied(outside) if outside else errors,
-    }  # fmt: skip
+    }
 
 
 def _setting_words(scene: Scene, edge: float) -> str:
@@ -239,9 +253,30 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
     seconds = solving + writing
     return Forecast(
-        scene.name, "radial", "one dimension", None, None, None, 0, 0, 0, 0, 0, len(scene.stages), seconds,
-        0.5 * seconds, 2 * seconds, {"radial": solving, STAGES: writing, SETTING_UP: 0.0},
-        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False), threads, {}, (),
-        {"time": "the final stage was solved", "memory": "measured in other runs",
-         "errors": "equilibria to a part in 1e8 or so; no mesh enters"}, (),
-    )  # fmt: skip
+        scene.name,
+        "radial",
+        "one dimension",
+        None,
+        None,
+        None,
+        0,
+        0,
+        0,
+        0,
+        0,
+        len(scene.stages),
+        seconds,
+        0.5 * seconds,
+        2 * seconds,
+        {"radial": solving, STAGES: writing, SETTING_UP: 0.0},
+        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False),
+        threads,
+        {},
+        (),
+        {
+            "time": "the final stage was solved",
+            "memory": "measured in other runs",
+            "errors": "equilibria to a part in 1e8 or so; no mesh enters",
+        },
+        (),
+    )

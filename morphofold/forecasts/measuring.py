@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from morphofold.analysis.resampling import Accuracy
     from morphofold.surface import Cortex
 
-REPEATS = 3             # of the measuring that is timed, after once for kernels to be fetched
-ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")     # stages that draft and fine do on a copy
-VOXELS = "local gyrification"                                          # and the one whose voxels they change
-WIDER = 1.1             # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
+REPEATS = 3  # of the measuring that is timed, after once for kernels to be fetched
+ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")  # stages that draft and fine do on a copy
+VOXELS = "local gyrification"  # and the one whose voxels they change
+WIDER = 1.1  # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,16 @@ class AnalysisForecast:
 
 
 def forecast_analysis(
-    cortices: Sequence[Cortex], *, accuracy: str = "standard", report: bool = True, threads: int | None = None,
-    reading: float = 0.0, curvature_scale: float | None = None, repair: bool = True, stages: int = 0,
-) -> AnalysisForecast:  # fmt: skip
+    cortices: Sequence[Cortex],
+    *,
+    accuracy: str = "standard",
+    report: bool = True,
+    threads: int | None = None,
+    reading: float = 0.0,
+    curvature_scale: float | None = None,
+    repair: bool = True,
+    stages: int = 0,
+) -> AnalysisForecast:
     """Forecast of an analysis: its time on this machine, memory and errors. Takes a few seconds, writes nothing.
 
     Parameters
@@ -128,10 +135,16 @@ def forecast_analysis(
     if uneven > UNEVEN:
         doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
     return AnalysisForecast(
-        cortices[0].name, accuracy,
+        cortices[0].name,
+        accuracy,
         tuple(Hemisphere(c.hemi, n, on, sum(one.values())) for c, (n, on), one in zip(cortices, sizes, each)),
-        seconds, seconds / (1 + spread), seconds * (1 + spread), taken,
-        _memory_GiB(sizes, chosen, report), threads, expected.errors,
+        seconds,
+        seconds / (1 + spread),
+        seconds * (1 + spread),
+        taken,
+        _memory_GiB(sizes, chosen, report),
+        threads,
+        expected.errors,
         {
             "time": f"measures of a made-up cortex of {costs()['analysis']['ball']:,} vertices timed here, scaled by "
             "power laws of vertices, a stage each",
@@ -139,7 +152,7 @@ def forecast_analysis(
             "errors": expected.how,
         },
         tuple(doubts),
-    )  # fmt: skip
+    )
 
 
 def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
@@ -180,9 +193,7 @@ def _wider(cortex: Cortex, wanted: float | None) -> float:
     return (scale / usual) ** WIDER
 
 
-def _measuring(
-    n: int, on: int, chosen: Accuracy, timed: Mapping[str, float], wider: float = 1.0
-) -> dict[str, float]:
+def _measuring(n: int, on: int, chosen: Accuracy, timed: Mapping[str, float], wider: float = 1.0) -> dict[str, float]:
     """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``; ``wider`` is what
     the scale of curvature makes of the time it takes."""
     laws = costs()["analysis"]

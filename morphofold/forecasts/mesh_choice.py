@@ -75,9 +75,7 @@ def error_share(text: str) -> float:
     return share
 
 
-def pick(
-    scene: Scene, *, budget: float | None = None, error: float | None = None, threads: int | None = None
-) -> Pick:
+def pick(scene: Scene, *, budget: float | None = None, error: float | None = None, threads: int | None = None) -> Pick:
     """The finest edge that fits a budget, or the coarsest one whose expected error is small enough.
 
     Parameters
@@ -105,7 +103,7 @@ def pick(
         return _for_error(scene, edges, error, budget, threads)
     assert budget is not None
     chosen = _with(scene, edges[0])
-    for _ in range(2):                                                  # timed there, and once more where that leads
+    for _ in range(2):  # timed there, and once more where that leads
         found = calibrate(chosen, costs(), threads)
         chosen = _with(scene, _finest(scene, edges, found, budget))
     return Pick(chosen, forecast_from(chosen, found))
@@ -184,5 +182,3 @@ def _for_error(scene: Scene, edges: list[float], error: float, budget: float | N
             f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
         )
     return Pick(chosen, cost)
-
-

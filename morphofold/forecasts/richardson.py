@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
-LONGER = 1.5            # edges of the twin over those of the run: it takes about a third of the run's time
-LEAST = 1.2             # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
-ALIKE = 0.5             # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
-                        # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
+LONGER = 1.5  # edges of the twin over those of the run: it takes about a third of the run's time
+LEAST = 1.2  # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
+ALIKE = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
+# of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
 #: powers of the edge with which errors go as long as meshes fold into one pattern, three elements through the cortex:
 #: along meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages did not rest; at rest no two did
 POWERS = {"gyrification index": 1.32, "pial distance": 1.16}
-COARSER, SLOWER, FILE = "coarser", "slower", "error.json"      # in the folder of the run
+COARSER, SLOWER, FILE = "coarser", "slower", "error.json"  # in the folder of the run
 
 
 @dataclass(frozen=True)
@@ -124,10 +124,14 @@ def coarser(scene: Scene) -> Scene:
         )
     if scene.growth.final == 1:
         raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
-    twin = load_scene(scene, [
-        f"accuracy.edge={LONGER * scene.edge!r}", f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
-        "output.volume=false",
-    ])  # fmt: skip
+    twin = load_scene(
+        scene,
+        [
+            f"accuracy.edge={LONGER * scene.edge!r}",
+            f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
+            "output.volume=false",
+        ],
+    )
     edge, longer = edge_by_rule(scene), edge_by_rule(twin)
     if longer < LEAST * edge:
         raise NoSolution(
@@ -157,9 +161,7 @@ def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Foreca
     return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
 
 
-def estimate_error(
-    run: Simulation, *, threads: int | None = None, progress: Progress = silent
-) -> Estimate:
+def estimate_error(run: Simulation, *, threads: int | None = None, progress: Progress = silent) -> Estimate:
     """Estimate the error of a finished run's last stage, and write it as ``error.json`` into its folder.
 
     Parameters
@@ -214,7 +216,7 @@ def estimate_error(
             raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
     found = between(run.scene, *grown)
     with alone(run.path):
-        sweep(run.path)                                                 # a run that is finished doesn't any more
+        sweep(run.path)  # a run that is finished doesn't any more
         with atomic_file(run.path / FILE) as temporary:
             temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), "utf-8")
     return found
@@ -227,7 +229,7 @@ def estimate_beside(stage: Path) -> Estimate | None:
         content = read_json(folder / FILE, ErrorFile, "")
         if content["health_sha256"] != _digest(folder):
             return None
-        return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)   # strict: JSON's lists are tuples
+        return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)  # strict: JSON's lists are tuples
     except (OSError, ValueError):
         return None
 
@@ -242,8 +244,12 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
         for name, change in changes.items()
     }
     all_grown = {"run": mine, "coarser twin": twin, "slower twin": slow}
-    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in all_grown.items() if grown
-              for warning in grown.warnings]  # fmt: skip
+    doubts = [
+        f"The {name} isn't healthy: {warning}"
+        for name, grown in all_grown.items()
+        if grown
+        for warning in grown.warnings
+    ]
     if apart > ALIKE:
         doubts.append(
             f"The twin folded into another pattern (they differ by: {_listed(changes)} of T), so no error follows from "
@@ -256,10 +262,16 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
     if unlike:
         doubts.append(f"The powers are {unstudied(unlike)}.")
     return Estimate(
-        scene.growth.final, mine.edge / T, ratio, errors,
+        scene.growth.final,
+        mine.edge / T,
+        ratio,
+        errors,
         f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {table()['errors']['subject']}, three elements through the cortex", tuple(doubts), unlike, pace,
-    )  # fmt: skip
+        f"of {table()['errors']['subject']}, three elements through the cortex",
+        tuple(doubts),
+        unlike,
+        pace,
+    )
 
 
 def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:

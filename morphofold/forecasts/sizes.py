@@ -36,7 +36,7 @@ def sizes_of(bilayer: Bilayer) -> Sizes:
     """Sizes of a body that is built."""
     axes = len(bilayer.mirrored)
     vertices = bilayer.n_surface
-    if axes and bilayer.faces.shape[1] == 4:                            # Euler: a closed surface of quads
+    if axes and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
         vertices = 2**axes * len(bilayer.faces) + 2
     return Sizes(int(bilayer.mesh.nelements), int(bilayer.mesh.nvertices), vertices, float(bilayer.edge))
 
@@ -90,7 +90,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     if isinstance(geometry, Sphere | Ellipsoid):
         n, cuts = scene.cells, len(PLANES[geometry.portion])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
-        surface = quads + (rim // 2 + 1 if cuts else 2)                 # Euler: a disc of quads, or a closed surface
+        surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
         whole = 6 * n * n + 2
     else:
         cells = [c for _, c in _rows(scene)]

@@ -68,7 +68,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     waits, slow = not scene.real_time, slow_growth(scene)
     ramp, awake, growth, ramps_to = 0, 0.0, 1.0, [0]
     for stage in scene.stages:
-        while growth < stage:                                           # as Dynamics.grow_to does
+        while growth < stage:  # as Dynamics.grow_to does
             pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
             if slow is not None and slow.start <= growth <= slow.end:
                 pace = min(pace, slow.pace)
@@ -78,12 +78,12 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
             ramp += REFRESH
             awake += REFRESH * folding(growth)
         ramps_to.append(ramp)
-    if not waits:                                                       # real masses: the step shrinks as bricks do
+    if not waits:  # real masses: the step shrinks as bricks do
         more = ramp * costs["inertia"]["per_growth"] * (scene.growth.final - 1)
         fewest, most = (more * waiting[key] for key in ("fewest", "most"))
         return Steps(ramp, 0, more, fewest, most, awake / ramp if ramp else 0.0)
     wrinkled = first_wrinkles(scene).growth
-    grown = [(b - a) / crossing for a, b in pairwise(ramps_to)]         # ticks up to each stage
+    grown = [(b - a) / crossing for a, b in pairwise(ramps_to)]  # ticks up to each stage
     longest = [patience(), *map(patience, grown[1:])]
     rests = [
         crossing * (min(max(most, resting["brief"]), resting["folded"]) if not stage <= wrinkled else resting["smooth"])

@@ -19,16 +19,17 @@ if TYPE_CHECKING:
 
 #: the error of a run is the larger one of these: its numbers of folding that converge last
 HEADLINE = ("gyrification index", "wavelength")
-ROUNDED = 0.05          # share of an edge within which two of them are alike: cells are whole and even
+ROUNDED = 0.05  # share of an edge within which two of them are alike: cells are whole and even
 #: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
-ALIKE = 1.5             # ratio of numbers of vertices beyond which a surface is not said to be like the table's
+ALIKE = 1.5  # ratio of numbers of vertices beyond which a surface is not said to be like the table's
 #: what the study held a measure against, in words
 AGAINST = {
-    "split surface": "the same surface with every triangle cut in four", "whole mesh": "the mesh before it was thinned",
+    "split surface": "the same surface with every triangle cut in four",
+    "whole mesh": "the mesh before it was thinned",
     "smallest voxels": "the smallest voxels",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,11 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
         "effects": not all(options.errors_known for options in scene.effects.values()),
         "edge": not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest,
     }
-    values = {"growth": scene.growth.final, "mu_ratio": scene.material.mu_ratio,
-              "kappa_ratio": scene.material.kappa_ratio}  # fmt: skip
+    values = {
+        "growth": scene.growth.final,
+        "mu_ratio": scene.material.mu_ratio,
+        "kappa_ratio": scene.material.kappa_ratio,
+    }
     if geometry.shape == "sphere":
         values["thickness"] = geometry.cortex_thickness / geometry.radius
     for name, value in values.items():

@@ -20,7 +20,7 @@ from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry.kernels import area_vector, morton
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
-Vectors = NDArray[np.float64]   # (N, 3) or (M, 3)
+Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
 
 
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
@@ -29,7 +29,7 @@ def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     Raises ``OutOfRange`` if a face names a vertex that is not there.
     """
     check_arrays(verts, faces)
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):     # compiled code would read on
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read on
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     return np.asarray(_area_vectors(verts, faces)) / 2
 
@@ -80,14 +80,14 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
     no face has area.
     """
-    vector = 2 * face_vectors(verts, faces)                             # 2 x area x normal
+    vector = 2 * face_vectors(verts, faces)  # 2 x area x normal
     if weights == "area":
         share = np.ones((len(faces), 3))
     elif weights in ("angle", "sine", "max"):
         ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
-            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))   # atan2, not acos: exact for slivers too
+            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))  # atan2, not acos: exact for slivers too
             share = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
         else:
             lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
@@ -140,7 +140,7 @@ _KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
 
 def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``edges``, and how many triangles each has (E,)."""
-    if faces.flags.writeable or faces.base is not None:                 # a view shows what its base becomes
+    if faces.flags.writeable or faces.base is not None:  # a view shows what its base becomes
         return _find_edges(faces)
     if id(faces) not in _KEPT:
         _KEPT[id(faces)] = _find_edges(faces)
@@ -168,10 +168,10 @@ def border_edges(faces: Faces) -> NDArray[np.int64]:
 def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
     """Place in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
     pair, base = edges(faces), int(faces.max()) + 1
-    start = faces.astype(np.int64)                                      # n^2 needs more than 32 bits
+    start = faces.astype(np.int64)  # n^2 needs more than 32 bits
     stop = np.roll(start, -1, axis=1)
     key = np.minimum(start, stop) * base + np.maximum(start, stop)
-    return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)         # ascending, as edges are
+    return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)  # ascending, as edges are
 
 
 def edge_lengths(verts: Verts, faces: Faces) -> NDArray[np.float64]:
@@ -244,7 +244,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
     if clip is not None:
         cot = np.clip(cot, *clip)
-    i, j = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()   # the edge facing each corner
+    i, j = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()  # the edge facing each corner
     half, n = cot.ravel() / 2, len(verts)
     off = sparse.coo_array((-np.r_[half, half], (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()
     return (off - sparse.dia_array((off.sum(axis=1)[None, :], [0]), shape=(n, n))).tocsr()

@@ -68,7 +68,7 @@ def closest_in_triangle(p, a, b, c):
     """Barycentric coordinates (of b, of c) of the point of triangle abc that is nearest to p; bears needles."""
     u, v, w = less(b, a), less(c, a), less(p, a)
     uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
-    det = uu * vv - uv * uv                     # 4 x squared area
+    det = uu * vv - uv * uv  # 4 x squared area
     if det > 1e-14 * uu * vv:
         s, t = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
         if s >= 0 and t >= 0 and s + t <= 1:
@@ -80,7 +80,7 @@ def closest_in_triangle(p, a, b, c):
     value = t * t * vv - 2 * t * vw
     if value < low:
         bs, bt, low = 0.0, t, value
-    ee = uu + vv - 2 * uv                       # edge from b to c
+    ee = uu + vv - 2 * uv  # edge from b to c
     t = _clamp((vw - uw + uu - uv) / ee) if ee > 0 else 0.0
     value = (1 - t) ** 2 * uu + t * t * vv + 2 * t * (1 - t) * uv - 2 * (1 - t) * uw - 2 * t * vw
     if value < low:

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from morphofold.geometry import morton_codes
 
-BLOCK = 4               # triangles in a leaf
+BLOCK = 4  # triangles in a leaf
 
-_PAD = 1e-12            # boxes are wider than their triangles by this share of the largest coordinate: safe to round
+_PAD = 1e-12  # boxes are wider than their triangles by this share of the largest coordinate: safe to round
 
 
 class BoxTree(NamedTuple):
@@ -38,7 +38,7 @@ class BoxTree(NamedTuple):
 
     bounds: NDArray[np.float64]
     order: NDArray[np.int64]
-    single: NDArray[np.float64]     # (M, 6), the box of each triangle
+    single: NDArray[np.float64]  # (M, 6), the box of each triangle
 
 
 def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
@@ -66,7 +66,7 @@ def _single_boxes(verts, faces, pad):
 @njit(cache=True)
 def _joined(single, order, leaves):
     bounds = np.empty((2 * leaves, 6))
-    bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf                      # meets nothing
+    bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf  # meets nothing
     for k in range(len(order)):
         _widen(bounds[leaves + k // BLOCK], single[order[k]])
     for k in range(leaves - 1, 0, -1):
@@ -86,10 +86,13 @@ def _widen(box, other):
 def meets(box, other):
     """Whether two boxes (6,) have a point in common."""
     return (
-        box[0] <= other[3] and box[3] >= other[0]
-        and box[1] <= other[4] and box[4] >= other[1]
-        and box[2] <= other[5] and box[5] >= other[2]
-    )  # fmt: skip
+        box[0] <= other[3]
+        and box[3] >= other[0]
+        and box[1] <= other[4]
+        and box[4] >= other[1]
+        and box[2] <= other[5]
+        and box[5] >= other[2]
+    )
 
 
 @njit(inline="always")

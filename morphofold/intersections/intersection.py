@@ -24,7 +24,7 @@ from morphofold.surface import Surface
 
 Indices = NDArray[np.int64]
 
-ANOTHER_WALL = 0.5      # a face belongs to another wall than a vertex if the cosine of their normals is less than this
+ANOTHER_WALL = 0.5  # a face belongs to another wall than a vertex if the cosine of their normals is less than this
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     aren't listed, but those nearer to the rim are. A vertex on a fold so sharp that a face around it is turned by more
     than 60 degrees has no front, and isn't asked.
     """
-    verts, faces = surface.verts.copy(), surface.faces.copy()           # writable, as all arrays here: compiled once
+    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as all arrays here: compiled once
     edges, mean_edge = geometry.edges(surface.faces).copy(), geometry.mean_edge_length(verts, surface.faces)
     tree, around = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
     edge, face = _crossings(verts, faces, edges, tree)
@@ -272,7 +272,7 @@ def _passed(verts, faces, normals, bounds, order, single, radius):
     for i in prange(len(verts)):
         if dot(normals[i], normals[i]) == 0.0:
             continue
-        own = np.int64(i)                                               # prange counts in another type: compiled once
+        own = np.int64(i)  # prange counts in another type: compiled once
         distance = _wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
         if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
             behind[i] = distance

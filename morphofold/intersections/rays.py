@@ -85,6 +85,6 @@ def _ray_distance(a, b, c, origin, direction):
     weight_a, weight_b = abs(dot(cross(v, w), direction)), abs(dot(cross(w, u), direction))
     weight_c = abs(dot(cross(u, v), direction))
     total = weight_a + weight_b + weight_c
-    if total == 0.0:                                                    # the ray runs in the triangle's plane
+    if total == 0.0:  # the ray runs in the triangle's plane
         return (at + bt + ct) / 3
     return (weight_a * at + weight_b * bt + weight_c * ct) / total

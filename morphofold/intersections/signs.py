@@ -24,7 +24,7 @@ from numba import njit
 ASIDE = (0.5319718735123841, 0.3247217563401897, 0.7818417265489173)
 
 _HALF_ULP = 2.0**-53
-_BOUND = (7 + 56 * _HALF_ULP) * _HALF_ULP       # error of the determinant over its permanent: Shewchuk 1997, Fig. 21
+_BOUND = (7 + 56 * _HALF_ULP) * _HALF_ULP  # error of the determinant over its permanent: Shewchuk 1997, Fig. 21
 _SPLIT = 2.0**27 + 1
 _CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
@@ -71,7 +71,7 @@ def _displaced_sign(verts, i, j, k, p):
         if rows[r] < lowest:
             sign = plane_sign(verts[x], verts[y], verts[z], aside, 0.0)
             if sign != 0:
-                found, lowest = (sign if r % 2 == 1 else -sign), rows[r]    # row r was moved behind the others
+                found, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved behind the others
     return found
 
 
@@ -83,14 +83,14 @@ def _exact_sign(a, b, c, d, weight):
         rows[0, s], rows[1, s], rows[2, s], rows[3, s] = a[s], b[s], c[s], d[s]
     total, n = np.empty(96), 0
     for r in range(4):
-        if r == 3 and weight == 0.0:                    # its minor is that of a, b, c, times weight
+        if r == 3 and weight == 0.0:  # its minor is that of a, b, c, times weight
             break
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
         sign = -1.0 if r % 2 == 1 else 1.0
         for s, t, u in _CYCLES:
             n = _add_product(total, n, sign * x[s], y[t], z[u])
             n = _add_product(total, n, -sign * x[s], y[u], z[t])
-    return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)             # the last component outweighs all others
+    return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component outweighs all others
 
 
 @njit(cache=True)

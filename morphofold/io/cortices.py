@@ -171,9 +171,15 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     with _reading((white, pial)) as records:
         inner, outer = read_surface(white), read_surface(pial)
     return Cortex(
-        inner, outer, hemi or "lh", shown(name or white.name), origin="files",
-        transform=scanner_transform(inner.geometry), files=(str(white), str(pial)), inputs=tuple(records),
-    )  # fmt: skip
+        inner,
+        outer,
+        hemi or "lh",
+        shown(name or white.name),
+        origin="files",
+        transform=scanner_transform(inner.geometry),
+        files=(str(white), str(pial)),
+        inputs=tuple(records),
+    )
 
 
 def _reading(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
@@ -239,7 +245,7 @@ def cortex_files(
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     add("label", "label", f"{hemi}.cortex.label")
-    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:     # no measure follows from it
+    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure follows from it
         found["stats"] = stats
     return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
@@ -282,7 +288,11 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
     elif os.path.lexists(root / "summary.json"):
         said |= _analysed(root / "summary.json", hemi)
     return Cortex(
-        white, pial, hemi, shown(name or said["name"]), maps,
+        white,
+        pial,
+        hemi,
+        shown(name or said["name"]),
+        maps,
         cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,
         inflated=inflated,
@@ -290,8 +300,9 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
         units=str(said.get("units", "mm")),
         transform=scanner_transform(white.geometry),
         portion=float(said.get("portion", 1.0)),
-        info=said["info"], files=tuple(str(p) for p in files.values()),
-    )  # fmt: skip
+        info=said["info"],
+        files=tuple(str(p) for p in files.values()),
+    )
 
 
 def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:

@@ -18,12 +18,12 @@ from xml.parsers.expat import ExpatError, errors
 
 from morphofold.errors import DamagedFile, TooLarge, WrongFile
 
-MAX_BYTES = 2 * 2**30   # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
-MOST_PACKED = 2000      # bytes of arrays from one of a file, twice of what zlib can do
+MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
+MOST_PACKED = 2000  # bytes of arrays from one of a file, twice of what zlib can do
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)       # of writes alone; Python doesn't say to which file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of writes alone; Python doesn't say to which file
 _EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
-_ROOM = 2**20           # bytes by which a file can't grow where it was cut for want of room
+_ROOM = 2**20  # bytes by which a file can't grow where it was cut for want of room
 
 StrPath = str | os.PathLike[str]
 
@@ -51,9 +51,7 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     if size == 0:
         raise DamagedFile(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
     if size > MAX_BYTES:
-        raise TooLarge(
-            f"{path}: has {size / 2**30:.1f} GiB; a {what} may have {MAX_BYTES / 2**30:g} GiB at most."
-        )
+        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {what} may have {MAX_BYTES / 2**30:g} GiB at most.")
     return path
 
 
@@ -64,7 +62,7 @@ def _what_is_there(path: Path) -> str:
             folder = folder.parent
         return f"There is no {folder.name} in {folder.parent.absolute()}."
     names = sorted(p.name for p in folder.iterdir())
-    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""         # the other hemisphere is no misspelling
+    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is no misspelling
     close = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
     if close:
         return f"Close to it in that folder: {', '.join(close)}."
@@ -85,7 +83,7 @@ def decoding(path: Path, what: str, advice: str = "Make it anew from its source.
             yield
     except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
         wanted = _array_wanted(error)
-        if wanted and wanted > MOST_PACKED * path.stat().st_size:      # no file of this size unpacks to that
+        if wanted and wanted > MOST_PACKED * path.stat().st_size:  # no file of this size unpacks to that
             error = ValueError(f"it promises an array of {wanted / 2**30:.3g} GiB")
         elif _wants_memory(error):
             raise MemoryError(
@@ -132,7 +130,7 @@ def check_place(path: Path) -> None:
     """Refuse a name that no file can be written to."""
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
-    if path.exists() and not path.is_file():                            # which a move would put a file in place of
+    if path.exists() and not path.is_file():  # which a move would put a file in place of
         raise WrongFile(f"{path}: is a device or a pipe; name a file to write.")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
@@ -156,7 +154,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
     """
     path = Path(path)
     check_place(path)
-    temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name[-60:]}")    # within 255 bytes
+    temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name[-60:]}")  # within 255 bytes
     try:
         with naming(path, temporary):
             yield temporary
@@ -175,6 +173,7 @@ def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
     WrongFile
         If a link, a second name of a file, a pipe or a device is there: writing would change what is not ours.
     """
+
     def opener(name: str, flags: int) -> int:
         # where the system can't refuse links, the look before is all there is; a pipe without a reader never waits
         number = os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
@@ -190,7 +189,7 @@ def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
     try:
         return open(path, mode, opener=opener, **options)
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):     # a link since then; a pipe without a reader
+        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):  # a link since then; a pipe without a reader
             raise WrongFile(refusal) from error
         raise
 
@@ -206,7 +205,7 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
             raise
         ours = Path(os.path.abspath(temporary))
         named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours
-        if not named.is_relative_to(ours):                              # as where it is on another drive
+        if not named.is_relative_to(ours):  # as where it is on another drive
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
 

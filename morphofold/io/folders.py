@@ -15,9 +15,9 @@ from pathlib import Path
 from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
 MARKER = ".morphofold"  # in every folder that atomic_folder made, with a list of what it wrote and may replace
-WITHOUT_LIST = b"morphofold wrote this folder"      # how markers of earlier versions begin
-MOST_LISTED = 2**26     # bytes of a marker
-COLLECTION = ".morphofold-collection"   # in folders that results of many are added to, which nothing replaces
+WITHOUT_LIST = b"morphofold wrote this folder"  # how markers of earlier versions begin
+MOST_LISTED = 2**26  # bytes of a marker
+COLLECTION = ".morphofold-collection"  # in folders that results of many are added to, which nothing replaces
 
 
 @contextmanager
@@ -36,7 +36,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
         If ``out`` is a file or a folder that morphofold did not write, or somebody's file in it has the name of one
         to write.
     """
-    out = Path(os.path.realpath(out))                                   # Path.resolve() raises at a link to itself
+    out = Path(os.path.realpath(out))  # Path.resolve() raises at a link to itself
     refuse_foreign(out)
     made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def remove_folder(out: Path) -> None:
     for root, _, _ in os.walk(out, topdown=False):
         if os.listdir(root) == [MARKER] and Path(root) == out:
             (out / MARKER).unlink()
-        with suppress(OSError):                                         # somebody's is in it
+        with suppress(OSError):  # somebody's is in it
             os.rmdir(root)
 
 
@@ -86,7 +86,7 @@ def _below(folder: Path) -> Iterator[str]:
 
 
 def _raise(error: OSError) -> None:
-    if not isinstance(error, FileNotFoundError):                        # of another writer, gone by now
+    if not isinstance(error, FileNotFoundError):  # of another writer, gone by now
         raise error
 
 
@@ -120,7 +120,7 @@ def _bring(old: Path, new: Path, out: Path) -> None:
     ours = _listed(old)
     for name in _below(old):
         source, target = old / name, new / name
-        empty = source.is_dir() and not source.is_symlink()             # of folders these alone are named
+        empty = source.is_dir() and not source.is_symlink()  # of folders these alone are named
         if name == MARKER or (ours is not None and name in ours) or (empty and target.is_dir()):
             continue
         if os.path.lexists(target):
@@ -166,15 +166,15 @@ def _move_onto(new: Path, out: Path) -> None:
             os.replace(new, out)
             return
         except OSError:
-            if out.is_symlink() or not out.is_dir():                    # else it came into being meanwhile
+            if out.is_symlink() or not out.is_dir():  # else it came into being meanwhile
                 raise
     _bring(out, new, out)
     if _exchange(new, out):
         try:
-            refuse_foreign(out, found=new)                              # somebody's may have come after the last look
+            refuse_foreign(out, found=new)  # somebody's may have come after the last look
             _bring(new, out, out)
         except BaseException:
-            os.replace(new, old)                                        # a name that our caller does not remove
+            os.replace(new, old)  # a name that our caller does not remove
             if _exchange(old, out):
                 shutil.rmtree(old)
             else:
@@ -208,10 +208,10 @@ def _exchange(one: Path, other: Path) -> bool:
     try:
         library, a, b = ctypes.CDLL(None), os.fsencode(one), os.fsencode(other)
         if sys.platform == "darwin":
-            return bool(library.renamex_np(a, b, 2) == 0)               # RENAME_SWAP
-        here, exchange = -100, 2                                        # AT_FDCWD, RENAME_EXCHANGE
+            return bool(library.renamex_np(a, b, 2) == 0)  # RENAME_SWAP
+        here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
         return sys.platform.startswith("linux") and bool(library.renameat2(here, a, here, b, exchange) == 0)
-    except (AttributeError, OSError, TypeError):                        # an old C library, or Windows
+    except (AttributeError, OSError, TypeError):  # an old C library, or Windows
         return False
 
 
@@ -247,7 +247,7 @@ def refuse_no_collection(out: Path, kind: str) -> None:
         if there != kind:
             raise FileExistsError(f"{out}: is a {there:.20}, not a {kind}. Name a new folder.")
         return
-    if out.is_dir() and not any(out.iterdir()):                         # written into, and never moved
+    if out.is_dir() and not any(out.iterdir()):  # written into, and never moved
         return
     refuse_foreign(out)
     if out.exists():

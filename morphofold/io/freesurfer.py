@@ -73,8 +73,7 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         if magic == QUADS and _is_morph(magic + head + file.read(6), size):
             (n,) = struct.unpack(">i", head[:4])
             raise WrongFile(
-                f"{path}: holds one value for each of {n} vertices, not a surface. "
-                "Name a surface such as lh.white."
+                f"{path}: holds one value for each of {n} vertices, not a surface. Name a surface such as lh.white."
             )
         n, m = int.from_bytes(head[:3], "big"), int.from_bytes(head[3:], "big")
         need = 9 + (6 if magic == QUADS else 12) * n + 12 * m
@@ -83,8 +82,7 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         raise DamagedFile(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
     if need > size:
         raise DamagedFile(
-            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. "
-            f"{_AGAIN}"
+            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. {_AGAIN}"
         )
     return need
 
@@ -132,9 +130,7 @@ def read_curv(path: Path) -> PerVertex:
     if is_geometry(head) and not _is_morph(head, size):
         n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
         if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
-            raise DamagedFile(
-                f"{path}: is truncated: {n} values need {15 + 4 * n} bytes, it has {size}. {_AGAIN}"
-            )
+            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes, it has {size}. {_AGAIN}")
         raise WrongFile(f"{path}: is not a map with one value per vertex. Is it a surface?")
     old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
@@ -292,7 +288,7 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     return mask
 
 
-STATS_BYTES = 2**18     # of aseg.stats that are looked at; FreeSurfer writes some 10 kB
+STATS_BYTES = 2**18  # of aseg.stats that are looked at; FreeSurfer writes some 10 kB
 _STATS = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
 
 

@@ -32,7 +32,7 @@ _KINDS = {  # as Connectome Workbench calls them
     "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
     "inflated": {"GeometricType": "Inflated"},
 }
-MAX_UNPACKED = 2**28    # bytes: 7 million vertices and their faces; nibabel holds several copies of them
+MAX_UNPACKED = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
 _SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
 
 
@@ -79,7 +79,7 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
         raise WrongFile(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
-    with decoding(path, "a GIFTI label file", _SOURCE):                 # keys may be beyond all integers
+    with decoding(path, "a GIFTI label file", _SOURCE):  # keys may be beyond all integers
         keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
@@ -162,9 +162,7 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
     return {**head, "filename": meta.get("VolGeomFname", ""), **found, "volume": found["volume"].astype(int)}
 
 
-def write_gifti_surface(
-    path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False
-) -> None:
+def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False) -> None:
     """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``.
 
     Coordinates stay as they are: as ``mris_convert`` writes them, in the frame of FreeSurfer's surfaces where they
@@ -184,9 +182,12 @@ def write_gifti_surface(
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
     space = nifti1.xform_codes["scanner" if scanner else "unknown"]
     points = GiftiDataArray(
-        surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32",
-        coordsys=GiftiCoordSystem(space, space), meta=meta,
-    )  # fmt: skip
+        surface.verts.astype(np.float32),
+        "NIFTI_INTENT_POINTSET",
+        "NIFTI_TYPE_FLOAT32",
+        coordsys=GiftiCoordSystem(space, space),
+        meta=meta,
+    )
     triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
     _save(path, [points, triangles], {})
 
@@ -234,7 +235,10 @@ def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = 
 
 FORMATS = (
     Format(
-        "GIFTI (.gii)", (".gii", ".gii.gz"), read_gifti_surface, write_gifti_surface,
+        "GIFTI (.gii)",
+        (".gii", ".gii.gz"),
+        read_gifti_surface,
+        write_gifti_surface,
         re.compile(rb".*?<GIFTI", re.DOTALL),
     ),
-)  # fmt: skip
+)

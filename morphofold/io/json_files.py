@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import existing_file
 
-MOST = 64 * 2**20       # bytes; the net of a hemisphere of a million vertices has a tenth
-LARGEST = 1e12          # of any number of a surface: beyond, squares and sums lose their meaning
+MOST = 64 * 2**20  # bytes; the net of a hemisphere of a million vertices has a tenth
+LARGEST = 1e12  # of any number of a surface: beyond, squares and sums lose their meaning
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Amount = Annotated[float, Field(ge=0, le=LARGEST)]
@@ -50,7 +50,7 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
     if not path.exists():
         raise FileNotFoundError(f"{path}: is missing. {cure}")
     if not path.is_file():
-        existing_file(path, "JSON file")                                # says what is there in its place
+        existing_file(path, "JSON file")  # says what is there in its place
     size = path.stat().st_size
     if size > most:
         raise TooLarge(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")

@@ -13,7 +13,7 @@ from typing import IO
 
 from morphofold.io.files import open_own
 
-LOCK = "lock"           # there while a run writes, and after one was killed; then nobody holds it
+LOCK = "lock"  # there while a run writes, and after one was killed; then nobody holds it
 _BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 _NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL)
 
@@ -35,7 +35,7 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
     WrongFile
         If a link or a device lies in the place of the lock.
     """
-    if os.path.lexists(folder) and not folder.is_dir():                 # mkdir's own error reads as a held lock's
+    if os.path.lexists(folder) and not folder.is_dir():  # mkdir's own error reads as a held lock's
         raise NotADirectoryError(f"{folder}: is no folder, so nothing can be written there. Move it away.")
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
@@ -47,7 +47,7 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
             _let_go(folder / name, file)
     except BaseException:
         for path in made:
-            with suppress(OSError):                                     # not empty: what was written stays
+            with suppress(OSError):  # not empty: what was written stays
                 path.rmdir()
         raise
 
@@ -59,7 +59,7 @@ def _hold(folder: Path, name: str) -> IO[str]:
         file = open_own(path, "a+", encoding="ascii", errors="replace")
         try:
             _lock(file, folder if name == LOCK else path)
-            if not _is_at(file, path):                                  # whoever held it has just removed it
+            if not _is_at(file, path):  # whoever held it has just removed it
                 file.close()
                 continue
             file.truncate(0)
@@ -88,12 +88,12 @@ if sys.platform == "win32":
     import msvcrt
 
     def _try_lock(file: IO[str]) -> None:
-        file.seek(2**30)                                                # beyond the number, which others may read
+        file.seek(2**30)  # beyond the number, which others may read
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
 
     def _let_go(path: Path, file: IO[str]) -> None:
         file.close()
-        with suppress(OSError):                                         # another run may have opened it already
+        with suppress(OSError):  # another run may have opened it already
             path.unlink()
 
 else:
@@ -103,7 +103,7 @@ else:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _let_go(path: Path, file: IO[str]) -> None:
-        path.unlink(missing_ok=True)                                    # while it is held: nobody else's
+        path.unlink(missing_ok=True)  # while it is held: nobody else's
         file.close()
 
 

@@ -16,15 +16,8 @@ from morphofold.surface import PerVertex, Surface, check_mesh
 from morphofold.words import listed
 
 #: modules with ``FORMATS``, in the order in which these are asked; FreeSurfer's names say least
-MODULES = (
-    "trimesh_files",
-    "vtk_files",
-    "gifti",
-    "freesurfer",
-)
-FORMATS: tuple[Format, ...] = tuple(
-    one for name in MODULES for one in import_module(f"morphofold.io.{name}").FORMATS
-)
+MODULES = ("trimesh_files", "vtk_files", "gifti", "freesurfer")
+FORMATS: tuple[Format, ...] = tuple(one for name in MODULES for one in import_module(f"morphofold.io.{name}").FORMATS)
 _GZIP = b"\x1f\x8b"
 
 

@@ -37,7 +37,7 @@ def read(kind: str, path: Path) -> Read:
             _CHECK[kind](raw)
         # from memory and without a resolver: no other file that this one may name is opened
         options = {"process": False, "maintain_order": True, "skip_materials": True}
-        with silent_log():                                             # of normals, which are not taken
+        with silent_log():  # of normals, which are not taken
             mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
@@ -50,8 +50,9 @@ def read(kind: str, path: Path) -> Read:
         verts, faces = merge_equal(verts, faces)
         warnings.warn(
             f"{path}: STL has no shared vertices; {corners} corners at exactly equal places were merged to "
-            f"{len(verts)} vertices.", stacklevel=4,
-        )  # fmt: skip
+            f"{len(verts)} vertices.",
+            stacklevel=4,
+        )
     return verts, faces, None
 
 
@@ -110,6 +111,6 @@ FORMATS = (
     _format("ply", re.compile(rb"ply\r?\n")),
     _format("glb", re.compile(rb"glTF")),
     _format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
-    _format("stl", re.compile(rb"\s*solid\b")),                         # of text; a binary one says nothing
+    _format("stl", re.compile(rb"\s*solid\b")),  # of text; a binary one says nothing
     _format("obj", None),
 )

@@ -12,10 +12,10 @@ import numpy as np
 
 from morphofold.errors import DamagedFile
 
-MAX_UNPACKED = 2**29    # bytes of all arrays together; of their numbers each may take 8
-MAX_COUNT = 2**24       # points and cells: VTK takes about 30 bytes for each
-_ROWS = {"Points": "Points", "PointData": "Points"}     # the count that an array has a row for; else of its own name
-_LINE = 1000            # letters of white space, at most, before an array
+MAX_UNPACKED = 2**29  # bytes of all arrays together; of their numbers each may take 8
+MAX_COUNT = 2**24  # points and cells: VTK takes about 30 bytes for each
+_ROWS = {"Points": "Points", "PointData": "Points"}  # the count that an array has a row for; else of its own name
+_LINE = 1000  # letters of white space, at most, before an array
 
 
 @dataclass
@@ -88,7 +88,7 @@ def _numbers(tags: list[_Tag]) -> Iterator[int]:
         if tag.name == "Piece":
             counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.said.items() if _is_count(key)}
             counts["CellData"] = sum(n for key, n in counts.items() if key != "Points")
-        elif tag.around and "type" in tag.said:                         # whatever its name: VTK asks for the type alone
+        elif tag.around and "type" in tag.said:  # whatever its name: VTK asks for the type alone
             width = int(tag.said.get("NumberOfComponents", 1))
             if width < 0:
                 raise DamagedFile(f"an array has {width} components")
@@ -117,7 +117,7 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
             raise DamagedFile(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
         return max(blocks * each, last)
 
-    for tag in tags:                                                    # VTK goes by the offset, meshio by the format
+    for tag in tags:  # VTK goes by the offset, meshio by the format
         if "offset" in tag.said:
             yield size(_appended(raw, tags[-1], tag.said["offset"]), tags[-1].said.get("encoding") == "raw")
         if tag.said.get("format", "").lower() == "binary":

@@ -81,7 +81,7 @@ def write_polygons(path: Path, surface: Surface) -> None:
         writer = vtkXMLPolyDataWriter()
         writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
         writer.SetDataModeToBinary()
-        writer.WriteToOutputStringOn()              # into memory: at a full disk VTK ends the process
+        writer.WriteToOutputStringOn()  # into memory: at a full disk VTK ends the process
         writer.Write()
         temporary.write_text(writer.GetOutputString(), encoding="ascii")
 

@@ -6,6 +6,14 @@ from morphofold.results.reading import is_analysis_of, read_analysis, read_pial,
 from morphofold.results.summary import COLUMNS, refuse_place_of_inputs
 
 __all__ = [
-    "COLUMNS", "check_wide", "is_analysis_of", "read_analysis", "read_pial", "read_stages", "refuse_place_of_inputs",
-    "subject_place", "write_analysis", "write_dataset",
-]  # fmt: skip
+    "COLUMNS",
+    "check_wide",
+    "is_analysis_of",
+    "read_analysis",
+    "read_pial",
+    "read_stages",
+    "refuse_place_of_inputs",
+    "subject_place",
+    "write_analysis",
+    "write_dataset",
+]

@@ -19,13 +19,7 @@ from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import shown, strict_json
 from morphofold.quantities import column_words
-from morphofold.results.bids_hemisphere import (
-    MISSING,
-    in_bids_letters,
-    moved_rows,
-    read_hemisphere,
-    write_hemisphere,
-)
+from morphofold.results.bids_hemisphere import MISSING, in_bids_letters, moved_rows, read_hemisphere, write_hemisphere
 from morphofold.results.summary import (
     COLUMNS,
     CURE,
@@ -137,9 +131,15 @@ def write_dataset(
         _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
         said = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
         write_summary(
-            measures, said, anat / f"{place.name}{PROVENANCE}", page=folder / "report.html",
-            cost=anat / f"{place.name}{COST}", report=report, stages=stages, clock=clock,
-        )  # fmt: skip
+            measures,
+            said,
+            anat / f"{place.name}{PROVENANCE}",
+            page=folder / "report.html",
+            cost=anat / f"{place.name}{COST}",
+            report=report,
+            stages=stages,
+            clock=clock,
+        )
     _describe(dataset)
     return place
 
@@ -199,7 +199,7 @@ def subject_place(dataset: Path, name: str) -> Path:
 
 def refuse_other_dataset(dataset: Path) -> None:
     """Raise ``FileExistsError`` if a folder holds anything but a dataset of ours."""
-    if dataset.exists() and not _ours(dataset):                         # which is quick however many there are
+    if dataset.exists() and not _ours(dataset):  # which is quick however many there are
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
         if names:
             raise FileExistsError(
@@ -237,9 +237,11 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
         said["GeneratedBy"] = [*(maker for maker in said["GeneratedBy"] if not _is_us(maker)), me]
     else:
         said = {
-            "Name": "Cortical morphometry by morphofold", "BIDSVersion": "1.11.1", "DatasetType": "derivative",
+            "Name": "Cortical morphometry by morphofold",
+            "BIDSVersion": "1.11.1",
+            "DatasetType": "derivative",
             "GeneratedBy": [me],
-        }  # fmt: skip
+        }
         with atomic_file(dataset / "README.md") as file:
             file.write_text(README, encoding="utf-8")
     ignored = dataset / ".bidsignore"

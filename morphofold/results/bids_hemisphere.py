@@ -27,9 +27,12 @@ from morphofold.tables import write_table
 UNMOVED = ("inflated",)  # surfaces that are nowhere
 SIDES = {"lh": "L", "rh": "R"}
 MAPS = {  # a map's name -> the end of its file's name
-    "H": "curv", "cortical_thickness": "thickness", "gyral_thickness": "desc-gyral_thickness", "area": "area",
-}  # fmt: skip
-INPUT = {"thickness": "mm", "curv": "1/mm", "sulc": "mm", "area": "mm^2"}   # maps that come with surfaces, their units
+    "H": "curv",
+    "cortical_thickness": "thickness",
+    "gyral_thickness": "desc-gyral_thickness",
+    "area": "area",
+}
+INPUT = {"thickness": "mm", "curv": "1/mm", "sulc": "mm", "area": "mm^2"}  # maps that come with surfaces, their units
 CURV = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
 MISSING = "NaN where there is no value, as on the medial wall"
 
@@ -99,14 +102,15 @@ def read_hemisphere(
         return Surface(verts, found.faces, f"{place.hemi}.{kind}")
 
     found = measures_of(
-        entry, tables,
+        entry,
+        tables,
         surface=surface,
         mask=lambda n: _read_regions(place.file("desc-cortex_mask.label.gii"), n, "cortex").labels == 0,
         regions=lambda name, n: _read_regions(place.file(f"{_regions_end(name)}.label.gii"), n, name),
         came_with=lambda name, n: sized_map(place.file(f"{_input_end(name)}.shape.gii"), n),
         map_of=lambda name, n: _read_map(place, name, n),
         graph=lambda n: _moved_graph(read_graph(place.file("desc-graph_morph.json"), n), back),
-    )  # fmt: skip
+    )
     return replace(found, hinges=moved_rows(found.hinges, back))
 
 

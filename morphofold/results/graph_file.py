@@ -134,9 +134,10 @@ def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
     names = GyralScales.__dataclass_fields__
     graph: nx.MultiGraph = nx.MultiGraph(
         scales=None if scales is None else GyralScales(**{name: float(scales[name]) for name in names}),
-        surface=head["surface"], edge=float(head["edge"]),
+        surface=head["surface"],
+        edge=float(head["edge"]),
         wavelength=np.nan if head["wavelength"] is None else float(head["wavelength"]),
-    )  # fmt: skip
+    )
     for node in content["nodes"]:
         graph.add_node(node["id"], **_read(node, Node, without=("id",)))
     for edge in content["edges"]:

@@ -131,9 +131,15 @@ def write_analysis(
             write_table(folder / "regions_wide.tsv", ("subject",), row)
         said = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
         write_summary(
-            measures, said, folder / "summary.json", page=folder / "report.html", cost=folder / "cost.json",
-            report=report, stages=stages, clock=clock,
-        )  # fmt: skip
+            measures,
+            said,
+            folder / "summary.json",
+            page=folder / "report.html",
+            cost=folder / "cost.json",
+            report=report,
+            stages=stages,
+            clock=clock,
+        )
     return Path(out)
 
 
@@ -178,11 +184,12 @@ def read_plain(folder: Path) -> list[Measures]:
 def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
     hemi = entry["hemi"]
     return measures_of(
-        entry, tables,
+        entry,
+        tables,
         surface=lambda kind: read_surface(folder / "surf" / f"{hemi}.{kind}"),
         mask=lambda n: read_label(folder / "label" / f"{hemi}.cortex.label", n),
         regions=lambda name, n: read_annotation(folder / "label" / f"{hemi}.{file_word(name)}.annot"),
         came_with=lambda name, n: read_morph(folder / "surf" / f"{hemi}.{file_word(name)}"),
         map_of=lambda name, n: sized_map(folder / "maps" / f"{hemi}.{file_word(name)}.shape.gii", n),
         graph=lambda n: read_graph(folder / "graph" / f"{hemi}.json", n),
-    )  # fmt: skip
+    )

@@ -91,7 +91,7 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
     folder = Path(folder)
     try:
         summary = read_json(folder / "summary.json", Summary, CURE)
-    except (OSError, ValueError):                                       # there is none, or none to be relied on
+    except (OSError, ValueError):  # there is none, or none to be relied on
         return False
     known = {row["path"]: row["sha256"] for row in summary["inputs"]}
     files = {shown(row["path"]): row["sha256"] for row in records_as_read([cortex])}

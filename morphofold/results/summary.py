@@ -33,23 +33,55 @@ Page = Callable[..., object]
 COLUMNS = {
     "regions": REGION_COLUMNS,
     "crests": (
-        "hemi", "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm",
-        "mean_H_per_mm", "region", "altitude_mm", "strength_mm", "blind",
+        "hemi",
+        "crest",
+        "from_hinge",
+        "to_hinge",
+        "length_mm",
+        "gyral_thickness_mm",
+        "cortical_thickness_mm",
+        "mean_H_per_mm",
+        "region",
+        "altitude_mm",
+        "strength_mm",
+        "blind",
     ),
     "hinges": (
-        "hemi", "hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg", "region", "vertex",
-        "mean_arm_length_mm", "persistence_mm", "blind", "confidence",
+        "hemi",
+        "hinge",
+        "x",
+        "y",
+        "z",
+        "degree",
+        "shape",
+        "min_angle_deg",
+        "max_angle_deg",
+        "region",
+        "vertex",
+        "mean_arm_length_mm",
+        "persistence_mm",
+        "blind",
+        "confidence",
     ),
     "arms": (
-        "hemi", "hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge", "altitude_mm",
-        "lowest_altitude_mm", "blind", "crest",
+        "hemi",
+        "hinge",
+        "arm",
+        "angle_deg",
+        "length_mm",
+        "curvature_per_mm",
+        "to_hinge",
+        "altitude_mm",
+        "lowest_altitude_mm",
+        "blind",
+        "crest",
     ),
-}  # fmt: skip
-RECORDED = ("etiv_mm3", "surface_holes")    # of Cortex.info: FreeSurfer's, not measured here
-SURFACES = ("hemi", *SCALARS, *RECORDED)    # columns of the table of scalars
+}
+RECORDED = ("etiv_mm3", "surface_holes")  # of Cortex.info: FreeSurfer's, not measured here
+SURFACES = ("hemi", *SCALARS, *RECORDED)  # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
-SIGNED = ("euler_characteristic", *LINE)        # scalars that may be negative
+SIGNED = ("euler_characteristic", *LINE)  # scalars that may be negative
 
 
 _Four = Field(min_length=4, max_length=4)
@@ -107,7 +139,7 @@ class Summary(Record):
     inputs: list[InputRecord]
     parameters: dict[str, Any]
     rows: dict[str, Count]
-    written: dict[str, str] = {}        # digests of surfaces, maps and tables, of the plain layout
+    written: dict[str, str] = {}  # digests of surfaces, maps and tables, of the plain layout
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
 
@@ -131,7 +163,7 @@ def checked_inputs(
 
 def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
     """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
-    there = Path(os.path.realpath(out))                                 # resolve() raises at a link to itself
+    there = Path(os.path.realpath(out))  # resolve() raises at a link to itself
     for file in map(Path, files):
         if not file.is_file():  # nothing here to lose
             continue
@@ -146,23 +178,36 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
 
 
 def summary_of(
-    measures: Sequence[Measures], records: list[dict[str, Any]], parameters: Mapping[str, Any] | None,
+    measures: Sequence[Measures],
+    records: list[dict[str, Any]],
+    parameters: Mapping[str, Any] | None,
     failed: Mapping[str, str],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """What summary.json holds: where the numbers come from, the scalars, what is said of them, and what failed."""
     import morphofold
 
     return {
-        "morphofold": morphofold.__version__, "inputs": records, "parameters": dict(parameters or {}),
-        "nan": NAN_RULE, "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
-        "surfaces": [_entry(m) for m in measures], "failed": dict(failed),
-    }  # fmt: skip
+        "morphofold": morphofold.__version__,
+        "inputs": records,
+        "parameters": dict(parameters or {}),
+        "nan": NAN_RULE,
+        "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
+        "surfaces": [_entry(m) for m in measures],
+        "failed": dict(failed),
+    }
 
 
 def write_summary(
-    measures: Sequence[Measures], said: Mapping[str, Any], path: Path, *, page: Path, cost: Path,
-    report: Page | Literal[False], stages: Sequence[Cortex], clock: Stages | None,
-) -> None:  # fmt: skip
+    measures: Sequence[Measures],
+    said: Mapping[str, Any],
+    path: Path,
+    *,
+    page: Path,
+    cost: Path,
+    report: Page | Literal[False],
+    stages: Sequence[Cortex],
+    clock: Stages | None,
+) -> None:
     """The last files of an analysis: its summary, the page if one is drawn, the cost if a clock went along."""
     path.write_text(strict_json(said), encoding="utf-8")
     if report:
@@ -174,23 +219,30 @@ def write_summary(
 
 def scalar_rows(measures: Sequence[Measures]) -> list[dict[str, Any]]:
     """Rows of the table of scalars, one for each hemisphere."""
-    return [
-        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in RECORDED}} for m in measures
-    ]
+    return [{"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in RECORDED}} for m in measures]
 
 
 def _entry(m: Measures) -> dict[str, Any]:
     cortex = m.cortex
     return {
-        "hemi": cortex.hemi, "name": cortex.name, "origin": cortex.origin, "units": cortex.units,
-        "portion": cortex.portion, "info": dict(cortex.info), "transform": cortex.transform,
-        "measures": dict(m.scalars), "notes": dict(m.notes), "parameters": dict(m.parameters),
-        "maps": sorted(m.maps), "came_with": sorted(cortex.maps),
-        "inflated": cortex.inflated is not None, "cortex_label": cortex.cortex is not None,
+        "hemi": cortex.hemi,
+        "name": cortex.name,
+        "origin": cortex.origin,
+        "units": cortex.units,
+        "portion": cortex.portion,
+        "info": dict(cortex.info),
+        "transform": cortex.transform,
+        "measures": dict(m.scalars),
+        "notes": dict(m.notes),
+        "parameters": dict(m.parameters),
+        "maps": sorted(m.maps),
+        "came_with": sorted(cortex.maps),
+        "inflated": cortex.inflated is not None,
+        "cortex_label": cortex.cortex is not None,
         "graph": m.graph is not None,
         "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
         "files": list(cortex.files),
-    }  # fmt: skip
+    }
 
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
@@ -213,11 +265,16 @@ def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def measures_of(
-    entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], *, surface: Callable[[str], Surface],
-    mask: Callable[[int], NDArray[np.bool_]], regions: Callable[[str, int], Regions],
-    came_with: Callable[[str, int], PerVertex], map_of: Callable[[str, int], PerVertex],
+    entry: Mapping[str, Any],
+    tables: Mapping[str, list[dict[str, Any]]],
+    *,
+    surface: Callable[[str], Surface],
+    mask: Callable[[int], NDArray[np.bool_]],
+    regions: Callable[[str, int], Regions],
+    came_with: Callable[[str, int], PerVertex],
+    map_of: Callable[[str, int], PerVertex],
     graph: Callable[[int], nx.MultiGraph],
-) -> Measures:  # fmt: skip
+) -> Measures:
     """Measures from what the summary says of a surface, the tables of both, and its own files.
 
     The callables read those of one layout, from the name of a surface, map or annotation and the number of vertices.
@@ -227,20 +284,32 @@ def measures_of(
     own = {name: [row for row in rows if row["hemi"] == entry["hemi"]] for name, rows in tables.items()}
     return Measures(
         Cortex(
-            white, pial, entry["hemi"], str(entry["name"]),
+            white,
+            pial,
+            entry["hemi"],
+            str(entry["name"]),
             {name: came_with(name, n) for name in entry["came_with"]},
             mask(n) if entry["cortex_label"] else None,
             None if entry["annotation"] is None else regions(entry["annotation"], n),
             surface("inflated") if entry["inflated"] else None,
-            origin=str(entry["origin"]), units=str(entry["units"]),
+            origin=str(entry["origin"]),
+            units=str(entry["units"]),
             transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
-            portion=float(entry["portion"]), info=dict(entry["info"]), files=tuple(map(str, entry["files"])),
+            portion=float(entry["portion"]),
+            info=dict(entry["info"]),
+            files=tuple(map(str, entry["files"])),
             inputs=tuple(entry["inputs"]),
         ),
-        dict(entry["measures"]), {name: map_of(name, n) for name in entry["maps"]},
-        own["regions"], own["crests"], own["hinges"], own["arms"], parameters=dict(entry["parameters"]),
-        notes=dict(entry["notes"]), graph=graph(n) if entry["graph"] else None,
-    )  # fmt: skip
+        dict(entry["measures"]),
+        {name: map_of(name, n) for name in entry["maps"]},
+        own["regions"],
+        own["crests"],
+        own["hinges"],
+        own["arms"],
+        parameters=dict(entry["parameters"]),
+        notes=dict(entry["notes"]),
+        graph=graph(n) if entry["graph"] else None,
+    )
 
 
 def sized_map(path: Path, n: int) -> PerVertex:

@@ -87,7 +87,7 @@ def irregular_sphere(
     """
     rng = np.random.default_rng(rng)
     verts, _ = icosphere(level)
-    edge = (16 * np.pi / 3**0.5 / (2 * len(verts) - 4)) ** 0.5            # of equilateral triangles of that area
+    edge = (16 * np.pi / 3**0.5 / (2 * len(verts) - 4)) ** 0.5  # of equilateral triangles of that area
     verts = verts + rng.uniform(-jitter * edge, jitter * edge, verts.shape)
     verts /= np.linalg.norm(verts, axis=1, keepdims=True)
     return verts * radius, spherical_delaunay(verts)
@@ -280,9 +280,13 @@ def ridged_sphere(
 
 
 def corrugated_sheet(
-    edge: float, *, wavelength: float = 15.0, height: float = 6.0, size: float = 120.0,
+    edge: float,
+    *,
+    wavelength: float = 15.0,
+    height: float = 6.0,
+    size: float = 120.0,
     rng: np.random.Generator | int | None = None,
-) -> tuple[Surface, float]:  # fmt: skip
+) -> tuple[Surface, float]:
     """Square sheet ``z = height / 2 cos(2 pi x / wavelength)`` over a grid of squares of ``edge``, each cut in two.
 
     Points inside are moved by up to a quarter of an edge along x and y if ``rng`` (a generator or a seed) is given.
@@ -332,7 +336,7 @@ def _implicit(
     t1 = np.cross(normals, side)
     t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
     t2 = np.cross(normals, t1)
-    frame = np.stack([t1, t2], axis=1)                                   # (N, 2, 3)
+    frame = np.stack([t1, t2], axis=1)  # (N, 2, 3)
     form = frame @ hessian @ frame.transpose(0, 2, 1) / steep[:, None, None]
     value, vector = np.linalg.eigh(form)
     d1 = np.einsum("nk,nkx->nx", vector[:, :, 1], frame)

@@ -10,7 +10,7 @@ from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
-CELLS = 60              # of the net: 116 hinges, about as many as half a brain
+CELLS = 60  # of the net: 116 hinges, about as many as half a brain
 WIDTH, HEIGHT, RADIUS, THICKNESS = 9.0, 8.0, 65.0, 1.8
 
 

@@ -22,14 +22,12 @@ SOLIDS = {
     "tetrahedron": [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
     "cube": list(product((-1, 1), repeat=3)),
     "octahedron": [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]],
-    "icosahedron": [
-        np.roll([0, a, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)
-    ],
+    "icosahedron": [np.roll([0, a, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)],
     "dodecahedron": [
         *product((-1, 1), repeat=3),
         *(np.roll([0, a / GOLDEN, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)),
     ],
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,9 @@ class SphericalNet:
         side = np.eye(3)[np.argmin(np.abs(here))]
         u = np.cross(here, side)
         v = np.cross(here, u)
-        azimuth = np.sort(np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u))
-                                      for other in others]))  # fmt: skip
+        azimuth = np.sort(
+            np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u)) for other in others])
+        )
         return np.sort(np.diff(np.r_[azimuth, azimuth[0] + 360]))
 
     def rotated(self, rotation: Array) -> SphericalNet:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from morphofold.sim.mesh.brick_mesh import Bilayer
     from morphofold.sim.scene import Scene
 
-PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")   # names that a run has for itself
+PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")  # names that a run has for itself
 
 
 class Running(Protocol):

@@ -39,8 +39,11 @@ def _axes(xs, l):
     """Half the mean edges along i, j and k for the coordinate that ``xs`` (in eighths) starts with at ``l``."""
     n0, n1, n2, n3 = xs[l], xs[l + _U(3) * _W], xs[l + _U(6) * _W], xs[l + _U(9) * _W]
     n4, n5, n6, n7 = xs[l + _U(12) * _W], xs[l + _U(15) * _W], xs[l + _U(18) * _W], xs[l + _U(21) * _W]
-    return (n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3, n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
-            n1 + n3 + n5 + n7 - n0 - n2 - n4 - n6)  # fmt: skip
+    return (
+        n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3,
+        n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
+        n1 + n3 + n5 + n7 - n0 - n2 - n4 - n6,
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -50,9 +53,11 @@ def _width_squared(xs, l, v):
     a1, b1, c1 = _axes(xs, l + _W)
     a2, b2, c2 = _axes(xs, l + _U(2) * _W)
     k = brick_kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
-    largest = max(k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
-                  max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]))  # fmt: skip
-    return v * v / (16.0 * largest)                                     # 4: a section is that many times a half's
+    largest = max(
+        k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
+        max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]),
+    )
+    return v * v / (16.0 * largest)  # 4: a section is that many times a half's
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
@@ -70,14 +75,22 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
         for l in range(_W):
             v = brick_kernels._volume(now, l)
             rate = 1.0 - brick_kernels._volume(last, l) / v
-            wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]               # rho c^2
+            wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]  # rho c^2
             size = _width_squared(now, l, v)
             p = linear * np.sqrt(rho[l] * wave * size) * rate
             p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
-            p = p if wave > 0.0 else 0.0                                # lanes that only fill the last block
+            p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
             d = brick_kernels._gauss(now, l)
-            q = (_scaled(p, d[0]), _scaled(p, d[1]), _scaled(p, d[2]), _scaled(p, d[3]),
-                 _scaled(p, d[4]), _scaled(p, d[5]), _scaled(p, d[6]), _scaled(p, d[7]))  # fmt: skip
+            q = (
+                _scaled(p, d[0]),
+                _scaled(p, d[1]),
+                _scaled(p, d[2]),
+                _scaled(p, d[3]),
+                _scaled(p, d[4]),
+                _scaled(p, d[5]),
+                _scaled(p, d[6]),
+                _scaled(p, d[7]),
+            )
             for r in range(3):
                 brick_kernels._store(now, l + _U(r) * _W, brick_kernels._corners(q, r))
         brick_kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
@@ -118,5 +131,15 @@ class BulkViscosity(Effect):
     def add_element_forces(self, body: Body, x, v) -> None:
         np.subtract(x, v, out=self._before)
         b = body.elements.blocks
-        add_viscous_forces(x, self._before, self._density, b.nodes, b.start, b.local, body.elements.modulus,
-                           self._linear, self._quadratic, b.force)  # fmt: skip
+        add_viscous_forces(
+            x,
+            self._before,
+            self._density,
+            b.nodes,
+            b.start,
+            b.local,
+            body.elements.modulus,
+            self._linear,
+            self._quadratic,
+            b.force,
+        )

@@ -25,14 +25,14 @@ from morphofold.sim.scene.tables import EffectOptions
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-GAP = 0.2               # contact acts below this distance, in cell sizes h
-STIFFNESS = 0.2         # penalty force per mass and penetration, at a step of one
-DASHPOT = 0.25          # damping force per mass and approach speed
-SEARCH = 1.5            # search radius in h
-DEEPEST = 0.7           # penetrations beyond this share of the search radius are not contact
-APART = 1.2             # pairs nearer than this in the reference are neighbours, unless across a gap [largest edge]
-OPPOSED = -0.2          # largest cosine between the normals of a pair
-TIE = 1e-6              # triangles of a flat quad overlap: the first counts, whatever rounding says of its distance
+GAP = 0.2  # contact acts below this distance, in cell sizes h
+STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
+DASHPOT = 0.25  # damping force per mass and approach speed
+SEARCH = 1.5  # search radius in h
+DEEPEST = 0.7  # penetrations beyond this share of the search radius are not contact
+APART = 1.2  # pairs nearer than this in the reference are neighbours, unless across a gap [largest edge]
+OPPOSED = -0.2  # largest cosine between the normals of a pair
+TIE = 1e-6  # triangles of a flat quad overlap: the first counts, whatever rounding says of its distance
 
 
 @njit(inline="always")
@@ -120,8 +120,11 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
         if facing[i] >= 0:
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
-                if (_surrounds(X, N, i, tri[t, 0], apart) or _surrounds(X, N, i, tri[t, 1], apart)
-                        or _surrounds(X, N, i, tri[t, 2], apart)):  # fmt: skip
+                if (
+                    _surrounds(X, N, i, tri[t, 0], apart)
+                    or _surrounds(X, N, i, tri[t, 1], apart)
+                    or _surrounds(X, N, i, tri[t, 2], apart)
+                ):
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
                 wa, wb, wc = nearest_weights(x[i], a, b, c)
@@ -154,7 +157,7 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
         side = 0.0
         for r in range(3):
             side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
-        if side - distance * distance > 25.0 * gap * gap:               # slid off its triangle by a cell
+        if side - distance * distance > 25.0 * gap * gap:  # slid off its triangle by a cell
             continue
         if distance < -0.5 * gap and _surrounds(X, N, i, j, 2.5 * apart):
             continue
@@ -244,8 +247,17 @@ class Contact(Effect):
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
-            choose_triangles(x, body.X, self._N, self._tri, self._ring_first, self._ring, self._facing,
-                             APART * body.bilayer.edge, self._partner)  # fmt: skip
+            choose_triangles(
+                x,
+                body.X,
+                self._N,
+                self._tri,
+                self._ring_first,
+                self._ring,
+                self._facing,
+                APART * body.bilayer.edge,
+                self._partner,
+            )
         else:
             self._partner[:] = -1
             self._depth[:] = self._energy[:] = 0.0
@@ -256,8 +268,23 @@ class Contact(Effect):
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
 
     def _press(self, body: Body, x: Array, v: Array, push: Array, weight: Array, depth: Array, energy: Array) -> None:
-        press(x, v, body.X, self._N, body.mass, self._tri, self._partner, GAP * self._h, DEEPEST * SEARCH * self._h,
-              APART * body.bilayer.edge, self.per_mass, push, weight, depth, energy)  # fmt: skip
+        press(
+            x,
+            v,
+            body.X,
+            self._N,
+            body.mass,
+            self._tri,
+            self._partner,
+            GAP * self._h,
+            DEEPEST * SEARCH * self._h,
+            APART * body.bilayer.edge,
+            self.per_mass,
+            push,
+            weight,
+            depth,
+            energy,
+        )
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Of the pairs that press at x, none moving: a spring along each one's normal."""
@@ -288,9 +315,11 @@ class Contact(Effect):
 
     def save(self) -> dict[str, NDArray]:
         return {
-            "facing": self._facing.copy(), "paired_at": self._paired_at.copy(), "depth": self._depth.copy(),
+            "facing": self._facing.copy(),
+            "paired_at": self._paired_at.copy(),
+            "depth": self._depth.copy(),
             "searches": np.array(self.searches),
-        }  # fmt: skip
+        }
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         self._facing, self._paired_at = arrays["facing"].copy(), arrays["paired_at"].copy()

@@ -9,7 +9,7 @@ from morphofold.errors import DoesNotApply
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
 
-if TYPE_CHECKING:                                       # a body of one dimension calls for this effect too
+if TYPE_CHECKING:  # a body of one dimension calls for this effect too
     from morphofold.sim.body import Body
     from morphofold.sim.scene import Scene
 

@@ -20,7 +20,7 @@ from morphofold.sim.scene.tables import LARGEST, EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-STIFFNESS, DASHPOT = 0.1, 0.5           # as in contact: force per mass and depth, per mass and speed
+STIFFNESS, DASHPOT = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
 
 
 @njit(cache=True)

@@ -57,9 +57,9 @@ class Inertia(Effect):
         self._mass = self._density * body.nodal_volumes()
 
     def refresh(self, run) -> None:
-        dt = float(np.sqrt(np.min(self._mass / run.body.mass)))         # body.mass: the least for a step of one
+        dt = float(np.sqrt(np.min(self._mass / run.body.mass)))  # body.mass: the least for a step of one
         if self._dt:
-            run.state.v *= dt / self._dt                                # velocities are per step
+            run.state.v *= dt / self._dt  # velocities are per step
             self._time += (run.state.step - self._step) * self._dt
         self._dt, self._step = dt, run.state.step
         run.body.mass[:] = self._mass / dt**2

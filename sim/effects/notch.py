@@ -44,8 +44,10 @@ class Options(EffectOptions):
     at: Annotated[
         tuple[Annotated[Point, Field(strict=False)], ...],
         key(
-            "points of the pial surface, the nearest nodes stand for them; in a strip their x counts", "mm",
-            strict=False, min_length=1,
+            "points of the pial surface, the nearest nodes stand for them; in a strip their x counts",
+            "mm",
+            strict=False,
+            min_length=1,
         ),
     ]
     line: Annotated[bool, key("one groove along straight lines from each point to the next, not a pit at each")] = False

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 WAVES = 200
-LEAST = 3.0             # shortest waves by default [cortical thicknesses]: meshes don't resolve shorter ones
-SPREAD = 0.3            # wave numbers lie within this share of the mean one
-WAVELENGTH = 7.85       # in space, in cortical thicknesses, where theory knows no first wrinkles,
-CUT = 1.28              # and the share of that of the first wrinkles: a sphere cuts waves in space so much longer
+LEAST = 3.0  # shortest waves by default [cortical thicknesses]: meshes don't resolve shorter ones
+SPREAD = 0.3  # wave numbers lie within this share of the mean one
+WAVELENGTH = 7.85  # in space, in cortical thicknesses, where theory knows no first wrinkles,
+CUT = 1.28  # and the share of that of the first wrinkles: a sphere cuts waves in space so much longer
 
 
 class Options(EffectOptions):
@@ -81,7 +81,7 @@ class Perturbation(Effect):
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """The pial surface moves along the thickness by the field, the white surface not at all, linear in between."""
         X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
-        for nodes in np.array_split(inside, 1 + len(inside) // 20_000):         # bounds the memory of the waves
+        for nodes in np.array_split(inside, 1 + len(inside) // 20_000):  # bounds the memory of the waves
             step = bilayer.share[nodes] * self.field(bilayer.foot[nodes])
             X[nodes] += step[:, None] * bilayer.radial[nodes]
         return X

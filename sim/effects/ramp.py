@@ -12,7 +12,7 @@ from morphofold.sim.scene.tables import EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LAST = 0.1              # the slowing ramp ends at about this share of its first rate
+LAST = 0.1  # the slowing ramp ends at about this share of its first rate
 
 #: rate over that of the linear ramp at a share s of the way, each of mean slowness 1: the time of the ramp stays
 RATES = {

@@ -12,7 +12,7 @@ from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, contact
 
-STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT     # a node and its image press, at twice the depth
+STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT  # a node and its image press, at twice the depth
 
 
 @njit(cache=True)

@@ -28,16 +28,16 @@ from numba.extending import intrinsic
 
 from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
 
-WIDTH = 32              # lanes per block
-POINT = 7               # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
-MODULI = 3              # rows per element: mu, kappa, 1/V
-J_MIN = 0.1             # below this volume ratio the factors J^-2/3, J^-4/3 are frozen, so that they stay finite
+WIDTH = 32  # lanes per block
+POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
+MODULI = 3  # rows per element: mu, kappa, 1/V
+J_MIN = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are frozen, so that they stay finite
 
 _FAST = {"contract", "nsz", "arcp", "nnan", "ninf"}
 _U = np.uint64
 _W = np.uint64(WIDTH)
-_R = 1.0 / np.sqrt(3.0)         # Gauss points of an edge lie at -R and R
-EIGHTH = 0.125                  # positions and forces are scaled by it, so that _between needs no factors
+_R = 1.0 / np.sqrt(3.0)  # Gauss points of an edge lie at -R and R
+EIGHTH = 0.125  # positions and forces are scaled by it, so that _between needs no factors
 
 
 @njit(forceinline=True)
@@ -70,36 +70,57 @@ def _inverse_cube_root(J):
 @njit(forceinline=True, fastmath=_FAST)
 def _cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2):
     """Cofactors of the matrix with columns a, b, c: the columns b x c, c x a, a x b."""
-    return (b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0,
-            c1 * a2 - c2 * a1, c2 * a0 - c0 * a2, c0 * a1 - c1 * a0,
-            a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0)  # fmt: skip
+    return (
+        b1 * c2 - b2 * c1,
+        b2 * c0 - b0 * c2,
+        b0 * c1 - b1 * c0,
+        c1 * a2 - c2 * a1,
+        c2 * a0 - c0 * a2,
+        c0 * a1 - c1 * a0,
+        a1 * b2 - a2 * b1,
+        a2 * b0 - a0 * b2,
+        a0 * b1 - a1 * b0,
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _det(a, b, c):
-    return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
-            + a[2] * (b[0] * c[1] - b[1] * c[0]))  # fmt: skip
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _times(d, c):
     """The three columns of D C for symmetric C."""
-    return ((d[0] * c[0] + d[3] * c[1] + d[6] * c[2], d[1] * c[0] + d[4] * c[1] + d[7] * c[2],
-             d[2] * c[0] + d[5] * c[1] + d[8] * c[2]),
-            (d[0] * c[1] + d[3] * c[3] + d[6] * c[4], d[1] * c[1] + d[4] * c[3] + d[7] * c[4],
-             d[2] * c[1] + d[5] * c[3] + d[8] * c[4]),
-            (d[0] * c[2] + d[3] * c[4] + d[6] * c[5], d[1] * c[2] + d[4] * c[4] + d[7] * c[5],
-             d[2] * c[2] + d[5] * c[4] + d[8] * c[5]))  # fmt: skip
+    return (
+        (
+            d[0] * c[0] + d[3] * c[1] + d[6] * c[2],
+            d[1] * c[0] + d[4] * c[1] + d[7] * c[2],
+            d[2] * c[0] + d[5] * c[1] + d[8] * c[2],
+        ),
+        (
+            d[0] * c[1] + d[3] * c[3] + d[6] * c[4],
+            d[1] * c[1] + d[4] * c[3] + d[7] * c[4],
+            d[2] * c[1] + d[5] * c[3] + d[8] * c[4],
+        ),
+        (
+            d[0] * c[2] + d[3] * c[4] + d[6] * c[5],
+            d[1] * c[2] + d[4] * c[4] + d[7] * c[5],
+            d[2] * c[2] + d[5] * c[4] + d[8] * c[5],
+        ),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _left(d, u, v, z, per_w):
     """b = A A^T = D C D^T / w, six numbers, from the columns u, v, z of D C."""
     return (
-        per_w * (u[0] * d[0] + v[0] * d[3] + z[0] * d[6]), per_w * (u[0] * d[1] + v[0] * d[4] + z[0] * d[7]),
-        per_w * (u[0] * d[2] + v[0] * d[5] + z[0] * d[8]), per_w * (u[1] * d[1] + v[1] * d[4] + z[1] * d[7]),
-        per_w * (u[1] * d[2] + v[1] * d[5] + z[1] * d[8]), per_w * (u[2] * d[2] + v[2] * d[5] + z[2] * d[8]),
-    )  # fmt: skip
+        per_w * (u[0] * d[0] + v[0] * d[3] + z[0] * d[6]),
+        per_w * (u[0] * d[1] + v[0] * d[4] + z[0] * d[7]),
+        per_w * (u[0] * d[2] + v[0] * d[5] + z[0] * d[8]),
+        per_w * (u[1] * d[1] + v[1] * d[4] + z[1] * d[7]),
+        per_w * (u[1] * d[2] + v[1] * d[5] + z[1] * d[8]),
+        per_w * (u[2] * d[2] + v[2] * d[5] + z[2] * d[8]),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -113,8 +134,11 @@ def second_invariant(I1, b):
 @njit(forceinline=True, fastmath=_FAST)
 def turned(b, h, u):
     """h b u for symmetric b, six numbers, and a vector u."""
-    return (h * (b[0] * u[0] + b[1] * u[1] + b[2] * u[2]), h * (b[1] * u[0] + b[3] * u[1] + b[4] * u[2]),
-            h * (b[2] * u[0] + b[4] * u[1] + b[5] * u[2]))  # fmt: skip
+    return (
+        h * (b[0] * u[0] + b[1] * u[1] + b[2] * u[2]),
+        h * (b[1] * u[0] + b[3] * u[1] + b[4] * u[2]),
+        h * (b[2] * u[0] + b[4] * u[1] + b[5] * u[2]),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -125,8 +149,17 @@ def _point(d, c, mu, p, material):
     least = _as(J, J_MIN)
     y = _inverse_cube_root(max(J, least))
     u, v, z = _times(d, c)
-    I1 = (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
-          + d[6] * z[0] + d[7] * z[1] + d[8] * z[2]) * c[6]  # fmt: skip
+    I1 = (
+        d[0] * u[0]
+        + d[1] * u[1]
+        + d[2] * u[2]
+        + d[3] * v[0]
+        + d[4] * v[1]
+        + d[5] * v[2]
+        + d[6] * z[0]
+        + d[7] * z[1]
+        + d[8] * z[2]
+    ) * c[6]
     two, third = _as(J, 2.0), _as(J, 1.0 / 3.0)
     if sees_second(material):
         b = _left(d, u, v, z, c[6])
@@ -137,15 +170,31 @@ def _point(d, c, mu, p, material):
         s -= (f1 * I1 + two * h * I2) * y * y * y * third if J > least else _as(J, 0.0)
         f = f1 + h * I1
         e, g, i = turned(b, h, u), turned(b, h, v), turned(b, h, z)
-        return (f * u[0] + s * k[0] - e[0], f * u[1] + s * k[1] - e[1], f * u[2] + s * k[2] - e[2],
-                f * v[0] + s * k[3] - g[0], f * v[1] + s * k[4] - g[1], f * v[2] + s * k[5] - g[2],
-                f * z[0] + s * k[6] - i[0], f * z[1] + s * k[7] - i[1], f * z[2] + s * k[8] - i[2])  # fmt: skip
+        return (
+            f * u[0] + s * k[0] - e[0],
+            f * u[1] + s * k[1] - e[1],
+            f * u[2] + s * k[2] - e[2],
+            f * v[0] + s * k[3] - g[0],
+            f * v[1] + s * k[4] - g[1],
+            f * v[2] + s * k[5] - g[2],
+            f * z[0] + s * k[6] - i[0],
+            f * z[1] + s * k[7] - i[1],
+            f * z[2] + s * k[8] - i[2],
+        )
     u1, _ = slopes_of(material, y * y * I1, _as(J, 3.0))
     f = two * _as(J, u1) * mu * y * y
     s = p + two * mu * (J - _as(J, 1.0)) - (f * I1 * y * y * y * third if J > least else _as(J, 0.0))
-    return (f * u[0] + s * k[0], f * u[1] + s * k[1], f * u[2] + s * k[2],
-            f * v[0] + s * k[3], f * v[1] + s * k[4], f * v[2] + s * k[5],
-            f * z[0] + s * k[6], f * z[1] + s * k[7], f * z[2] + s * k[8])  # fmt: skip
+    return (
+        f * u[0] + s * k[0],
+        f * u[1] + s * k[1],
+        f * u[2] + s * k[2],
+        f * v[0] + s * k[3],
+        f * v[1] + s * k[4],
+        f * v[2] + s * k[5],
+        f * z[0] + s * k[6],
+        f * z[1] + s * k[7],
+        f * z[2] + s * k[8],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -156,9 +205,11 @@ def _edges(x, l):
     """
     n0, n1, n2, n3 = x[l], x[l + _U(3) * _W], x[l + _U(6) * _W], x[l + _U(9) * _W]
     n4, n5, n6, n7 = x[l + _U(12) * _W], x[l + _U(15) * _W], x[l + _U(18) * _W], x[l + _U(21) * _W]
-    return (_between(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
-            _between(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
-            _between(n1 - n0, n3 - n2, n5 - n4, n7 - n6))  # fmt: skip
+    return (
+        _between(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
+        _between(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
+        _between(n1 - n0, n3 - n2, n5 - n4, n7 - n6),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -167,25 +218,45 @@ def _gauss(xs, l):
     (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _edges(xs, l)
     (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _edges(xs, l + _W)
     (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _edges(xs, l + _U(2) * _W)
-    return ((a0, d0, g0, b0, e0, h0, c0, f0, i0), (a1, d1, g1, b1, e1, h1, c0, f0, i0),
-            (a2, d2, g2, b0, e0, h0, c1, f1, i1), (a3, d3, g3, b1, e1, h1, c1, f1, i1),
-            (a0, d0, g0, b2, e2, h2, c2, f2, i2), (a1, d1, g1, b3, e3, h3, c2, f2, i2),
-            (a2, d2, g2, b2, e2, h2, c3, f3, i3), (a3, d3, g3, b3, e3, h3, c3, f3, i3))  # fmt: skip
+    return (
+        (a0, d0, g0, b0, e0, h0, c0, f0, i0),
+        (a1, d1, g1, b1, e1, h1, c0, f0, i0),
+        (a2, d2, g2, b0, e0, h0, c1, f1, i1),
+        (a3, d3, g3, b1, e1, h1, c1, f1, i1),
+        (a0, d0, g0, b2, e2, h2, c2, f2, i2),
+        (a1, d1, g1, b3, e3, h3, c2, f2, i2),
+        (a2, d2, g2, b2, e2, h2, c3, f3, i3),
+        (a3, d3, g3, b3, e3, h3, c3, f3, i3),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _seven(g, l):
     """C (six numbers) and 1/w of the Gauss point whose rows start at ``l``."""
-    return (g[l], g[l + _W], g[l + _U(2) * _W], g[l + _U(3) * _W], g[l + _U(4) * _W], g[l + _U(5) * _W],
-            g[l + _U(6) * _W])  # fmt: skip
+    return (
+        g[l],
+        g[l + _W],
+        g[l + _U(2) * _W],
+        g[l + _U(3) * _W],
+        g[l + _U(4) * _W],
+        g[l + _U(5) * _W],
+        g[l + _U(6) * _W],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _points(g, l):
     """The data of the eight Gauss points of lane ``l``."""
-    return (_seven(g, l), _seven(g, l + _U(7) * _W), _seven(g, l + _U(14) * _W), _seven(g, l + _U(21) * _W),
-            _seven(g, l + _U(28) * _W), _seven(g, l + _U(35) * _W), _seven(g, l + _U(42) * _W),
-            _seven(g, l + _U(49) * _W))  # fmt: skip
+    return (
+        _seven(g, l),
+        _seven(g, l + _U(7) * _W),
+        _seven(g, l + _U(14) * _W),
+        _seven(g, l + _U(21) * _W),
+        _seven(g, l + _U(28) * _W),
+        _seven(g, l + _U(35) * _W),
+        _seven(g, l + _U(42) * _W),
+        _seven(g, l + _U(49) * _W),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -221,8 +292,16 @@ def _corners(q, r):
     s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
     t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
     u0, u1, u2, u3 = _between(q[0][c] + q[1][c], q[2][c] + q[3][c], q[4][c] + q[5][c], q[6][c] + q[7][c])
-    return (s0 + t0 + u0, s1 + t1 - u0, s2 - t0 + u1, s3 - t1 - u1,
-            t2 - s0 + u2, t3 - s1 - u2, u3 - s2 - t2, -s3 - t3 - u3)  # fmt: skip
+    return (
+        s0 + t0 + u0,
+        s1 + t1 - u0,
+        s2 - t0 + u1,
+        s3 - t1 - u1,
+        t2 - s0 + u2,
+        t3 - s1 - u2,
+        u3 - s2 - t2,
+        -s3 - t3 - u3,
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -243,7 +322,7 @@ def _prefetch(typing_context, array, index):
             builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
         )
         line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-        builder.call(function, [line, word(0), word(3), word(1)])      # for reading, keep, data
+        builder.call(function, [line, word(0), word(3), word(1)])  # for reading, keep, data
         return context.get_dummy_value()
 
     return types.void(array, types.intp), code
@@ -268,7 +347,7 @@ def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
                 xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0] - at[o, 0], at[s, 1] - at[o, 1], at[s, 2] - at[o, 2]
             else:
                 xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0], at[s, 1], at[s, 2]
-            _prefetch(ahead, 8 * (c * WIDTH + l))                       # a cache line holds 8 numbers of 64 bits
+            _prefetch(ahead, 8 * (c * WIDTH + l))  # a cache line holds 8 numbers of 64 bits
 
 
 @njit(forceinline=True)
@@ -306,10 +385,16 @@ def element_forces(x, nodes, start, local, point, modulus, force, material):
         for l in range(_W):
             d, c, mu = _gauss(xs, l), _points(g, l), m[l]
             p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - _as(mu, 1.0))
-            q = (_point(d[0], c[0], mu, p, material), _point(d[1], c[1], mu, p, material),
-                 _point(d[2], c[2], mu, p, material), _point(d[3], c[3], mu, p, material),
-                 _point(d[4], c[4], mu, p, material), _point(d[5], c[5], mu, p, material),
-                 _point(d[6], c[6], mu, p, material), _point(d[7], c[7], mu, p, material))
+            q = (
+                _point(d[0], c[0], mu, p, material),
+                _point(d[1], c[1], mu, p, material),
+                _point(d[2], c[2], mu, p, material),
+                _point(d[3], c[3], mu, p, material),
+                _point(d[4], c[4], mu, p, material),
+                _point(d[5], c[5], mu, p, material),
+                _point(d[6], c[6], mu, p, material),
+                _point(d[7], c[7], mu, p, material),
+            )
             _store(xs, l, _corners(q, 0))
             _store(xs, l + _W, _corners(q, 1))
             _store(xs, l + _U(2) * _W, _corners(q, 2))
@@ -325,22 +410,44 @@ def _point_state(d, c, mu, material):
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
     y = _inverse_cube_root(max(J, J_MIN))
     u, v, z = _times(d, c)
-    i1 = c[6] * y * y * (d[0] * u[0] + d[1] * u[1] + d[2] * u[2] + d[3] * v[0] + d[4] * v[1] + d[5] * v[2]
-                  + d[6] * z[0] + d[7] * z[1] + d[8] * z[2])  # fmt: skip
+    i1 = (
+        c[6]
+        * y
+        * y
+        * (
+            d[0] * u[0]
+            + d[1] * u[1]
+            + d[2] * u[2]
+            + d[3] * v[0]
+            + d[4] * v[1]
+            + d[5] * v[2]
+            + d[6] * z[0]
+            + d[7] * z[1]
+            + d[8] * z[2]
+        )
+    )
     i2 = 3.0
     if sees_second(material):
         i2 = y * y * y * y * second_invariant(i1 / (y * y), _left(d, u, v, z, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
-    cc = (k[0] * k[0] + k[1] * k[1] + k[2] * k[2] + k[3] * k[3] + k[4] * k[4] + k[5] * k[5]
-          + k[6] * k[6] + k[7] * k[7] + k[8] * k[8])  # fmt: skip
+    cc = (
+        k[0] * k[0]
+        + k[1] * k[1]
+        + k[2] * k[2]
+        + k[3] * k[3]
+        + k[4] * k[4]
+        + k[5] * k[5]
+        + k[6] * k[6]
+        + k[7] * k[7]
+        + k[8] * k[8]
+    )
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
     return energy, J, stiffness_of(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _square(n):
-    return (n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]
-            + n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7])  # fmt: skip
+    return n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3] + n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
@@ -361,20 +468,52 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
             d, c, mu, kappa = _gauss(xs, l), _points(g, l), m[l], m[l + _W]
             per_volume = m[l + _U(2) * _W]
             ratio = _volume(xs, l) * per_volume
-            s = (_point_state(d[0], c[0], mu, material), _point_state(d[1], c[1], mu, material),
-                 _point_state(d[2], c[2], mu, material), _point_state(d[3], c[3], mu, material),
-                 _point_state(d[4], c[4], mu, material), _point_state(d[5], c[5], mu, material),
-                 _point_state(d[6], c[6], mu, material), _point_state(d[7], c[7], mu, material))
-            q = (_cofactor(*d[0]), _cofactor(*d[1]), _cofactor(*d[2]), _cofactor(*d[3]),
-                 _cofactor(*d[4]), _cofactor(*d[5]), _cofactor(*d[6]), _cofactor(*d[7]))  # fmt: skip
+            s = (
+                _point_state(d[0], c[0], mu, material),
+                _point_state(d[1], c[1], mu, material),
+                _point_state(d[2], c[2], mu, material),
+                _point_state(d[3], c[3], mu, material),
+                _point_state(d[4], c[4], mu, material),
+                _point_state(d[5], c[5], mu, material),
+                _point_state(d[6], c[6], mu, material),
+                _point_state(d[7], c[7], mu, material),
+            )
+            q = (
+                _cofactor(*d[0]),
+                _cofactor(*d[1]),
+                _cofactor(*d[2]),
+                _cofactor(*d[3]),
+                _cofactor(*d[4]),
+                _cofactor(*d[5]),
+                _cofactor(*d[6]),
+                _cofactor(*d[7]),
+            )
             dv = _square(_corners(q, 0)) + _square(_corners(q, 1)) + _square(_corners(q, 2))
-            out[l] = (s[0][0] + s[1][0] + s[2][0] + s[3][0] + s[4][0] + s[5][0] + s[6][0] + s[7][0]
-                      + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume)  # fmt: skip
+            out[l] = (
+                s[0][0]
+                + s[1][0]
+                + s[2][0]
+                + s[3][0]
+                + s[4][0]
+                + s[5][0]
+                + s[6][0]
+                + s[7][0]
+                + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
+            )
             out[l + _W] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
             out[l + _U(2) * _W] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
             out[l + _U(3) * _W] = ratio
-            bound[l] = (EIGHTH**2 * kappa * dv * per_volume + s[0][2] + s[1][2] + s[2][2] + s[3][2]
-                        + s[4][2] + s[5][2] + s[6][2] + s[7][2])  # fmt: skip
+            bound[l] = (
+                EIGHTH**2 * kappa * dv * per_volume
+                + s[0][2]
+                + s[1][2]
+                + s[2][2]
+                + s[3][2]
+                + s[4][2]
+                + s[5][2]
+                + s[6][2]
+                + s[7][2]
+            )
         rows = stiffness[start[b] : start[b + 1]]
         rows[:] = 0.0
         deliver_scalar(bound, local[b], 8, rows)

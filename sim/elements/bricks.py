@@ -22,7 +22,7 @@ BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
 GAUSS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
 GAUSS_WEIGHT = 0.125
 
-CHUNK = 1 << 16         # bricks set up at once: bounds the memory of scikit-fem's mapping
+CHUNK = 1 << 16  # bricks set up at once: bounds the memory of scikit-fem's mapping
 
 
 class Bricks:
@@ -48,18 +48,25 @@ class Bricks:
         If bricks are inside out.
     """
 
-    LOCAL = 2.0             # modulus of the local volumetric term over mu; see the energy in kernels
+    LOCAL = 2.0  # modulus of the local volumetric term over mu; see the energy in kernels
     LARGEST_J = 8.0
 
     def __init__(
-        self, mesh: MeshHex, X: Array, radial: Array, cortex: Bools, mu: Array, kappa: Array, law: str,
+        self,
+        mesh: MeshHex,
+        X: Array,
+        radial: Array,
+        cortex: Bools,
+        mu: Array,
+        kappa: Array,
+        law: str,
         material: Material = NEO_HOOKEAN,
-    ):  # fmt: skip
+    ):
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         corners = mesh.t[BINARY_CORNERS].T
         self.blocks = Blocks(corners, len(X))
         n_blocks = self.blocks.count
-        self._grown = -(-self.n_cortex // WIDTH)                        # leading blocks that hold cortex
+        self._grown = -(-self.n_cortex // WIDTH)  # leading blocks that hold cortex
         self.point = np.empty((n_blocks, 8 * POINT * WIDTH))
         self._radial = np.empty((self._grown, 24 * WIDTH)) if law == "tangential" else np.empty((0, 0))
         self.volume = np.empty(self.n)
@@ -77,8 +84,8 @@ class Bricks:
 
     def _set_up(self, mapping: MappingIsoparametric, tind: NDArray[np.int64], radial: Array) -> None:
         """Point data of the bricks ``tind``; ``radial`` (8, chunk, 3) are the directions at their corners."""
-        inv = mapping.invDF(GAUSS, tind)                                # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
-        det = mapping.detDF(GAUSS, tind)                                # (chunk, 8)
+        inv = mapping.invDF(GAUSS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
+        det = mapping.detDF(GAUSS, tind)  # (chunk, 8)
         if det.min() <= 0:
             bad = np.flatnonzero(det.min(axis=1) <= 0)
             raise ImpossibleBody(
@@ -86,7 +93,7 @@ class Bricks:
                 f"{tind[bad[0]]}; make effects.perturbation.amplitude or effects.notch.depth smaller."
             )
         w = det * GAUSS_WEIGHT
-        C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)           # 4: parent brick [-1, 1]^3
+        C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
         data = np.empty((len(tind), 8, POINT))
         data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
         data[..., 6] = 1 / w
@@ -103,7 +110,7 @@ class Bricks:
 
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each brick of the cortex (n_cortex,), and isotropic growth of the core."""
-        if core != 1.0 and len(self._point0) < self.blocks.count:       # only a core that grows needs its start kept
+        if core != 1.0 and len(self._point0) < self.blocks.count:  # only a core that grows needs its start kept
             self._point0 = np.concatenate([self._point0, self.point[self._grown :]])
         blocks = len(self._point0)
         flat = np.full(blocks * WIDTH, core)
@@ -114,7 +121,7 @@ class Bricks:
         if blocks > k:
             brick_kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
             mixed = self.n_cortex % WIDTH
-            if tangential and mixed:                                    # the core's lanes in the last cortex block
+            if tangential and mixed:  # the core's lanes in the last cortex block
                 last = slice(k - 1, k)
                 point, modulus = self.point[last].copy(), self.modulus[last].copy()
                 brick_kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
@@ -128,9 +135,7 @@ class Bricks:
     def compute_forces(self, x: Array) -> None:
         """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        brick_kernels.element_forces(
-            x, b.nodes, b.start, b.local, self.point, self.modulus, b.force, self.material
-        )
+        brick_kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; nodal sums (N,) of a bound on their stiffness."""

@@ -36,8 +36,8 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
         their lowest node, so that neighbours stand near each other as far as nodes do.
     """
     patch, rings = _rings(mesh, X, material)
-    across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)     # the other one of the two at a face
-    across[material[across] != material] = -1                                  # also -1, at the boundary
+    across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other one of the two at a face
+    across[material[across] != material] = -1  # also -1, at the boundary
     tets = np.ascontiguousarray(mesh.t.T)
     count = _grow(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
     order = np.argsort(patch, kind="stable")
@@ -57,7 +57,7 @@ def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     a, b = mesh.edges
     count = len(a)
     around = np.bincount(mesh.t2e.ravel(), minlength=count)
-    around[mesh.boundary_edges()] = 0                                   # a fan, not a ring: it has nine nodes
+    around[mesh.boundary_edges()] = 0  # a fan, not a ring: it has nine nodes
     length = np.where(around == TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
     longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
     lowest, highest = np.full(count, material.max()), np.full(count, material.min())
@@ -120,7 +120,7 @@ def _grow(tets, across, centre, patch, count):
     members, nodes = np.empty(TETS, np.int64), np.empty(NODES, np.int64)
     while len(heap):
         f, e = heapq.heappop(heap)
-        if patch[e] >= 0 or f != free[e]:                               # an entry that is out of date
+        if patch[e] >= 0 or f != free[e]:  # an entry that is out of date
             continue
         size, known = 0, 0
         while e >= 0:

@@ -15,8 +15,8 @@ from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
-FLAT = 1e-7             # singular value, over the largest, below which a stencil is flat that way
-SAME = 1e-4             # distance at which two points of a stencil are one [cell sizes]
+FLAT = 1e-7  # singular value, over the largest, below which a stencil is flat that way
+SAME = 1e-4  # distance at which two points of a stencil are one [cell sizes]
 
 
 class SurfaceFilter:
@@ -52,7 +52,7 @@ class SurfaceFilter:
 
         even = stiffness(stencils.value)
         self._B = [even] * 3
-        for axis in {plane.axis for plane in bilayer.planes}:           # this component changes sign in the mirror
+        for axis in {plane.axis for plane in bilayer.planes}:  # this component changes sign in the mirror
             self._B[axis] = stiffness(stencils.value * stencils.sign[:, axis])
         self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
         odd = [sparse.coo_matrix(B - even) for B in self._B]
@@ -132,9 +132,12 @@ def _twice(one: _Stencils) -> _Stencils:
     a = np.repeat(np.arange(len(one.row)), onward)
     b = np.arange(len(a)) - np.repeat(np.cumsum(onward) - onward, onward) + first[one.node[a]]
     return _Stencils(
-        one.row[a], one.node[b], one.sign[a] * one.sign[b], one.sign[a] * one.offset[b] + one.offset[a],
+        one.row[a],
+        one.node[b],
+        one.sign[a] * one.sign[b],
+        one.sign[a] * one.offset[b] + one.offset[a],
         one.value[a] * one.value[b],
-    )  # fmt: skip
+    )
 
 
 def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
@@ -157,7 +160,7 @@ def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
         U, s, _ = np.linalg.svd(affine, full_matrices=False)
         U *= (s > FLAT * s[:, :1])[:, None, :]
         row = value[entries][..., None]
-        for _ in range(2):                                              # again for what round-off left
+        for _ in range(2):  # again for what round-off left
             row = row - U @ (U.swapaxes(1, 2) @ row)
         value[entries] = row[..., 0]
     return found._replace(value=value)

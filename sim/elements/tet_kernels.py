@@ -41,10 +41,10 @@ from morphofold.sim.elements.brick_kernels import (
 )
 from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
 
-TETS = 6                # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
-NODES = 8               # nodes of a patch at most
-BLEND = 0.5             # share of the volume-preserving energy that each tetrahedron has of its own
-CRUSHED = 0.03          # volume ratio below which U goes on with a tangent
+TETS = 6  # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
+NODES = 8  # nodes of a patch at most
+BLEND = 0.5  # share of the volume-preserving energy that each tetrahedron has of its own
+CRUSHED = 0.03  # volume ratio below which U goes on with a tangent
 
 _TINY = 1e-300
 
@@ -101,15 +101,23 @@ def _inverse_cube_root(J):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _det(a):
-    return (a[0] * (a[4] * a[8] - a[5] * a[7]) + a[1] * (a[5] * a[6] - a[3] * a[8])
-            + a[2] * (a[3] * a[7] - a[4] * a[6]))  # fmt: skip
+    return a[0] * (a[4] * a[8] - a[5] * a[7]) + a[1] * (a[5] * a[6] - a[3] * a[8]) + a[2] * (a[3] * a[7] - a[4] * a[6])
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _nine(m, l):
     """The 3x3 matrix in the nine rows from ``l``, column by column."""
-    return (m[l], m[l + _W], m[l + _U(2) * _W], m[l + _U(3) * _W], m[l + _U(4) * _W], m[l + _U(5) * _W],
-            m[l + _U(6) * _W], m[l + _U(7) * _W], m[l + _U(8) * _W])  # fmt: skip
+    return (
+        m[l],
+        m[l + _W],
+        m[l + _U(2) * _W],
+        m[l + _U(3) * _W],
+        m[l + _U(4) * _W],
+        m[l + _U(5) * _W],
+        m[l + _U(6) * _W],
+        m[l + _U(7) * _W],
+        m[l + _U(8) * _W],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -126,19 +134,34 @@ def _elastic(d, e):
     k = _cofactor(*e)
     det = e[0] * k[0] + e[1] * k[1] + e[2] * k[2]
     s = 1.0 / det
-    return (((d[0] * k[0] + d[3] * k[3] + d[6] * k[6]) * s, (d[1] * k[0] + d[4] * k[3] + d[7] * k[6]) * s,
-             (d[2] * k[0] + d[5] * k[3] + d[8] * k[6]) * s, (d[0] * k[1] + d[3] * k[4] + d[6] * k[7]) * s,
-             (d[1] * k[1] + d[4] * k[4] + d[7] * k[7]) * s, (d[2] * k[1] + d[5] * k[4] + d[8] * k[7]) * s,
-             (d[0] * k[2] + d[3] * k[5] + d[6] * k[8]) * s, (d[1] * k[2] + d[4] * k[5] + d[7] * k[8]) * s,
-             (d[2] * k[2] + d[5] * k[5] + d[8] * k[8]) * s), k, det * (1.0 / 6.0))  # fmt: skip
+    return (
+        (
+            (d[0] * k[0] + d[3] * k[3] + d[6] * k[6]) * s,
+            (d[1] * k[0] + d[4] * k[3] + d[7] * k[6]) * s,
+            (d[2] * k[0] + d[5] * k[3] + d[8] * k[6]) * s,
+            (d[0] * k[1] + d[3] * k[4] + d[6] * k[7]) * s,
+            (d[1] * k[1] + d[4] * k[4] + d[7] * k[7]) * s,
+            (d[2] * k[1] + d[5] * k[4] + d[8] * k[7]) * s,
+            (d[0] * k[2] + d[3] * k[5] + d[6] * k[8]) * s,
+            (d[1] * k[2] + d[4] * k[5] + d[7] * k[8]) * s,
+            (d[2] * k[2] + d[5] * k[5] + d[8] * k[8]) * s,
+        ),
+        k,
+        det * (1.0 / 6.0),
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _left(a):
     """b = A A^T, six numbers."""
-    return (a[0] * a[0] + a[3] * a[3] + a[6] * a[6], a[0] * a[1] + a[3] * a[4] + a[6] * a[7],
-            a[0] * a[2] + a[3] * a[5] + a[6] * a[8], a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
-            a[1] * a[2] + a[4] * a[5] + a[7] * a[8], a[2] * a[2] + a[5] * a[5] + a[8] * a[8])  # fmt: skip
+    return (
+        a[0] * a[0] + a[3] * a[3] + a[6] * a[6],
+        a[0] * a[1] + a[3] * a[4] + a[6] * a[7],
+        a[0] * a[2] + a[3] * a[5] + a[6] * a[8],
+        a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
+        a[1] * a[2] + a[4] * a[5] + a[7] * a[8],
+        a[2] * a[2] + a[5] * a[5] + a[8] * a[8],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -149,8 +172,17 @@ def _isochoric(a, material):
     held = max(J, CRUSHED)
     y, per = _inverse_cube_root(held), 1.0 / held
     y *= y
-    I1 = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
-          + a[6] * a[6] + a[7] * a[7] + a[8] * a[8])  # fmt: skip
+    I1 = (
+        a[0] * a[0]
+        + a[1] * a[1]
+        + a[2] * a[2]
+        + a[3] * a[3]
+        + a[4] * a[4]
+        + a[5] * a[5]
+        + a[6] * a[6]
+        + a[7] * a[7]
+        + a[8] * a[8]
+    )
     phi = y + (2.0 / 3.0) * y * (held - J) * per
     i1 = phi * I1
     if sees_second(material):
@@ -162,8 +194,15 @@ def _isochoric(a, material):
         s = -(2.0 / 3.0) * per * (u1 * y * I1 + 2.0 * u2 * z * I2)
         return c, J, f, h, s, energy_of(material, i1, i2), stiffness_of(material, i1, i2) * i1
     u1, _ = slopes_of(material, i1, 3.0)
-    return (c, J, 2.0 * u1 * phi, 0.0, 2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1, energy_of(material, i1, 3.0),
-            stiffness_of(material, i1, 3.0) * i1)  # fmt: skip
+    return (
+        c,
+        J,
+        2.0 * u1 * phi,
+        0.0,
+        2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1,
+        energy_of(material, i1, 3.0),
+        stiffness_of(material, i1, 3.0) * i1,
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -172,34 +211,56 @@ def _less_turned(P, h, a, material):
     if sees_second(material):
         b = _left(a)
         e, g, i = turned(b, h, a[0:3]), turned(b, h, a[3:6]), turned(b, h, a[6:9])
-        return (P[0] - e[0], P[1] - e[1], P[2] - e[2], P[3] - g[0], P[4] - g[1], P[5] - g[2],
-                P[6] - i[0], P[7] - i[1], P[8] - i[2])  # fmt: skip
+        return (
+            P[0] - e[0],
+            P[1] - e[1],
+            P[2] - e[2],
+            P[3] - g[0],
+            P[4] - g[1],
+            P[5] - g[2],
+            P[6] - i[0],
+            P[7] - i[1],
+            P[8] - i[2],
+        )
     return P
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _combine(f, a, s, c):
     """f A + s C."""
-    return (f * a[0] + s * c[0], f * a[1] + s * c[1], f * a[2] + s * c[2],
-            f * a[3] + s * c[3], f * a[4] + s * c[4], f * a[5] + s * c[5],
-            f * a[6] + s * c[6], f * a[7] + s * c[7], f * a[8] + s * c[8])  # fmt: skip
+    return (
+        f * a[0] + s * c[0],
+        f * a[1] + s * c[1],
+        f * a[2] + s * c[2],
+        f * a[3] + s * c[3],
+        f * a[4] + s * c[4],
+        f * a[5] + s * c[5],
+        f * a[6] + s * c[6],
+        f * a[7] + s * c[7],
+        f * a[8] + s * c[8],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _push(P, k):
     """P k: the gradient with respect to the edges, six-fold, from the stress dW/dA per grown volume."""
-    return (P[0] * k[0] + P[3] * k[1] + P[6] * k[2], P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
-            P[2] * k[0] + P[5] * k[1] + P[8] * k[2], P[0] * k[3] + P[3] * k[4] + P[6] * k[5],
-            P[1] * k[3] + P[4] * k[4] + P[7] * k[5], P[2] * k[3] + P[5] * k[4] + P[8] * k[5],
-            P[0] * k[6] + P[3] * k[7] + P[6] * k[8], P[1] * k[6] + P[4] * k[7] + P[7] * k[8],
-            P[2] * k[6] + P[5] * k[7] + P[8] * k[8])  # fmt: skip
+    return (
+        P[0] * k[0] + P[3] * k[1] + P[6] * k[2],
+        P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
+        P[2] * k[0] + P[5] * k[1] + P[8] * k[2],
+        P[0] * k[3] + P[3] * k[4] + P[6] * k[5],
+        P[1] * k[3] + P[4] * k[4] + P[7] * k[5],
+        P[2] * k[3] + P[5] * k[4] + P[8] * k[5],
+        P[0] * k[6] + P[3] * k[7] + P[6] * k[8],
+        P[1] * k[6] + P[4] * k[7] + P[7] * k[8],
+        P[2] * k[6] + P[5] * k[7] + P[8] * k[8],
+    )
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _sum(a, w, i):
     """Sum of w A over the six tetrahedra, number i of nine."""
-    return (w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i]
-            + w[3] * a[3][i] + w[4] * a[4][i] + w[5] * a[5][i])  # fmt: skip
+    return w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i] + w[3] * a[3][i] + w[4] * a[4][i] + w[5] * a[5][i]
 
 
 @njit(forceinline=True, fastmath=_FAST)
@@ -225,11 +286,19 @@ def _patch_gradient(d, e, m, q, l, material):
     a5, k5, w5 = _elastic(_nine(d, i), _nine(e, i))
     a, w = (a0, a1, a2, a3, a4, a5), (w0, r1 * w1, r2 * w2, r3 * w3, r4 * w4, r5 * w5)
     s = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
-    v = (w[0] * _det(a0) + w[1] * _det(a1) + w[2] * _det(a2)
-         + w[3] * _det(a3) + w[4] * _det(a4) + w[5] * _det(a5))  # fmt: skip
+    v = w[0] * _det(a0) + w[1] * _det(a1) + w[2] * _det(a2) + w[3] * _det(a3) + w[4] * _det(a4) + w[5] * _det(a5)
     p = kappa * (v * s - 1.0)
-    am = (s * _sum(a, w, 0), s * _sum(a, w, 1), s * _sum(a, w, 2), s * _sum(a, w, 3), s * _sum(a, w, 4),
-          s * _sum(a, w, 5), s * _sum(a, w, 6), s * _sum(a, w, 7), s * _sum(a, w, 8))  # fmt: skip
+    am = (
+        s * _sum(a, w, 0),
+        s * _sum(a, w, 1),
+        s * _sum(a, w, 2),
+        s * _sum(a, w, 3),
+        s * _sum(a, w, 4),
+        s * _sum(a, w, 5),
+        s * _sum(a, w, 6),
+        s * _sum(a, w, 7),
+        s * _sum(a, w, 8),
+    )
     cm, _, fm, hm, sm, _, _ = _isochoric(am, material)
     rest = (1.0 - BLEND) * mu
     mean = _less_turned(_combine(rest * fm, am, rest * sm, cm), rest * hm, am, material)

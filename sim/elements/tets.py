@@ -17,7 +17,7 @@ from morphofold.sim.growth import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
-FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
+FLAT = 1e-10  # a volume below this share of the cube of the longest edge is none
 
 
 class Tets:
@@ -56,13 +56,20 @@ class Tets:
         directions of one that grows tangentially cancel out.
     """
 
-    LOCAL = 0.0             # modulus of a local volumetric term over mu: there is none
+    LOCAL = 0.0  # modulus of a local volumetric term over mu: there is none
     LARGEST_J = 50.0
 
     def __init__(
-        self, mesh: MeshTet, X: Array, radial: Array, cortex: Bools, mu: Array, kappa: Array, law: str,
+        self,
+        mesh: MeshTet,
+        X: Array,
+        radial: Array,
+        cortex: Bools,
+        mu: Array,
+        kappa: Array,
+        law: str,
         material: Material = NEO_HOOKEAN,
-    ):  # fmt: skip
+    ):
         check_law(law)
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         tets, self.volume = _oriented(mesh, X)
@@ -80,13 +87,13 @@ class Tets:
         self.modulus = moduli
 
         patch, slot = np.nonzero(self.patches >= 0)
-        self._place = np.empty(self.n, dtype=np.int64)                  # of each tetrahedron in (block, 6 WIDTH)
+        self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 WIDTH)
         mine = self.patches[patch, slot]
         self._place[mine] = (patch // WIDTH * TETS + slot) * WIDTH + patch % WIDTH
-        self._share = np.empty(self.n)                                  # of the patch's volume
+        self._share = np.empty(self.n)  # of the patch's volume
         self._share[mine] = self.volume[mine] / np.bincount(patch, self.volume[mine])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
-        self._grown = -(-int(cortex[first].sum()) // WIDTH)             # leading blocks that hold cortex
+        self._grown = -(-int(cortex[first].sum()) // WIDTH)  # leading blocks that hold cortex
         self._X, self._radial, self._core = X, radial, np.nan
         self.edges = np.empty((count, 9 * TETS * WIDTH))
         self.grow(np.ones(self.n_cortex))
@@ -102,9 +109,7 @@ class Tets:
         along = across.copy()
         across.ravel()[self._cortex] = cortex
         along.ravel()[self._cortex] = 1.0 if self.law == "tangential" else cortex
-        tet_kernels.grow_edges(
-            self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges
-        )
+        tet_kernels.grow_edges(self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges)
         self._core = core
 
     def compute_forces(self, x: Array) -> None:
@@ -118,9 +123,18 @@ class Tets:
         """Measure the patches at ``x``; nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         tet_kernels.patch_state(
-            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, self._J, self._state, self._stiffness,
+            x,
+            b.nodes,
+            b.start,
+            b.local,
+            self.corner,
+            self.edges,
+            self.modulus,
+            self._J,
+            self._state,
+            self._stiffness,
             self.material,
-        )  # fmt: skip
+        )
         return b.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:

@@ -20,16 +20,16 @@ from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
 
-SMALLEST = 1e-4         # increment of growth at which to give up
-FURTHEST = 5.0          # extrapolation of the path, over the last increment
-CLOSE = 1e-6            # change of position, over the surface edge, that counts as none: the next is its square
-TOLERANCE = 1e-8        # of linear solves, relative
-PATIENCE = 30           # iterations of such a solve with an old factor, before a new one is made
-ITERATIONS = 15         # of Newton's method
-HALVINGS = 6            # of a Newton step
-ROUND_OFF = 1e-13       # of forces, over the largest of any element
-MODES = 12              # eigenvalues to look for at most
-EVEN = 1e-9             # unevenness of a level, over the surface edge, or of radii, that is round-off
+SMALLEST = 1e-4  # increment of growth at which to give up
+FURTHEST = 5.0  # extrapolation of the path, over the last increment
+CLOSE = 1e-6  # change of position, over the surface edge, that counts as none: the next is its square
+TOLERANCE = 1e-8  # of linear solves, relative
+PATIENCE = 30  # iterations of such a solve with an old factor, before a new one is made
+ITERATIONS = 15  # of Newton's method
+HALVINGS = 6  # of a Newton step
+ROUND_OFF = 1e-13  # of forces, over the largest of any element
+MODES = 12  # eigenvalues to look for at most
+EVEN = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
 
 
 class ConvergenceError(NoState):
@@ -75,11 +75,11 @@ class Equilibrium:
                 'accuracy.precision = "double".'
             )
         self.body, self.x, self.growth = body, x, body.growth
-        self._before: tuple[float, Array] | None = None                 # the equilibrium that it came from
+        self._before: tuple[float, Array] | None = None  # the equilibrium that it came from
         self._rows = np.flatnonzero(body.free)
         self._tangent = Tangent(body)
         self._dissection = Dissection(body.X, self._tangent.graph(), self._rows, self._stiffness(x))
-        self._factor: list[Factor] = []                                 # the last one, shared along the path
+        self._factor: list[Factor] = []  # the last one, shared along the path
         self._volume = np.repeat(body.nodal_volumes(), 3)[self._rows]
         self._levels = None
         if levels is not None:
@@ -100,7 +100,8 @@ class Equilibrium:
                     raise ConvergenceError(
                         f"no equilibrium found beyond g = {here.growth:.6g}: {error}. The smooth path may end there: "
                         "look at the stability of the last state.",
-                        here.x, here.growth,
+                        here.x,
+                        here.growth,
                     ) from None
         self.body.grow(g)
         return here
@@ -131,7 +132,7 @@ class Equilibrium:
         floor = ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
         for share in 0.5 ** np.arange(HALVINGS):
             trial = x + share * change
-            with np.errstate(over="ignore", invalid="ignore"):          # far off it is infinite, and so not smaller
+            with np.errstate(over="ignore", invalid="ignore"):  # far off it is infinite, and so not smaller
                 after = self._residual(trial)
                 size = np.linalg.norm(after)
             if size < max(np.linalg.norm(residual), floor):
@@ -161,7 +162,7 @@ class Equilibrium:
         return self._factorise(stiffness).solve(b)
 
     def _factorise(self, stiffness: sparse.csr_matrix) -> Factor:
-        self._factor[:] = []                                            # two would not fit a large body
+        self._factor[:] = []  # two would not fit a large body
         self._factor.append(Factor(self._dissection, stiffness))
         return self._factor[0]
 
@@ -169,12 +170,17 @@ class Equilibrium:
         """Of this equilibrium."""
         stiffness = self._stiffness(self.x)
         factor = self._factorise(stiffness)
-        negative = min(factor.negative, MODES)                          # 1/eigenvalue is what eigsh sorts
+        negative = min(factor.negative, MODES)  # 1/eigenvalue is what eigsh sorts
         values, vectors = eigsh(
-            stiffness, max(negative, 1), sparse.diags(self._volume), sigma=0.0, which="SA" if negative else "LA",
-            tol=1e-6, v0=np.cos(np.arange(len(self._rows)) ** 2.0),
+            stiffness,
+            max(negative, 1),
+            sparse.diags(self._volume),
+            sigma=0.0,
+            which="SA" if negative else "LA",
+            tol=1e-6,
+            v0=np.cos(np.arange(len(self._rows)) ** 2.0),
             OPinv=LinearOperator(stiffness.shape, matvec=factor.solve),
-        )  # fmt: skip
+        )
         lowest = int(np.argmin(values))
         eigenvalue = float(values[lowest]) if negative == factor.negative else float("nan")
         mode = np.zeros(self.x.shape)
@@ -196,7 +202,7 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     level = np.arange(n) // body.n_surface
     height = np.einsum("ij,ij->i", X, bilayer.radial)
     aside = np.linalg.norm(X - height[:, None] * bilayer.radial, axis=1)
-    first = height[::body.n_surface]
+    first = height[:: body.n_surface]
     if count * body.n_surface != n or np.abs(height - first[level]).max() > EVEN * bilayer.edge:
         return None
     if np.ptp(bilayer.radial, axis=0).max() > EVEN and aside.max() > EVEN * bilayer.edge:

@@ -23,11 +23,11 @@ from morphofold.arrays import Array
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
 
-SOFT = 0.005            # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
-NEAR_SHARE = 0.01       # of the way that a slender body has moved at all: how near to rest it has to be
-LONG = 2.0              # least time over which a motion is looked at [ticks]: faster ones shake and go nowhere
-SMALL = 1e-3            # displacements by which a body is tried, over its size,
-RIGID = 1e-6            # and stiffness over mass, per tick^2, below which they are of a body that floats
+SOFT = 0.005  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
+NEAR_SHARE = 0.01  # of the way that a slender body has moved at all: how near to rest it has to be
+LONG = 2.0  # least time over which a motion is looked at [ticks]: faster ones shake and go nowhere
+SMALL = 1e-3  # displacements by which a body is tried, over its size,
+RIGID = 1e-6  # and stiffness over mass, per tick^2, below which they are of a body that floats
 SCALARS = ("w2", "distance", "calm", "seen")
 
 
@@ -66,8 +66,8 @@ class Balance:
         self.slender = softest < SOFT
         self._softest = min(softest, SOFT)
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
-        self._step = np.full(2, -1)                                    # of two states before, first the older; -1: none
-        self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))     # their positions and accelerations
+        self._step = np.full(2, -1)  # of two states before, first the older; -1: none
+        self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))  # their positions and accelerations
 
     @property
     def soft(self) -> float:
@@ -135,7 +135,7 @@ def softest(body: Body) -> float:
     fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
-    with threadpool_limits(1, user_api="blas"):                         # sums of one order for any number of threads
+    with threadpool_limits(1, user_api="blas"):  # sums of one order for any number of threads
         for r in range(3):
             mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
             M[own, own], gram[own, own] = (mine * body.mass) @ mine.T, mine @ mine.T / len(X)

@@ -36,8 +36,8 @@ from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 
-LEAF = 60                                   # nodes that are not halved any more
-SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)      # of the nodes on one side of a cut
+LEAF = 60  # nodes that are not halved any more
+SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # of the nodes on one side of a cut
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class Dissection:
         order = np.concatenate(sets)
         rank = np.empty(len(points), dtype=np.int64)
         rank[order] = np.arange(len(points))
-        self.order = np.lexsort((rows, rank[rows // 3]))                # reordered row i is row order[i]
-        ends = np.searchsorted(np.sort(rank[rows // 3]), np.arange(len(points) + 1))    # of nodes, in reordered rows
+        self.order = np.lexsort((rows, rank[rows // 3]))  # reordered row i is row order[i]
+        ends = np.searchsorted(np.sort(rank[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
         places = sparse.csr_matrix((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape)
         self._places = sparse.csr_matrix(places[self.order][:, self.order])
         self._places.sort_indices()
@@ -186,7 +186,7 @@ class Factor:
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_Pivot] = []
-        with threadpool_limits(1, user_api="blas"):                     # fronts are small: threads slow them down
+        with threadpool_limits(1, user_api="blas"):  # fronts are small: threads slow them down
             self._eliminate(matrix)
         self.negative = sum(pivot.negative for pivot in self._pivots)
 
@@ -195,11 +195,11 @@ class Factor:
         for i, front in enumerate(self._dissection.fronts):
             n = front.stop - front.start
             size = n + len(front.border)
-            F = np.zeros((size, size))                                  # rows to eliminate, and what is left
+            F = np.zeros((size, size))  # rows to eliminate, and what is left
             F.ravel()[front.place] = matrix.data[front.taken]
             for child, at in front.children:
                 _extend_add(F, rest.pop(child), at)
-            F11, F21 = F[:n, :n].T, F[:n, n:].T                         # in the order of LAPACK
+            F11, F21 = F[:n, :n].T, F[:n, n:].T  # in the order of LAPACK
             pivot: _Pivot = _Definite(F11, F21)
             if pivot.failed:
                 pivot = _Indefinite(F11, F21)
@@ -265,7 +265,7 @@ class _Indefinite:
         self._factor, self._swaps, info = lapack.dsytrf(F11, lower=1, lwork=work)
         if info:
             raise ZeroDivisionError("the matrix is singular.")
-        paired = self._swaps < 0                                        # 2x2 blocks have one eigenvalue of each sign
+        paired = self._swaps < 0  # 2x2 blocks have one eigenvalue of each sign
         self.negative = int(paired.sum()) // 2 + int(np.sum(np.diag(self._factor)[~paired] < 0))
         self._F21, self.X = F21.copy(), self._solve(np.asfortranarray(F21.T))
 

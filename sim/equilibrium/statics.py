@@ -22,14 +22,20 @@ from morphofold.sim.equilibrium.path import EVEN, ConvergenceError, Equilibrium,
 from morphofold.sim.scene import Scene, in_double
 
 __all__ = [
-    "BodyBifurcation", "ConvergenceError", "Look", "Stability", "bifurcation_of_body", "bifurcation_of_scene",
-    "equilibrium", "stability",
-]  # fmt: skip
+    "BodyBifurcation",
+    "ConvergenceError",
+    "Look",
+    "Stability",
+    "bifurcation_of_body",
+    "bifurcation_of_scene",
+    "equilibrium",
+    "stability",
+]
 
 Look = Callable[[float, float], None]
 
-PRECISION = 1e-5        # of the critical growth
-NEAR = 2e-3             # distance to the critical growth within which a line is good enough
+PRECISION = 1e-5  # of the critical growth
+NEAR = 2e-3  # distance to the critical growth within which a line is good enough
 
 
 @dataclass(frozen=True)
@@ -204,9 +210,9 @@ def _before_turn(seen: Array) -> Array:
 def _next(seen: Array, low: float, high: float, furthest: float) -> float:
     """Growth to look at next, between the stable ``low`` and the unstable ``high`` and not beyond ``furthest``."""
     zero = _zero(seen)
-    if not low < zero < high:                                           # nothing says where it is
+    if not low < zero < high:  # nothing says where it is
         return furthest if furthest < high else (low + high) / 2
-    if zero - low > NEAR:                                               # stop short: close to it the line is better
+    if zero - low > NEAR:  # stop short: close to it the line is better
         return min(low + 0.9 * (zero - low), furthest)
     at = zero + (0.4 if high - zero > zero - low else -0.4) * PRECISION
     return at if low < at < high else (low + high) / 2
@@ -232,8 +238,8 @@ def _wave_number(body: Body, mode: Array) -> float:
     triangles = np.concatenate([faces[:, split] for split in splits])
     height = np.einsum("ij,ij->i", mode[:n], body.bilayer.radial[:n])[triangles]
     p = body.X[triangles]
-    sides = np.roll(p, 1, axis=1) - np.roll(p, -1, axis=1)              # opposite to each corner
+    sides = np.roll(p, 1, axis=1) - np.roll(p, -1, axis=1)  # opposite to each corner
     twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    slope = np.einsum("tc,tci->ti", height, sides)                      # turned by a right angle, times twice the area
+    slope = np.einsum("tc,tci->ti", height, sides)  # turned by a right angle, times twice the area
     square = (height**2).sum(axis=1) + height.sum(axis=1) ** 2
     return float(np.sqrt(np.sum(slope**2, axis=1) @ (1 / twice) / (twice @ square / 12)))

@@ -39,9 +39,9 @@ from morphofold.sim.elements.tets import Tets
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.elastic import Factor, cofactor, continued, frozen
 
-CHUNK = 2048            # elements at once: their matrices stay in the cache
-FILTER_STEPS = 4.0      # through the mesh, from a node of the surface to the farthest that the filter couples it to
-SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])     # where the six numbers of C stand
+CHUNK = 2048  # elements at once: their matrices stay in the cache
+FILTER_STEPS = 4.0  # through the mesh, from a node of the surface to the farthest that the filter couples it to
+SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where the six numbers of C stand
 
 #: gradients of the brick's shape functions in [-1, 1]^3: (8 Gauss points, 8 corners, 3), both in the kernels' order
 BRICK_GRADIENTS: Array = np.stack([ElementHex1().lbasis(GAUSS, int(i))[1].T / 2 for i in BINARY_CORNERS], axis=1)
@@ -100,9 +100,18 @@ def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Po
     for part in _parts(bricks.n):
         shear = np.repeat(mu[part, None], 8, axis=1)
         yield Points(
-            nodes[part], BRICK_GRADIENTS, data[part, :, SYMMETRIC], 1 / data[part, :, 6], shear, bricks.LOCAL * shear,
-            np.ones(8), kappa[part], V[part], frozen, bricks.material,
-        )  # fmt: skip
+            nodes[part],
+            BRICK_GRADIENTS,
+            data[part, :, SYMMETRIC],
+            1 / data[part, :, 6],
+            shear,
+            bricks.LOCAL * shear,
+            np.ones(8),
+            kappa[part],
+            V[part],
+            frozen,
+            bricks.material,
+        )
 
 
 def _parts(n: int) -> Iterator[slice]:
@@ -123,13 +132,22 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
         w = np.linalg.det(edges[part]) / 6 * real
         V = w.sum(axis=1)
         g[:, TETS] = np.einsum("et,etai->eai", w, g[:, :TETS]) / V[:, None, None]
-        w = np.column_stack([np.where(real, w, 1.0), V])                # any number where there is none
-        scale = np.cbrt(w)[..., None, None]                             # turns A into D of metric w^(1/3) I
+        w = np.column_stack([np.where(real, w, 1.0), V])  # any number where there is none
+        scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
         share = np.column_stack([BLEND * real, np.full(len(real), 1 - BLEND)])
         yield Points(
-            nodes[part], g * scale, scale * np.eye(3), w, share * mu[first[part], None], np.zeros(w.shape),
-            np.repeat([1.0, 0.0], [TETS, 1]), kappa[first[part]], V, continued, tets.material,
-        )  # fmt: skip
+            nodes[part],
+            g * scale,
+            scale * np.eye(3),
+            w,
+            share * mu[first[part], None],
+            np.zeros(w.shape),
+            np.repeat([1.0, 0.0], [TETS, 1]),
+            kappa[first[part]],
+            V,
+            continued,
+            tets.material,
+        )
 
 
 class Tangent:
@@ -147,7 +165,7 @@ class Tangent:
         inside = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
         wide = [self._filter(axis) for axis in range(3)]
         beside = [B.row.astype(np.int64) * n + B.col for B in wide]
-        keys = np.unique(np.concatenate([inside, *beside]))             # of pairs of nodes, row by row
+        keys = np.unique(np.concatenate([inside, *beside]))  # of pairs of nodes, row by row
         self._place = np.searchsorted(keys, inside).reshape(-1, k, k)
         self._filter_place = [np.searchsorted(keys, pairs) for pairs in beside]
         self._indices = (keys % n).astype(np.int32)
@@ -216,7 +234,8 @@ def _stress(x: Array, at: Points) -> _Stress:
     p1, k1, r2, k2 = 2 * one.value, one.slope * I1, 2 * two.value, two.slope * I2
     m = at.mu / at.w
     pairs = {
-        "kk": at.local / at.w + m * (u1 * one.curvature * I1 + u2 * two.curvature * I2)
+        "kk": at.local / at.w
+        + m * (u1 * one.curvature * I1 + u2 * two.curvature * I2)
         + m * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
         "Pk": m * (2 * u1 * one.slope + u11 * p1 * k1 + u12 * p1 * k2),
     }
@@ -227,7 +246,8 @@ def _stress(x: Array, at: Points) -> _Stress:
     wide = lambda values: values[..., None, None]
     pairs |= {
         "Rk": m * (2 * u2 * two.slope + u12 * r2 * k1 + u22 * r2 * k2),
-        "PR": m * u12 * p1 * r2, "RR": m * u22 * r2 * r2,
+        "PR": m * u12 * p1 * r2,
+        "RR": m * u22 * r2 * r2,
     }
     h = 2 * at.mu * u2 * two.value
     f = 2 * at.mu * u1 * one.value + h * I1
@@ -241,8 +261,8 @@ def stiffness(x: Array, at: Points) -> Array:
     """
     found = _stress(x, at)
     n, corners = at.nodes.shape
-    g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)       # (..., K, 3 Q)
-    g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))                         # (..., Q, 3, K)
+    g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
+    g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))  # (..., Q, 3, K)
 
     def between(M: Array) -> Array:
         """sum_q g_a . M g_b (E, K, K) for M (E, Q, 3, 3)."""
@@ -257,9 +277,10 @@ def stiffness(x: Array, at: Points) -> Array:
         _second(found, at, between, out)
 
     nodal = {
-        name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)          # (E, Q, 3 K)
-        for name, M in (("k", found.k), ("P", found.P), ("R", found.R)) if M is not None
-    }  # fmt: skip
+        name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
+        for name, M in (("k", found.k), ("P", found.P), ("R", found.R))
+        if M is not None
+    }
     mean = np.einsum("eqk,q->ek", nodal["k"], at.bears)[:, None]
     weighed = {name: np.zeros(rows.shape) for name, rows in nodal.items()}
     for (one, other), factor in ((tuple(pair), factor[..., None]) for pair, factor in found.pairs.items()):
@@ -284,7 +305,7 @@ def _second(found: _Stress, at: Points, between: Callable[[Array], Array], out: 
     lengths = between(per_w * (P.swapaxes(-1, -2) @ P))
     for r in range(3):
         for t in range(3):
-            crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]             # g_a . M g_b = (P_a)_t (P_b)_r
+            crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
             out[:, :, r, :, t] -= between(crossed + h * found.b[:, :, r, t, None, None] * at.C)
         out[:, :, r, :, r] -= lengths
 

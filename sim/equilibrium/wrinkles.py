@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-FLAT = 0.005            # T/C of the sphere that stands for a body without a radius
-MOST = 4.0              # growth up to which to look: the largest of a scene
-BEFORE, AFTER = 0.01, 0.02      # growth before and after the first wrinkles in which growth is slow,
-SLOW = 0.44             # and its pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
+FLAT = 0.005  # T/C of the sphere that stands for a body without a radius
+MOST = 4.0  # growth up to which to look: the largest of a scene
+BEFORE, AFTER = 0.01, 0.02  # growth before and after the first wrinkles in which growth is slow,
+SLOW = 0.44  # and its pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
 
 
 class Wrinkles(NamedTuple):
@@ -70,6 +70,6 @@ def _of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wrinkles:
 
     try:
         found = bifurcation(T_over_C, mu_ratio, law, g_max=MOST)
-    except (ValueError, ConvergenceError):                              # a sphere that theory does not know
+    except (ValueError, ConvergenceError):  # a sphere that theory does not know
         return Wrinkles(math.nan, math.nan)
     return Wrinkles(found.g_crit, found.wavelength / T_over_C)

@@ -36,4 +36,3 @@ class MooneyRivlin(NamedTuple):
 
     def curvatures(self, i1: Any, i2: Any) -> tuple[Any, Any, Any]:
         return 0.0, 0.0, 0.0
-

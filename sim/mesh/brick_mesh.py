@@ -21,9 +21,9 @@ from morphofold.sim.elements.bricks import BINARY_CORNERS
 #: coordinates that each portion keeps at or above zero
 PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
 
-CORE_RATIO = 1.6        # each core layer is this much thicker than the one outside it,
-CORE_CAP = 8.0          # up to this many surface edges
-TILE = (4, 8)           # surface cells in the order of tiles: a block of 32 bricks then shares most of its nodes
+CORE_RATIO = 1.6  # each core layer is this much thicker than the one outside it,
+CORE_CAP = 8.0  # up to this many surface edges
+TILE = (4, 8)  # surface cells in the order of tiles: a block of 32 bricks then shares most of its nodes
 
 
 class Plane(NamedTuple):
@@ -112,7 +112,7 @@ def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     used, first, inverse = np.unique(
         all_points[all_quads[keep].ravel()], axis=0, return_index=True, return_inverse=True
     )
-    order = np.argsort(first)                   # number nodes as the quads come to them: neighbours lie close in memory
+    order = np.argsort(first)  # number nodes as the quads come to them: neighbours lie close in memory
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return used[order], rank[inverse].reshape(-1, 4)
@@ -141,9 +141,16 @@ def core_shares(first: float, depth: float, edge: float) -> Array:
 
 
 def _extrude(
-    pial: Array, white: Array, base: Array, quads: Ints, normal: Array, cortex_layers: int, edge: float,
-    planes: tuple[Plane, ...], mirrored: tuple[int, ...] = (),
-) -> Bilayer:  # fmt: skip
+    pial: Array,
+    white: Array,
+    base: Array,
+    quads: Ints,
+    normal: Array,
+    cortex_layers: int,
+    edge: float,
+    planes: tuple[Plane, ...],
+    mirrored: tuple[int, ...] = (),
+) -> Bilayer:
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
     n_surface = len(pial)
     thickness = np.linalg.norm(pial - white, axis=1)
@@ -153,16 +160,16 @@ def _extrude(
     levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
     n_layers = len(levels) - 1
     nodes = levels.reshape(-1, 3)
-    for plane in planes:                                                # exactly, so that mirrored copies weld
+    for plane in planes:  # exactly, so that mirrored copies weld
         on_plane = np.abs(nodes[:, plane.axis] - plane.at) < 1e-9 * edge
         nodes[on_plane, plane.axis] = plane.at
 
     # corner (i, j, k): (i, j) along the quad, k outwards; then into the order of skfem's reference brick
-    quad_corner = quads[:, [0, 3, 1, 2]]                                # (i, j) = 00, 01, 10, 11
+    quad_corner = quads[:, [0, 3, 1, 2]]  # (i, j) = 00, 01, 10, 11
     level = np.arange(n_layers)[:, None, None]
     below = quad_corner[None] + (level + 1) * n_surface
     above = quad_corner[None] + level * n_surface
-    binary = np.stack([below, above], axis=-1).reshape(-1, 8)           # 4 i + 2 j + k
+    binary = np.stack([below, above], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
     t = np.empty((8, len(binary)), dtype=np.int64)
     t[BINARY_CORNERS] = binary.T
     n_cortex = cortex_layers * len(quads)
@@ -173,10 +180,18 @@ def _extrude(
     surface = np.arange(n_surface)
     picks = (np.ones(n_surface), (surface, cortex_layers * n_surface + surface))
     return Bilayer(
-        mesh, quads, n_surface, sparse.csr_matrix(picks, (n_surface, len(nodes))),
-        np.tile(normal, (n_layers + 1, 1)), np.tile(pial, (n_layers + 1, 1)), np.repeat(share, n_surface),
-        n_layers * n_surface + surface, planes, mirrored, edge,
-    )  # fmt: skip
+        mesh,
+        quads,
+        n_surface,
+        sparse.csr_matrix(picks, (n_surface, len(nodes))),
+        np.tile(normal, (n_layers + 1, 1)),
+        np.tile(pial, (n_layers + 1, 1)),
+        np.repeat(share, n_surface),
+        n_layers * n_surface + surface,
+        planes,
+        mirrored,
+        edge,
+    )
 
 
 def bilayer_ellipsoid(
@@ -217,7 +232,7 @@ def bilayer_ellipsoid(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     t = np.broadcast_to(thickness(pial) if callable(thickness) else thickness, len(pial))
     white = pial - t[:, None] * normal
-    inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))               # size of the ellipsoid through each point
+    inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))  # size of the ellipsoid through each point
     if not 0 < hole_share < inside.min() or t.min() <= 0 or t.max() >= axes.min():
         raise ImpossibleBody(
             f"the hole ({hole_share:g} of the body) must lie inside the core, which ends at {inside.min():g} of it "
@@ -276,7 +291,7 @@ def bilayer_patch(
     white, base = pial + thickness * down, pial + depth * down
     bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, planes)
     if strip:
-        bilayer.foot[:, 1] = 0.0                                        # one imperfection for both sides
+        bilayer.foot[:, 1] = 0.0  # one imperfection for both sides
     return bilayer
 
 

@@ -17,7 +17,7 @@ from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
 from morphofold.sim.scene import MeshFile
 
-STRIDE = 0.25           # step towards the white surface, in mean edges of the pial surface
+STRIDE = 0.25  # step towards the white surface, in mean edges of the pial surface
 
 
 class Layers(NamedTuple):
@@ -76,9 +76,18 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     )
     held = np.unique(rank[body.inner]) if geometry.held == "inner" else np.empty(0, dtype=np.int64)
     return Bilayer(
-        mesh, faces, n_surface, white, radial, layers.foot[node], np.clip(level, 0.0, 1.0), held, (), (),
+        mesh,
+        faces,
+        n_surface,
+        white,
+        radial,
+        layers.foot[node],
+        np.clip(level, 0.0, 1.0),
+        held,
+        (),
+        (),
         float(edge.max()),
-    )  # fmt: skip
+    )
 
 
 class Nearest(NamedTuple):
@@ -112,7 +121,7 @@ class _Sheet:
         """Distances of the mesh's points: to the nearest vertex, but for those ``exactly``, which get their own."""
         distance, vertex = self._tree.query(points)
         found = Nearest(distance, np.array(self._shape.vertices)[vertex], self._shape.vertex_normals[vertex])
-        exactly = np.setdiff1d(exactly, self._nodes)                    # those have their own already, 0 to the bit
+        exactly = np.setdiff1d(exactly, self._nodes)  # those have their own already, 0 to the bit
         for all_, own in zip(found, self.nearest(points[exactly])):
             all_[exactly] = own
         return found
@@ -142,7 +151,7 @@ def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layer
     depth = under.distance
     centroid = points[tets].mean(axis=1)
     arm = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
-    cortex = (depth[tets] + arm).min(axis=1) < thickness                # distance changes no faster than place
+    cortex = (depth[tets] + arm).min(axis=1) < thickness  # distance changes no faster than place
     open_ = np.flatnonzero(~cortex & ((depth[tets] - arm).max(axis=1) < thickness))
     cortex[open_] = pial.nearest(centroid[open_]).distance < thickness
     cure = "or set geometry.scale if lengths aren't in mm."
@@ -181,8 +190,10 @@ def _order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     below = np.ones(len(body.points), dtype=bool)
     below[surface] = False
     centroid = body.points[body.tets].mean(axis=1)
-    return (np.lexsort((morton_codes((body.points - low) / size), below)),
-            np.lexsort((morton_codes((centroid - low) / size), ~cortex)))  # fmt: skip
+    return (
+        np.lexsort((morton_codes((body.points - low) / size), below)),
+        np.lexsort((morton_codes((centroid - low) / size), ~cortex)),
+    )
 
 
 def _inverse(order: Ints) -> Ints:

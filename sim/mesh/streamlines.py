@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-HOPS = 200              # tetrahedra that one step may cross
-HALVINGS = 30           # of the last step: level has a kink where it is 0, so that it can't be had by a straight line
+HOPS = 200  # tetrahedra that one step may cross
+HALVINGS = 30  # of the last step: level has a kink where it is 0, so that it can't be had by a straight line
 
 
 @njit(inline="always")

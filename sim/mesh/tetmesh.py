@@ -28,10 +28,10 @@ from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
-BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")   # cells that may stand beside the tetrahedra
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))            # opposite to each corner; seen from outside
-FARTHEST = 1e6          # from the origin [mm]
-FLAT = 1e-10            # a volume below this share of the cube of the longest edge is none
+BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")  # cells that may stand beside the tetrahedra
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
+FARTHEST = 1e6  # from the origin [mm]
+FLAT = 1e-10  # a volume below this share of the cube of the longest edge is none
 
 
 class TetMesh(NamedTuple):
@@ -75,7 +75,7 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     points, tets, volume = _right_handed(name, points, tets)
     across = _neighbours(name, tets)
     pial, inner, enclosed = _sheets(name, points, tets[:, FACES][across < 0])
-    if abs(volume - enclosed) > 1e-6 * volume:                          # neighbours on the same side of their face
+    if abs(volume - enclosed) > 1e-6 * volume:  # neighbours on the same side of their face
         raise BadMesh(
             f"{name}: tetrahedra lie over one another: they fill {volume:.6g} mm3, and their surface encloses "
             f"{enclosed:.6g}. Repair the mesh."
@@ -111,7 +111,7 @@ def _meshio(path: Path) -> Any:
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
     if kinds == ["vtu"]:
         check_blocks(path.read_bytes())
-    if "ansys" in kinds:                                                # as which meshio tries every .msh first
+    if "ansys" in kinds:  # as which meshio tries every .msh first
         with path.open("rb") as file:
             kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
     if kinds == ["tetgen"]:
@@ -231,9 +231,9 @@ def _neighbours(name: str, tets: Ints) -> Ints:
 
 def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
     """Boundary faces (F, 3): those of the sheet that encloses most, and the others; the volume within [mm^3]."""
-    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)    # half-edge 3 f + k, from corner k
+    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)  # half-edge 3 f + k, from corner k
     low, high = half.min(axis=1), half.max(axis=1)
-    order = np.lexsort((high, low))                                     # a face has three half-edges: an even number
+    order = np.lexsort((high, low))  # a face has three half-edges: an even number
     one, two = order[0::2], order[1::2]
     cure = "Part them, or join them by a face."
     again = (low[one[1:]] == low[one[:-1]]) & (high[one[1:]] == high[one[:-1]])

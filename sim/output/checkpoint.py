@@ -30,7 +30,7 @@ def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
             names = set(file.files)
             if names != like.keys():
                 raise DamagedFile(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
-            for entry in file.zip.infolist():                           # before anything is unpacked
+            for entry in file.zip.infolist():  # before anything is unpacked
                 name = entry.filename.removesuffix(".npy")
                 if entry.file_size > 4 * like[name].nbytes + 4096:
                     raise DamagedFile(f"{name} unpacks to {entry.file_size:,} bytes, needs {like[name].nbytes:,}")

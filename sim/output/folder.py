@@ -72,7 +72,7 @@ def is_finished(
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
-        begun = (LOCK, "inputs.json")                                   # what a run writes before its scene
+        begun = (LOCK, "inputs.json")  # what a run writes before its scene
         if folder.exists() and any(p.name not in begun and not is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         return False
@@ -114,9 +114,14 @@ class FolderWriter:
     """
 
     def __init__(
-        self, out: Path, scene: Scene, describe: Describe, resume: bool = False, own: Sequence[str] = (),
+        self,
+        out: Path,
+        scene: Scene,
+        describe: Describe,
+        resume: bool = False,
+        own: Sequence[str] = (),
         restart: Mapping[str, Any] | None = None,
-    ):  # fmt: skip
+    ):
         self.out, self.scene, self._describe, self.resume = out, scene, describe, resume
         self.own, self.restart = list(own), restart
         self._inputs = inputs_of(scene)
@@ -147,7 +152,7 @@ class FolderWriter:
                 _write_json(self.out / "inputs.json", inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
                 temporary.write_text(to_toml(self.scene), encoding="utf-8")
-        write_series(self.out, self.scene)                              # a kill may have come before it
+        write_series(self.out, self.scene)  # a kill may have come before it
 
     @property
     def checkpoint(self) -> Path | None:
@@ -176,7 +181,7 @@ class FolderWriter:
     def arrays(self, name: str, arrays: Mapping[str, NDArray]) -> None:
         """Arrays by name, as ``NAME`` (.npz)."""
         buffer = io.BytesIO()
-        np.savez(buffer, **arrays)                                      # type: ignore[arg-type]
+        np.savez(buffer, **arrays)  # type: ignore[arg-type]
         with atomic_file(self.out / name) as temporary:
             temporary.write_bytes(buffer.getvalue())
 
@@ -185,9 +190,17 @@ class FolderWriter:
         return read_stage(self.out, g)["health"] if stage_folder(self.out, g).exists() else None
 
     def stage(
-        self, g: float, white: Surface, pial: Surface, *, portion: float, reference_radius: float,
-        numbers: Mapping[str, Any], warnings: list[str], beside: Callable[[Path], None] = lambda folder: None,
-    ) -> None:  # fmt: skip
+        self,
+        g: float,
+        white: Surface,
+        pial: Surface,
+        *,
+        portion: float,
+        reference_radius: float,
+        numbers: Mapping[str, Any],
+        warnings: list[str],
+        beside: Callable[[Path], None] = lambda folder: None,
+    ) -> None:
         """The surfaces of a stage, their maps, ``stage.json``, and what ``beside`` writes into the same folder."""
         scene = self.scene
         info: dict[str, Any] = {
@@ -214,7 +227,7 @@ class FolderWriter:
             (temporary / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(temporary / "surf" / surface.name, surface)
-                write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)     # for Connectome Workbench
+                write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
             for name, values in maps.items():
                 write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
             beside(temporary)

@@ -74,7 +74,7 @@ def check_inputs(folder: Path, scene: Scene) -> None:
     now = inputs_of(scene)
     if not now:
         return
-    (what, mine), = now.items()
+    ((what, mine),) = now.items()
     path = folder / "inputs.json"
     began = read_json(path, Inputs, f"Delete {folder} {ANEW}, or choose another folder.").get(what)
     if began is None:

@@ -16,9 +16,15 @@ from morphofold.io.locks import LOCK
 
 ANEW = "to grow anew from the start"
 _KEPT = (
-    "scene.toml", "inputs.json", "log.jsonl", "health.json", "checkpoint.npz", "last-sound-state.npz", "error.json",
+    "scene.toml",
+    "inputs.json",
+    "log.jsonl",
+    "health.json",
+    "checkpoint.npz",
+    "last-sound-state.npz",
+    "error.json",
     "stages.pvd",
-)  # fmt: skip
+)
 _TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
 
 
@@ -66,7 +72,7 @@ def clear_run(folder: Path) -> None:
     sweep(folder)
     ours = {folder / name for name in (*_KEPT, LOCK)}
     for stage in (folder / "stages").glob("g*"):
-        with suppress(OSError, ValueError):                             # of one that is damaged, or older than lists
+        with suppress(OSError, ValueError):  # of one that is damaged, or older than lists
             ours |= {stage / name for name in read_json(stage / "files.json", Digests, ANEW)}
         ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
     there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
@@ -74,4 +80,4 @@ def clear_run(folder: Path) -> None:
         raise FileExistsError(f"{others[0]}: no run wrote this, so {folder} can't be cleared. Move it away.")
     for path in there:
         path.unlink()
-    shutil.rmtree(folder)                                               # of empty folders
+    shutil.rmtree(folder)  # of empty folders

@@ -35,7 +35,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     corners = body.bilayer.mesh.t.T
     bricks = corners.shape[1] == 8
     if bricks:
-        corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]              # VTK's order of i, j, k
+        corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
     meshio.Mesh(
         x,
         [("hexahedron" if bricks else "tetra", corners)],

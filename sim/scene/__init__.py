@@ -9,38 +9,44 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
 from morphofold.sim.scene.effects import read_effects
-from morphofold.sim.scene.geometries import (
-    SHAPES,
-    Ellipsoid,
-    Geometry,
-    MeshFile,
-    Patch,
-    Radial,
-    Sphere,
-    Strip,
-)
+from morphofold.sim.scene.geometries import SHAPES, Ellipsoid, Geometry, MeshFile, Patch, Radial, Sphere, Strip
 from morphofold.sim.scene.materials import read_material
 from morphofold.sim.scene.tables import Positive, Spot, Table, key
 
 __all__ = [
-    "LEVELS", "MOST_BRICKS", "SHAPES", "SLOWEST_RATE", "Accuracy", "Ellipsoid", "Growth", "MeshFile",
-    "Output", "Patch", "Radial", "Scene", "Sphere", "Spot", "Strip", "elements_through", "in_double",
-]  # fmt: skip
+    "LEVELS",
+    "MOST_BRICKS",
+    "SHAPES",
+    "SLOWEST_RATE",
+    "Accuracy",
+    "Ellipsoid",
+    "Growth",
+    "MeshFile",
+    "Output",
+    "Patch",
+    "Radial",
+    "Scene",
+    "Sphere",
+    "Spot",
+    "Strip",
+    "elements_through",
+    "in_double",
+]
 
 #: accuracy level: surface edge over cortex thickness, by error and time as docs/accuracy.md measures them
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
-COARSE = 0.5            # edge over thickness beyond which the time of a third element through the cortex goes elsewhere
-CROSSINGS = 180.0       # times that a wave crosses the cortex while growth rises by 1
-SLOWEST_RATE = 1e-3     # of growth.rate
+COARSE = 0.5  # edge over thickness beyond which the time of a third element through the cortex goes elsewhere
+CROSSINGS = 180.0  # times that a wave crosses the cortex while growth rises by 1
+SLOWEST_RATE = 1e-3  # of growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
 
 class Growth(Table):
     """Growth law and final growth stretch of the cortex; ``rate``: pace, times that by default."""
 
-    law: Annotated[
-        Literal["isotropic", "tangential"], key("in all directions, or along the surface only")
-    ] = "isotropic"
+    law: Annotated[Literal["isotropic", "tangential"], key("in all directions, or along the surface only")] = (
+        "isotropic"
+    )
     final: Annotated[float, key("growth stretch at the end: a ratio of lengths", ge=1, le=4)] = 2.0
     rate: Annotated[float, key("pace, times that by default; lower is slower and calmer", ge=SLOWEST_RATE, le=4)] = 1.0
 
@@ -92,15 +98,17 @@ class Scene(Table):
     name: Annotated[
         str,
         key(
-            "name of the scene, and of its folder by default", min_length=1, max_length=80,
+            "name of the scene, and of its folder by default",
+            min_length=1,
+            max_length=80,
             pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$",
         ),
     ]
     title: Annotated[str, key("one line for people", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
     geometry: Geometry = Sphere()
-    material: Annotated[Any, BeforeValidator(read_material), Field(validate_default=True)] = {}     # MaterialOptions
+    material: Annotated[Any, BeforeValidator(read_material), Field(validate_default=True)] = {}  # MaterialOptions
     growth: Growth = Growth()
-    effects: Annotated[dict[str, Any], BeforeValidator(read_effects)] = {}     # of EffectOptions
+    effects: Annotated[dict[str, Any], BeforeValidator(read_effects)] = {}  # of EffectOptions
     accuracy: Accuracy = Accuracy()
     output: Output = Output()
 

@@ -16,9 +16,16 @@ from morphofold.sim.scene.tables import EffectOptions
 PACKAGE = "morphofold.sim.effects"
 #: in which hooks are called, where it matters; others follow by name
 ORDER = (
-    "contact", "perturbation", "notch", "core_growth", "regional_growth", "ramp", "enclosure", "inertia",
+    "contact",
+    "perturbation",
+    "notch",
+    "core_growth",
+    "regional_growth",
+    "ramp",
+    "enclosure",
+    "inertia",
     "bulk_viscosity",
-)  # fmt: skip
+)
 
 
 #: brought along by contact at symmetry planes, and by strips: no scene names them
@@ -46,7 +53,7 @@ def options_of(name: str) -> type[EffectOptions]:
 def read_effects(tables: Any) -> Any:
     """Tables by name as options, each read by the file of its effect, in the order of their hooks."""
     if not isinstance(tables, Mapping):
-        return tables                                                   # which pydantic refuses
+        return tables  # which pydantic refuses
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
     for name in sorted(tables, key=_place):

@@ -17,12 +17,13 @@ from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
 from morphofold.sim.scene import SHAPES, Scene
 from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
-MOST_PROBLEMS = 20      # that are told of one scene
+MOST_PROBLEMS = 20  # that are told of one scene
 #: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
 _SAID = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
-    r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""", re.DOTALL,
-)  # fmt: skip
+    r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""",
+    re.DOTALL,
+)
 #: a dotted key of more than 32 parts, of which tomllib would keep every beginning
 _DEEP = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
 
@@ -103,7 +104,7 @@ def _parsed(source: Source) -> dict[str, Any]:
         return _loads(source.text)
     except RecursionError:
         raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
-    except ValueError as error:                                         # a number of too many digits is no decode error
+    except ValueError as error:  # a number of too many digits is no decode error
         raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
 
 
@@ -187,7 +188,7 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise NotReadable(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
-    table[last] = parsed["v"] if list(parsed) == ["v"] else value       # a bare word is a string
+    table[last] = parsed["v"] if list(parsed) == ["v"] else value  # a bare word is a string
 
 
 def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -224,7 +225,7 @@ def toml_value(v: Any) -> str:
     if isinstance(v, bool):
         return "true" if v else "false"
     if isinstance(v, str):
-        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")    # as TOML, but DEL
+        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML, but DEL
     if isinstance(v, dict):
         return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):

@@ -78,9 +78,10 @@ class Patch(Layers):
     """A flat block of ``size`` along x and y and of ``depth`` [mm], symmetry planes on its sides, held at its base."""
 
     shape: Annotated[Literal["patch"], key("which body")]
-    size: Annotated[
-        tuple[Length, Length], key("along x and y; the sides are symmetry planes", "mm", strict=False)
-    ] = (40.0, 40.0)
+    size: Annotated[tuple[Length, Length], key("along x and y; the sides are symmetry planes", "mm", strict=False)] = (
+        40.0,
+        40.0,
+    )
     depth: Depth = 25.0
 
     @model_validator(mode="after")
@@ -168,8 +169,13 @@ def _check_layers(radius: float, thickness: float, hole: float) -> None:
 
 
 SHAPES: dict[str, type[Layers]] = {
-    "sphere": Sphere, "ellipsoid": Ellipsoid, "patch": Patch, "strip": Strip, "radial": Radial, "mesh": MeshFile,
-}  # fmt: skip
+    "sphere": Sphere,
+    "ellipsoid": Ellipsoid,
+    "patch": Patch,
+    "strip": Strip,
+    "radial": Radial,
+    "mesh": MeshFile,
+}
 
 
 def _shape(table: Any) -> str:
@@ -179,7 +185,11 @@ def _shape(table: Any) -> str:
 
 
 Geometry = Annotated[
-    Annotated[Sphere, Tag("sphere")] | Annotated[Ellipsoid, Tag("ellipsoid")] | Annotated[Patch, Tag("patch")]
-    | Annotated[Strip, Tag("strip")] | Annotated[Radial, Tag("radial")] | Annotated[MeshFile, Tag("mesh")],
+    Annotated[Sphere, Tag("sphere")]
+    | Annotated[Ellipsoid, Tag("ellipsoid")]
+    | Annotated[Patch, Tag("patch")]
+    | Annotated[Strip, Tag("strip")]
+    | Annotated[Radial, Tag("radial")]
+    | Annotated[MeshFile, Tag("mesh")],
     Discriminator(_shape, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"),
-]  # fmt: skip
+]

@@ -15,7 +15,7 @@ from morphofold.sim.scene.tables import MaterialOptions
 
 PACKAGE = "morphofold.sim.materials"
 USUAL = "neo-hookean"
-TWINS = ("elastic",)            # files of the package that are no material
+TWINS = ("elastic",)  # files of the package that are no material
 
 
 @cache
@@ -37,7 +37,7 @@ def read_material(table: Any) -> Any:
     if isinstance(table, MaterialOptions):
         return table
     if not isinstance(table, Mapping):
-        return options_of(USUAL).model_validate(table)                  # which refuses it
+        return options_of(USUAL).model_validate(table)  # which refuses it
     name = table.get("model", USUAL)
     if name not in material_names():
         known = " or ".join(repr(one) for one in material_names())
@@ -48,7 +48,10 @@ def read_material(table: Any) -> Any:
     try:
         return options_of(name).model_validate(table)
     except ValidationError as error:
-        raise ValidationError.from_exception_data("material", [
-            InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))
-            for e in error.errors()
-        ]) from None
+        raise ValidationError.from_exception_data(
+            "material",
+            [
+                InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))
+                for e in error.errors()
+            ],
+        ) from None

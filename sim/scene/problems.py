@@ -17,7 +17,7 @@ Problem = Mapping[str, Any]
 Loc = tuple[str | int, ...]
 
 TAGGED = ("geometry", "material")
-LONGEST = 60            # characters of a wrong value that are shown
+LONGEST = 60  # characters of a wrong value that are shown
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,10 @@ def root_problems(problems: Iterable[Problem]) -> list[Problem]:
     problems = list(problems)
     locs = [p["loc"] for p in problems]
     return [
-        p for p in problems
+        p
+        for p in problems
         if p["type"] != "too_short" or not any(len(o) > len(p["loc"]) and o[: len(p["loc"])] == p["loc"] for o in locs)
-    ]  # fmt: skip
+    ]
 
 
 def kind_of(problem: Problem) -> type[Refusal]:
@@ -82,9 +83,12 @@ def blamed(
 
 
 def explain(
-    problem: Problem, sources: Sequence[Source], setting: str | None, model: type[BaseModel],
+    problem: Problem,
+    sources: Sequence[Source],
+    setting: str | None,
+    model: type[BaseModel],
     shapes: Mapping[str, type[BaseModel]],
-) -> str:  # fmt: skip
+) -> str:
     """One problem as: where, which key, what is wrong, what to do.
 
     Parameters
@@ -123,7 +127,7 @@ def as_toml(value: Any) -> str:
         return _short(repr(value))
     if isinstance(value, list | tuple):
         return _short("[" + ", ".join(map(as_toml, value[:20])) + (", ..." if len(value) > 20 else "") + "]")
-    if isinstance(value, int) and abs(value) >= 10**LONGEST:            # Python refuses to spell the longest ones out
+    if isinstance(value, int) and abs(value) >= 10**LONGEST:  # Python refuses to spell the longest ones out
         return f"a whole number of more than {LONGEST} digits"
     return _short(str(value))
 
@@ -160,10 +164,11 @@ _BOUNDS = {
 }
 #: kinds of refusals by pydantic's types of problems; what is of another type can't be read
 _KINDS: dict[str, type[Refusal]] = {
-    **dict.fromkeys(_BOUNDS, OutOfRange), "finite_number": NotFinite,
+    **dict.fromkeys(_BOUNDS, OutOfRange),
+    "finite_number": NotFinite,
     **dict.fromkeys(("too_short", "too_long"), WrongShape),
     **dict.fromkeys(("extra_forbidden", "literal_error", "shape", "material"), UnknownName),
-}  # fmt: skip
+}
 #: pydantic's words for what a TOML file can get wrong, in words of TOML
 _WORDS = {
     "model_type": "must be a table of keys",
@@ -243,7 +248,7 @@ def _number(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    text = " ".join(text.split())                                       # one line
+    text = " ".join(text.split())  # one line
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
 
 

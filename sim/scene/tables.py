@@ -19,7 +19,7 @@ def unit_of(table: type[BaseModel], name: str) -> str:
     return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
 
 
-SMALLEST, LARGEST = 1e-3, 1e4               # of lengths in a scene [mm]
+SMALLEST, LARGEST = 1e-3, 1e4  # of lengths in a scene [mm]
 Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

@@ -81,9 +81,17 @@ class RadialState:
 
 
 def radial_equilibrium(
-    g: float, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
-    A_over_C: float = 0.5, g_core: float = 1.0, elements: int | None = None, order: int = 8,
-) -> RadialState:  # fmt: skip
+    g: float,
+    T_over_C: float,
+    mu_ratio: float = 1.0,
+    law: str = "isotropic",
+    kappa_ratio: float = np.inf,
+    *,
+    A_over_C: float = 0.5,
+    g_core: float = 1.0,
+    elements: int | None = None,
+    order: int = 8,
+) -> RadialState:
     """Radial equilibrium of the grown sphere, whether stable or not.
 
     Parameters
@@ -123,9 +131,19 @@ def radial_equilibrium(
 
 
 def unstable_modes(
-    g: float, l: int, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
-    toroidal: bool = False, A_over_C: float = 0.5, g_core: float = 1.0, elements: int | None = None, order: int = 8,
-) -> int:  # fmt: skip
+    g: float,
+    l: int,
+    T_over_C: float,
+    mu_ratio: float = 1.0,
+    law: str = "isotropic",
+    kappa_ratio: float = np.inf,
+    *,
+    toroidal: bool = False,
+    A_over_C: float = 0.5,
+    g_core: float = 1.0,
+    elements: int | None = None,
+    order: int = 8,
+) -> int:
     """Number of unstable spheroidal (or toroidal) modes of degree l >= 1 at growth g.
 
     Parameters and errors are those of :func:`radial_equilibrium`. Counted are the functions of R; each comes with
@@ -140,10 +158,19 @@ def unstable_modes(
 
 
 def critical_growth_of_degree(
-    l: int, T_over_C: float, mu_ratio: float = 1.0, law: str = "isotropic", kappa_ratio: float = np.inf, *,
-    A_over_C: float = 0.5, g_core: float = 1.0, g_max: float = 4.0, step: float = 0.05,
-    elements: int | None = None, order: int = 8,
-) -> float:  # fmt: skip
+    l: int,
+    T_over_C: float,
+    mu_ratio: float = 1.0,
+    law: str = "isotropic",
+    kappa_ratio: float = np.inf,
+    *,
+    A_over_C: float = 0.5,
+    g_core: float = 1.0,
+    g_max: float = 4.0,
+    step: float = 0.05,
+    elements: int | None = None,
+    order: int = 8,
+) -> float:
     """Smallest growth g > 1 of the cortex at which a spheroidal mode of degree l becomes unstable.
 
     Parameters
@@ -179,7 +206,7 @@ def critical_growth_of_degree(
         need = g_max if np.isnan(g) else g
         if need <= 1.2 * graded:
             return g
-        graded = need                                   # once more, on a mesh for the state that it met
+        graded = need  # once more, on a mesh for the state that it met
 
 
 @dataclass(frozen=True)
@@ -200,9 +227,19 @@ class _Sphere:
     graded for growth g, at which a mode of degree l is to be resolved.
     """
 
-    def __init__(self, T: float, mu_ratio: float, law: str, kappa_ratio: float, A: float, l: int,
-                 elements: int | None, order: int, g: float):  # fmt: skip
-        Sphere(T, mu_ratio, law, kappa_ratio, A)        # refuses what is none
+    def __init__(
+        self,
+        T: float,
+        mu_ratio: float,
+        law: str,
+        kappa_ratio: float,
+        A: float,
+        l: int,
+        elements: int | None,
+        order: int,
+        g: float,
+    ):
+        Sphere(T, mu_ratio, law, kappa_ratio, A)  # refuses what is none
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
@@ -284,7 +321,7 @@ class _Sphere:
         x = self.grow(start)
 
         def softest(g: float) -> float:
-            return self.softest(self.grow((g, g_core), x, start), (g, g_core))    # x, start: the last stable step
+            return self.softest(self.grow((g, g_core), x, start), (g, g_core))  # x, start: the last stable step
 
         if softest(1.0) <= 0:
             raise NoSolution(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
@@ -304,7 +341,7 @@ class _Sphere:
             update = np.linalg.solve(tangent[np.ix_(free, free)], gradient[free])
             x = x.copy()
             x[free] -= update
-            if np.abs(update / unit).max() < 1e-8:    # the step is quadratic: what is left is round-off
+            if np.abs(update / unit).max() < 1e-8:  # the step is quadratic: what is left is round-off
                 return x
         raise FloatingPointError("Newton's method does not converge")
 

@@ -79,11 +79,11 @@ class Sphere:
 
     def __post_init__(self) -> None:
         check_law(self.law)
-        if not 1e-4 <= self.mu_ratio <= 1e4:            # beyond, rounding in the stiff layer hides the soft one
+        if not 1e-4 <= self.mu_ratio <= 1e4:  # beyond, rounding in the stiff layer hides the soft one
             raise OutOfRange(
                 f"mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got {self.mu_ratio}."
             )
-        if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):        # and kappa (J - 1) in J - 1
+        if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):  # and kappa (J - 1) in J - 1
             raise OutOfRange(
                 f"kappa_ratio, bulk over shear modulus, must lie between 1 and 1e8, or be inf for incompressible, "
                 f"got {self.kappa_ratio}."
@@ -109,7 +109,7 @@ class Sphere:
         return np.array([[1.0], [g if self.law == "isotropic" else 1.0]]), np.array([[1.0], [g]])
 
 
-@lru_cache(maxsize=256)                     # a search comes back to the same growths for every degree
+@lru_cache(maxsize=256)  # a search comes back to the same growths for every degree
 def smooth_state(sphere: Sphere, g: float) -> State:
     """Smooth state at growth g of the cortex; the core doesn't grow.
 
@@ -129,7 +129,7 @@ def smooth_state(sphere: Sphere, g: float) -> State:
     ConvergenceError
         If no nearly incompressible state was found, or the points don't resolve it.
     """
-    c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))                # Eq. (11), the core at rest
+    c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))  # Eq. (11), the core at rest
     ends = np.log([[sphere.A_over_C, sphere.B], [sphere.B, c]])
     nodes = (1 - np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
     y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
@@ -177,9 +177,9 @@ def _nearly_incompressible(sphere: Sphere, g: float, y: Array, R: Array, r: Arra
     radial, tangential = sphere.growth(g)
     q = r / R
     w = radial * tangential**2 / q**2
-    along = w / q                                           # dy/dx
+    along = w / q  # dy/dx
     D = along[:, :, None] * np.stack([_derivative(row) for row in y])
-    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):      # straight from the incompressible state, or step by step
+    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # straight from the incompressible state, or step by step
         found: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
             if found is not None:
@@ -205,17 +205,17 @@ def _newton(
     n, det = q.shape[1], radial * tangential**2
     mu = moduli[:, None]
     kappa = kappa_ratio * mu
-    hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1        # equations that boundary conditions replace
+    hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1  # equations that boundary conditions replace
     for _ in range(15):
         a, b = w / radial, q / tangential
         J = a * b * b
         m, I1 = mu * J ** (-2 / 3), a * a + 2 * b * b
         bulk = kappa * J * (J - 1)
-        tau_r, tau_t = m * (a * a - I1 / 3) + bulk, m * (b * b - I1 / 3) + bulk          # J sigma
+        tau_r, tau_t = m * (a * a - I1 / 3) + bulk, m * (b * b - I1 / 3) + bulk  # J sigma
         P, P_t = det * tau_r / w, det * tau_t / q
         second = 2 / 9 * m * I1 + bulk + kappa * J * J
         P_w = det * (second + 2 / 3 * m * a * a - tau_r) / w**2
-        P_q = det * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)                 # twice P_t's in w
+        P_q = det * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
         P_tq = det * (2 * second - 2 / 3 * m * b * b - tau_t) / q**2
         lhs, rhs = np.zeros((4 * n, 4 * n)), np.empty((2, 2, n))
         for k in range(2):
@@ -235,7 +235,7 @@ def _newton(
             step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
         except np.linalg.LinAlgError:
             return None
-        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))          # a stretch halves at most
+        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))  # a stretch halves at most
         q, w = q - part * step_q, w - part * step_w
         if max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
             return q, w

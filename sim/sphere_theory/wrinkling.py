@@ -281,7 +281,7 @@ def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
     if math.isinf(degree):
         return math.nan
     stiffness, modes = np.linalg.eigh(impedances(sphere, degree, g)[0])
-    if abs(stiffness[0]) > 1e-3 * stiffness[1]:             # lives on the interface and doesn't reach the surface
+    if abs(stiffness[0]) > 1e-3 * stiffness[1]:  # lives on the interface and doesn't reach the surface
         return math.nan
     across = (1 - math.sqrt(degree * (degree + 1)) * modes[1, 0] / modes[0, 0]) / r
     return float(

@@ -13,7 +13,7 @@ from morphofold.sim.materials.elastic import brick_energy, brick_stress
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
 from morphofold.studies.speed.solver import SHAKE, speed_body
 
-SIZES = (12, 24, 40)    # surface cells along a quarter circle of an octant
+SIZES = (12, 24, 40)  # surface cells along a quarter circle of an octant
 GROWTH = 1.2
 SKFEM = "scikit-fem assembly"
 
@@ -52,7 +52,7 @@ class Twin:
         """Nodal forces (N, 3), minus the gradient of the energy, for positions x (N, 3)."""
         body, w = self.body, self.basis.dx * self.det_G
         S = brick_stress(self.elastic(x), w, body.mu, body.kappa, body.elements.material)
-        P = self.det_G[..., None, None] * S @ np.swapaxes(self.G_inverse, -1, -2)    # per reference volume
+        P = self.det_G[..., None, None] * S @ np.swapaxes(self.G_inverse, -1, -2)  # per reference volume
         P = np.moveaxis(P, (-2, -1), (0, 1))
         form = LinearForm(lambda v, w: np.einsum("ij...,ij...", w["P"], v.grad))
         forces: Array = -form.assemble(self.basis, P=P)[self.basis.nodal_dofs].T
@@ -70,9 +70,17 @@ def assembly_points(cells: int) -> list[Point]:
     error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
     return [
         Point(
-            "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER, "mesh",
+            "solver",
+            "shaken octant, double precision",
+            "nodal forces",
+            error,
+            EACH_OTHER,
+            "mesh",
             f"{body.elements.n:,} bricks",
-            body.bilayer.edge, body.elements.n, *timed(work)[1], method=method,
+            body.bilayer.edge,
+            body.elements.n,
+            *timed(work)[1],
+            method=method,
         )
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
-    ]  # fmt: skip
+    ]

@@ -18,12 +18,12 @@ from morphofold.sim.scene.files import load_scene
 from morphofold.studies.accuracy.points import Point, Timing
 from morphofold.studies.speed.solver import cut_bricks
 
-SCENE = "fig6-thick"    # its folds are few enough to be grown on meshes far finer than any that is used
+SCENE = "fig6-thick"  # its folds are few enough to be grown on meshes far finer than any that is used
 PORTION = "octant"
 SUBJECT = f"{SCENE}, {PORTION}"
 STANDARD = LEVELS["standard"]
-FIXED = "mesh, 3 elements"   # an axis of the mesh along which elements through the cortex stay three
-PACED = "mesh and pace"     # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
+FIXED = "mesh, 3 elements"  # an axis of the mesh along which elements through the cortex stay three
+PACED = "mesh and pace"  # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
 
 
 @dataclass(frozen=True)
@@ -88,18 +88,34 @@ class Setting:
     def scene(self, settings: tuple[str, ...] = ()) -> Scene:
         """The scene of the study with this setting and others."""
         thickness = load_scene(SCENE).geometry.cortex_thickness
-        return load_scene(SCENE, [
-            f"geometry.portion={PORTION}", f"accuracy.edge={self.edge * thickness!r}",
-            f"accuracy.elements_through_cortex={self.through}", f"material.kappa_ratio={float(self.kappa_ratio)!r}",
-            f"growth.rate={float(self.rate)!r}", f"accuracy.precision={self.precision}", *settings,
-        ])  # fmt: skip
+        return load_scene(
+            SCENE,
+            [
+                f"geometry.portion={PORTION}",
+                f"accuracy.edge={self.edge * thickness!r}",
+                f"accuracy.elements_through_cortex={self.through}",
+                f"material.kappa_ratio={float(self.kappa_ratio)!r}",
+                f"growth.rate={float(self.rate)!r}",
+                f"accuracy.precision={self.precision}",
+                *settings,
+            ],
+        )
 
     def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
         """How wrong a quantity came out with this setting, and how long that took."""
         return Point(
-            "solver", SUBJECT, quantity, error, against, self.axis, self.words, self.value, size, *timing,
+            "solver",
+            SUBJECT,
+            quantity,
+            error,
+            against,
+            self.axis,
+            self.words,
+            self.value,
+            size,
+            *timing,
             preset=self.preset,
-        )  # fmt: skip
+        )
 
     def bilayer(self) -> Bilayer:
         """The mesh of the body, not grown."""
@@ -123,9 +139,7 @@ def axes() -> dict[str, list[Setting]]:
     found = {
         "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
         FIXED: _along(FIXED, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGES, layers=3),
-        PACED: [
-            Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES
-        ],
+        PACED: [Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES],
         "layers": [
             *_along("layers", "1 element through the cortex", "layers", (1,)),
             *_along("layers", through, "layers", (2, 3, 4, 6)),

@@ -20,7 +20,7 @@ from morphofold.studies.accuracy.points import ANEW, Point, Timing
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
 
-STAGES = (1.5, 2.0)     # growth at which folds are measured: sulci have closed; the end
+STAGES = (1.5, 2.0)  # growth at which folds are measured: sulci have closed; the end
 MESH = "finest mesh"
 #: axes along which the last setting is the most accurate; that of the others is the finest mesh
 WITH_A_LIMIT = ("layers", "kappa", "pace", "contact", "precision")
@@ -54,7 +54,7 @@ def grown(setting: Setting, kept: Path, tell: Progress = silent) -> dict[float, 
     if not kept.exists():
         arrays = _grow(setting, tell)
         with atomic_file(kept) as temporary, temporary.open("wb") as file:
-            np.savez(file, **arrays)                                      # type: ignore[arg-type]
+            np.savez(file, **arrays)  # type: ignore[arg-type]
     with decoding(kept, "folds of a study", ANEW), np.load(existing_file(kept, "file of folds")) as arrays:
         return {g: _folds(arrays, g) for g in STAGES}
 
@@ -74,9 +74,10 @@ def _grow(setting: Setting, tell: Progress) -> dict[str, Array]:
         pial = whole_surfaces(body, run.state.x)[1]
         waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
         numbers = (
-            analysis.gyrification_index(pial.verts, pial.faces), waves.wavelength,
+            analysis.gyrification_index(pial.verts, pial.faces),
+            waves.wavelength,
             run.state.record["strain_energy"] / body.bilayer.portion,
-        )  # fmt: skip
+        )
         arrays |= {f"{g}.verts": pial.verts, f"{g}.faces": pial.faces, f"{g}.numbers": np.array(numbers)}
     return {**arrays, "work": np.array([body.elements.n, run.state.step, seconds])}
 
@@ -86,8 +87,10 @@ def _folds(arrays: Any, g: float) -> Folds:
     return Folds(
         Surface(arrays[f"{g}.verts"], arrays[f"{g}.faces"], name="pial"),
         dict(zip(NUMBERS, arrays[f"{g}.numbers"].tolist(), strict=True)),
-        int(elements), int(steps), float(seconds),
-    )  # fmt: skip
+        int(elements),
+        int(steps),
+        float(seconds),
+    )
 
 
 def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[Setting, Setting, str]]:

@@ -13,9 +13,9 @@ from scipy.stats import t as student
 from morphofold.errors import OutOfRange
 from morphofold.studies.accuracy.points import Point
 
-LIKELY = 0.95           # of intervals
-ENDLESS = 1000.0        # powers of two of the time beyond which it doesn't matter how many
-FASTER, TRUER = 0.75, 0.95      # shares of time and error below which a setting is the better one for sure
+LIKELY = 0.95  # of intervals
+ENDLESS = 1000.0  # powers of two of the time beyond which it doesn't matter how many
+FASTER, TRUER = 0.75, 0.95  # shares of time and error below which a setting is the better one for sure
 
 #: what can be compared: points of one key are in one picture
 Key = tuple[str, str, str, str]
@@ -38,10 +38,11 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
     found: list[Point | None] = []
     for p in points:
         better = [
-            q for q in points
+            q
+            for q in points
             if (q.seconds < FASTER * p.seconds and TRUER * q.error <= p.error)
             or (q.seconds <= p.seconds and q.error < TRUER * p.error)
-        ]  # fmt: skip
+        ]
         found.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
     return found
 
@@ -100,9 +101,14 @@ def law(x: ArrayLike, y: ArrayLike) -> Law:
     scatter = float(np.sqrt(np.sum(rest**2) / free))
     spread = scatter / float(np.sqrt(np.sum(away**2)))
     return Law(
-        float(np.exp(shift)), float(power), float(student.ppf(0.5 * (1 + LIKELY), free)) * spread, scatter,
-        len(x), float(x.min()), float(x.max()),
-    )  # fmt: skip
+        float(np.exp(shift)),
+        float(power),
+        float(student.ppf(0.5 * (1 + LIKELY), free)) * spread,
+        scatter,
+        len(x),
+        float(x.min()),
+        float(x.max()),
+    )
 
 
 @dataclass(frozen=True)

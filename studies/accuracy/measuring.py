@@ -22,9 +22,9 @@ from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvatu
 from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
-LEVELS = (4, 5, 6, 7)           # of the icosphere: 2,562 to 163,842 vertices
-SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)    # mean edges
-GAP, SLIDE = 2.5, 0.4           # [mm] of cortex; by which its inner vertices slid along it, in mean edges
+LEVELS = (4, 5, 6, 7)  # of the icosphere: 2,562 to 163,842 vertices
+SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)  # mean edges
+GAP, SLIDE = 2.5, 0.4  # [mm] of cortex; by which its inner vertices slid along it, in mean edges
 Fields = Mapping[str, PerVertex]
 
 
@@ -35,13 +35,33 @@ def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
 
 
 def point(
-    subject: str, quantity: str, error: float, timing: Timing, *, axis: str, setting: str, value: float, size: int,
-    method: str = OURS, against: str = "exact", preset: str = "",
-) -> Point:  # fmt: skip
+    subject: str,
+    quantity: str,
+    error: float,
+    timing: Timing,
+    *,
+    axis: str,
+    setting: str,
+    value: float,
+    size: int,
+    method: str = OURS,
+    against: str = "exact",
+    preset: str = "",
+) -> Point:
     return Point(
-        half="measuring", subject=subject, quantity=quantity, error=error, against=against, axis=axis, setting=setting,
-        value=value, size=size, **timing._asdict(), method=method, preset=preset,
-    )  # fmt: skip
+        half="measuring",
+        subject=subject,
+        quantity=quantity,
+        error=error,
+        against=against,
+        axis=axis,
+        setting=setting,
+        value=value,
+        size=size,
+        **timing._asdict(),
+        method=method,
+        preset=preset,
+    )
 
 
 def of_mesh(verts: Verts, faces: Faces) -> dict[str, Any]:
@@ -141,7 +161,7 @@ def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple
         return timed(work)
     try:
         return timed(work)
-    except Exception as error:                                          # whatever another package may raise
+    except Exception as error:  # whatever another package may raise
         said = str(error).splitlines()[0] if str(error) else "no reason given"
         about["setting"] += f": failed, {type(error).__name__}: {said}"
         return None, NEVER
@@ -159,8 +179,9 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
             points.append(_thickness(pial, work, **about, axis=axis))
         for peer in closest_peers():
             if len(pial.verts) <= peer.most:
-                points.append(_thickness(pial, partial(_both_ways, peer, white, pial), **about, axis="mesh",
-                                         method=peer.name))  # fmt: skip
+                points.append(
+                    _thickness(pial, partial(_both_ways, peer, white, pial), **about, axis="mesh", method=peer.name)
+                )
     return points
 
 

@@ -21,10 +21,10 @@ from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
 from morphofold.surface import Cortex, PerVertex, Surface
 
-SHORTEST = 0.07             # [rad] of the arcs of the net: shorter ones are one hinge by definition
+SHORTEST = 0.07  # [rad] of the arcs of the net: shorter ones are one hinge by definition
 SIZES = (2_500, 10_000, 40_000, 160_000)
-SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)                 # [mm], of gyral thickness
-VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)           # in the radius of the closing
+SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)  # [mm], of gyral thickness
+VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)  # in the radius of the closing
 
 
 def cases() -> list[Case]:
@@ -50,8 +50,18 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
     cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
         found, timing = timed(partial(_median, cortex, ACCURACIES["standard"], scale))
-        points.append(_width("ridged sphere", chord, found, timing, axis="scale", setting=f"{scale:g} mm", value=scale,
-                             size=cortex.n_vertices))  # fmt: skip
+        points.append(
+            _width(
+                "ridged sphere",
+                chord,
+                found,
+                timing,
+                axis="scale",
+                setting=f"{scale:g} mm",
+                value=scale,
+                size=cortex.n_vertices,
+            )
+        )
     return points
 
 
@@ -61,8 +71,16 @@ def width_of_sheet(edges: Iterable[float]) -> list[Point]:
     for edge in edges:
         sheet, width = corrugated_sheet(edge, rng=0)
         found = timed(partial(_median_of_sheet, sheet))
-        points.append(_width("corrugated sheet", width, *found, setting=f"{len(sheet.verts):,} vertices", value=edge,
-                             size=len(sheet.verts)))  # fmt: skip
+        points.append(
+            _width(
+                "corrugated sheet",
+                width,
+                *found,
+                setting=f"{len(sheet.verts):,} vertices",
+                value=edge,
+                size=len(sheet.verts),
+            )
+        )
     return points
 
 
@@ -155,9 +173,8 @@ def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
 
 
 def gyrification_over_voxels(
-    subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float],
-    against: str = "exact",
-) -> list[Point]:  # fmt: skip
+    subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float], against: str = "exact"
+) -> list[Point]:
     """Local gyrification index by so many voxels in the radius of the closing, each an accuracy's or another number."""
     presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
     points = []
@@ -165,8 +182,16 @@ def gyrification_over_voxels(
         index, timing = timed(partial(local_index, surface, count))
         points.append(
             point(
-                subject, "local gyrification", error(index), timing, axis="voxel", setting=f"{CLOSING / count:g} mm",
-                value=CLOSING / count, size=len(surface.verts), preset=presets.get(count, ""), against=against,
+                subject,
+                "local gyrification",
+                error(index),
+                timing,
+                axis="voxel",
+                setting=f"{CLOSING / count:g} mm",
+                value=CLOSING / count,
+                size=len(surface.verts),
+                preset=presets.get(count, ""),
+                against=against,
             )
-        )  # fmt: skip
+        )
     return points

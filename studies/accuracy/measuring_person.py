@@ -28,9 +28,9 @@ from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
 
 THINNED = (80_000, 40_000, 20_000, 10_000)
-FLAT = (120_000, 80_000, 60_000)        # on which curvature within 3 mm can be had, if hardly
-COARSE = 10_000                         # vertices of the coarse person that the accuracies are compared on, too
-FINEST = 25.0                           # voxels in the radius of the closing
+FLAT = (120_000, 80_000, 60_000)  # on which curvature within 3 mm can be had, if hardly
+COARSE = 10_000  # vertices of the coarse person that the accuracies are compared on, too
+FINEST = 25.0  # voxels in the radius of the closing
 #: scalars, the stage of ``measure`` that they are of
 SCALARS = {
     "mean_cortical_thickness_mm": "cortical thickness",
@@ -81,9 +81,13 @@ def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> lis
     points: list[Point] = []
     for name, accuracy in ACCURACIES.items():
         about: dict[str, Any] = {
-            "axis": "accuracy", "setting": name, "value": copied(cortex, accuracy).cortex.n_vertices, "preset": name,
-            "size": cortex.n_vertices, "against": against,
-        }  # fmt: skip
+            "axis": "accuracy",
+            "setting": name,
+            "value": copied(cortex, accuracy).cortex.n_vertices,
+            "preset": name,
+            "size": cortex.n_vertices,
+            "against": against,
+        }
         points += _of_measures(subject, *staged(cortex, name), truth, **about)
     return points
 
@@ -140,10 +144,16 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
             wrong = median_error(found[place], truth, areas)
             points.append(
                 point(
-                    f"S1, {kind}", "mean curvature", wrong, timing, axis="mesh", against="split surface",
-                    preset="standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces),
+                    f"S1, {kind}",
+                    "mean curvature",
+                    wrong,
+                    timing,
+                    axis="mesh",
+                    against="split surface",
+                    preset="standard" if body is cortex else "",
+                    **of_mesh(mesh.verts, mesh.faces),
                 )
-            )  # fmt: skip
+            )
     return points
 
 

@@ -26,9 +26,7 @@ from morphofold.studies.indexes import AccuracyIndex
 from morphofold.studies.markdown import Row, number, renewed, table, write_texts
 from morphofold.tables import read_table
 
-WORDS = (
-    "half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by",
-)  # fmt: skip
+WORDS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE = "Name the folder that `morphofold bench accuracy -o FOLDER` wrote."
 PRESETS = ("draft", "standard", "fine")
 
@@ -58,8 +56,9 @@ def text_answers(out: Path) -> list[str]:
     _, tables = read_study(out)
     return [
         f"{row['subject']}, {row['quantity']}, {row['axis']}: half the error takes {_factor(row)} times as long"
-        for row in tables["laws"] if row["half_the_error"] is not None and row["method"] == OURS
-    ] or ["no law of the error was found"]  # fmt: skip
+        for row in tables["laws"]
+        if row["half_the_error"] is not None and row["method"] == OURS
+    ] or ["no law of the error was found"]
 
 
 def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]:
@@ -86,9 +85,9 @@ def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
     written = {page: renewed(page, _text(page), parts)}
     if forecast is not None:
-        written[forecast] = strict_json({
-            **json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]},
-        })  # fmt: skip
+        written[forecast] = strict_json(
+            {**json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]}}
+        )
     write_texts(written)
     pictures = [name for name in summary["files"] if name.endswith(".png")]
     for name in pictures:
@@ -125,13 +124,30 @@ def _seconds(value: float) -> str:
 
 
 def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    heads = ["half", "of what", "quantity", "against", "refined", "time goes with edge to the",
-             "error with edge to the", "half the error takes, times as long"]  # fmt: skip
+    heads = [
+        "half",
+        "of what",
+        "quantity",
+        "against",
+        "refined",
+        "time goes with edge to the",
+        "error with edge to the",
+        "half the error takes, times as long",
+    ]
     rows = [
-        [row["half"], row["subject"], row["quantity"], row["against"], row["axis"], _power(row, "seconds"),
-         _power(row, "error"), _factor(row) if row["half_the_error"] is not None else "not clear"]
-        for row in tables["laws"] if row["method"] == OURS and row["error_power"] is not None
-    ]  # fmt: skip
+        [
+            row["half"],
+            row["subject"],
+            row["quantity"],
+            row["against"],
+            row["axis"],
+            _power(row, "seconds"),
+            _power(row, "error"),
+            _factor(row) if row["half_the_error"] is not None else "not clear",
+        ]
+        for row in tables["laws"]
+        if row["method"] == OURS and row["error_power"] is not None
+    ]
     return [table(heads, rows)]
 
 
@@ -173,17 +189,30 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     if not tables["peers"]:
         return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
     heads = [
-        "of what", "quantity", "vertices or elements", "peer", "its time (range)", "ours (range)", "its time / ours",
-        "its error", "ours",
-    ]  # fmt: skip
+        "of what",
+        "quantity",
+        "vertices or elements",
+        "peer",
+        "its time (range)",
+        "ours (range)",
+        "its time / ours",
+        "its error",
+        "ours",
+    ]
     rows = [
         [
-            row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"], _range(row, "") or row["setting"],
-            _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}"), _percent(row["error"]),
+            row["subject"],
+            row["quantity"],
+            f"{row['our_size']:,}",
+            row["method"],
+            _range(row, "") or row["setting"],
+            _range(row, "our_"),
+            number(row["seconds_ratio"], "{:.2g}"),
+            _percent(row["error"]),
             _percent(row["our_error"]),
         ]
         for row in tables["peers"]
-    ]  # fmt: skip
+    ]
     return [table(heads, rows)]
 
 
@@ -216,8 +245,13 @@ def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
 
 
 PARTS = {
-    "answer": _answer, "presets": _presets, "budget": _budget, "dominated": _dominated, "peers": _peers, "made": _made,
-}  # fmt: skip
+    "answer": _answer,
+    "presets": _presets,
+    "budget": _budget,
+    "dominated": _dominated,
+    "peers": _peers,
+    "made": _made,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts
 
 H, K = "mean curvature", "Gaussian curvature"
-EQUILATERAL = 2 * 3**0.5    # mean curvature of a sphere in LaPy's unit, times the mean edge
+EQUILATERAL = 2 * 3**0.5  # mean curvature of a sphere in LaPy's unit, times the mean edge
 
 
 class Peer(NamedTuple):
@@ -55,25 +55,34 @@ def curvature_peers() -> list[Peer]:
     ]
     balls = [
         Peer(
-            f"trimesh discrete_mean_curvature_measure, {k} edges", ("trimesh", "rtree"),
-            lambda v, f, k=k: _trimesh(v, f, k), k, most=50_000,
+            f"trimesh discrete_mean_curvature_measure, {k} edges",
+            ("trimesh", "rtree"),
+            lambda v, f, k=k: _trimesh(v, f, k),
+            k,
+            most=50_000,
         )
         for k in (2, 3)
-    ]  # fmt: skip
-    return present([
-        *rings, *balls, Peer("pyvista curvature", ("pyvista",), _pyvista),
-        Peer("LaPy TriaMesh.curvature, unit turned to 1/mm", ("lapy",), _lapy),
-    ])  # fmt: skip
+    ]
+    return present(
+        [
+            *rings,
+            *balls,
+            Peer("pyvista curvature", ("pyvista",), _pyvista),
+            Peer("LaPy TriaMesh.curvature, unit turned to 1/mm", ("lapy",), _lapy),
+        ]
+    )
 
 
 def closest_peers() -> list[Peer]:
     """Those that are installed: exact ones of libigl, VTK and trimesh, and the nearest vertex by scipy."""
-    return present([
-        Peer("libigl point_mesh_squared_distance", ("igl",), _libigl_closest),
-        Peer("scipy cKDTree of vertices", ("scipy",), _scipy_closest),
-        Peer("pyvista find_closest_cell", ("pyvista",), _pyvista_closest),
-        Peer("trimesh closest_point", ("trimesh", "rtree"), _trimesh_closest, most=3_000),
-    ])  # fmt: skip
+    return present(
+        [
+            Peer("libigl point_mesh_squared_distance", ("igl",), _libigl_closest),
+            Peer("scipy cKDTree of vertices", ("scipy",), _scipy_closest),
+            Peer("pyvista find_closest_cell", ("pyvista",), _pyvista_closest),
+            Peer("trimesh closest_point", ("trimesh", "rtree"), _trimesh_closest, most=3_000),
+        ]
+    )
 
 
 def _libigl(verts: Verts, faces: Faces, rings: int) -> dict[str, PerVertex]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP<>"
-FEWEST = 4              # points that make a panel
+FEWEST = 4  # points that make a panel
 COLUMNS = 3
 
 
@@ -37,9 +37,10 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
         None if no quantity has four points.
     """
     panels = {
-        key: group for key, group in grouped(points).items()
+        key: group
+        for key, group in grouped(points).items()
         if len(group) >= FEWEST and min(p.error for p in group) > 0 and key[3] != EACH_OTHER
-    }  # fmt: skip
+    }
     if not panels:
         return None
     names = list(dict.fromkeys(getattr(p, by) for group in panels.values() for p in group))
@@ -56,9 +57,10 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
         for ax in axes.flat[max(0, len(panels) - COLUMNS) : len(panels)]:
             ax.set(xlabel="seconds")
         entries: dict[str, Mapping[str, Any]] = {
-            **styles, "dominated": {**_style(6), "markerfacecolor": "none"},
+            **styles,
+            "dominated": {**_style(6), "markerfacecolor": "none"},
             "front": {"color": BLACK, "linewidth": 0.9},
-        }  # fmt: skip
+        }
         legend_of_figure(figure, entries, axes.flat[0], columns=3 if by == "method" else 5)
     return figure
 
@@ -67,10 +69,10 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
     best = [p for p, better in zip(group, better_than(group)) if better is None]
     best.sort(key=lambda p: p.seconds)
     ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
-    for p in sorted(group, key=lambda p: p.axis == "mesh"):             # last, above what is the same run
+    for p in sorted(group, key=lambda p: p.axis == "mesh"):  # last, above what is the same run
         style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
         ax.plot([p.seconds], [p.error], **style)
-    presets: dict[float, dict[str, Point]] = {}                 # by error: standard and fine can be the same
+    presets: dict[float, dict[str, Point]] = {}  # by error: standard and fine can be the same
     named = [p for p in group if p.preset and p.method == OURS]
     largest = max((p.size for p in named if p.half == "measuring"), default=0)
     for p in named:
@@ -109,7 +111,7 @@ HEADLINES = {
     ("onset", PACED): "onset of folding, mesh and pace",
     ("gyrification index, g = 2", "mesh"): "gyrification index at g = 2",
     ("pial distance, g = 1.5", "mesh"): "pial surface at g = 1.5 (over T)",
-}  # fmt: skip
+}
 
 
 def overview(points: Sequence[Point]) -> Figure:
@@ -154,7 +156,7 @@ def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any
     label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
     dots = {"marker": "o", "markersize": 4, "label": label}
     ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
-    below = words.startswith("onset")                          # its curve crosses another one
+    below = words.startswith("onset")  # its curve crosses another one
     for p in group:
         if p.preset:
             at = (4, -11) if below else (4, 4)
@@ -163,9 +165,12 @@ def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any
 
 def _style(k: int) -> dict[str, Any]:
     return {
-        "color": CATEGORICAL[k % 7], "marker": MARKERS[k % 8], "markersize": 5, "linestyle": "none",
+        "color": CATEGORICAL[k % 7],
+        "marker": MARKERS[k % 8],
+        "markersize": 5,
+        "linestyle": "none",
         "markeredgecolor": CATEGORICAL[k % 7],
-    }  # fmt: skip
+    }
 
 
 def _logarithmic(ax: Axes) -> None:

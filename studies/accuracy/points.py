@@ -13,10 +13,10 @@ from morphofold.errors import DamagedFile, NotFinite
 from morphofold.timing import working_seconds
 
 OURS = "morphofold"
-EACH_OTHER = "each other"         # against which two peers are held that do the same
+EACH_OTHER = "each other"  # against which two peers are held that do the same
 ANEW = "Delete it, and run again."
 KINDS: dict[Any, Any] = {"str": str, "float": (int, float), "int": int}
-QUICK, LONG = 0.5, 5.0          # [s] below which work is repeated five times, and from which it is not repeated
+QUICK, LONG = 0.5, 5.0  # [s] below which work is repeated five times, and from which it is not repeated
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,6 @@ class Timing(NamedTuple):
     fastest: float
     slowest: float
     repeats: int
-
 
     @staticmethod
     def of(took: Sequence[float]) -> Timing:

@@ -32,15 +32,19 @@ from morphofold.studies.indexes import write_tables
 SHOWS = "errors and times of settings of the solver and of the measuring room"
 
 #: quantities of the study that a forecast of a scene's error is made from; there they go without their growth
-FORECAST = (
-    "radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2",
-)  # fmt: skip
+FORECAST = ("radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2")
 
 #: what a forecast of an analysis says the error of; curvature is that of the pial surface, as its maps are
 MEASURED = (
-    "mean cortical thickness", "median gyral thickness", "wavelength", "spectral wavelength", "crest length", "hinges",
-    "local gyrification", "mean curvature",
-)  # fmt: skip
+    "mean cortical thickness",
+    "median gyral thickness",
+    "wavelength",
+    "spectral wavelength",
+    "crest length",
+    "hinges",
+    "local gyrification",
+    "mean curvature",
+)
 #: subject of the study -> whose hemisphere that is
 PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
 
@@ -65,10 +69,11 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
     person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
     solver = [p for p in drawn if p.half == "solver" and _in_picture(p)]
     figures = {
-        "solver": front_figure(solver, "axis"), "shapes": front_figure(shapes, "method"),
+        "solver": front_figure(solver, "axis"),
+        "shapes": front_figure(shapes, "method"),
         "person": front_figure(person, "axis"),
         "overview": overview(drawn) if {p.half for p in points} == {"solver", "measuring"} else None,
-    }  # fmt: skip
+    }
     for name, figure in figures.items():
         if figure is not None:
             save(figure, folder / "figures" / f"{name}.png")
@@ -111,10 +116,14 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
             error = laws_of(group)[1]
             if error is not None:
                 quantities[quantity.removesuffix(", g = 2")] = {
-                    "coefficient": error.coefficient, "power": error.power, "spread": error.scatter,
-                    "finest": error.low, "coarsest": error.high, "against": against,
+                    "coefficient": error.coefficient,
+                    "power": error.power,
+                    "spread": error.scatter,
+                    "finest": error.low,
+                    "coarsest": error.high,
+                    "against": against,
                     "other": math.hypot(*beside.get(quantity, [])),
-                }  # fmt: skip
+                }
     if not quantities:
         return None
     measuring = measuring_errors(points)

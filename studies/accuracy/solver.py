@@ -18,9 +18,9 @@ from morphofold.studies.folds.tables import sphere
 from morphofold.studies.onset import onset
 from morphofold.timing import working_seconds
 
-SMOOTH = 1.15           # growth at which the smooth body is held against theory: it wrinkles from 1.24 on
-START = 1.1             # growth at which the onset begins to be looked for
-REPEATS, ENOUGH = 3, 10.0   # how often the smooth body is grown, at most; not again after so long [s]
+SMOOTH = 1.15  # growth at which the smooth body is held against theory: it wrinkles from 1.24 on
+START = 1.1  # growth at which the onset begins to be looked for
+REPEATS, ENOUGH = 3, 10.0  # how often the smooth body is grown, at most; not again after so long [s]
 THEORY, INCOMPRESSIBLE = "theory", "incompressible theory"
 
 
@@ -40,9 +40,10 @@ def smooth_points(setting: Setting) -> list[Point]:
     body, x, size = run.body, run.state.x, run.body.elements.n
     exact = theory_of(setting.kappa_ratio)
     found = [
-        ("radius", radius_error(body, x, exact), THEORY), ("hoop stress", stress_error(body, x, exact), THEORY),
+        ("radius", radius_error(body, x, exact), THEORY),
+        ("hoop stress", stress_error(body, x, exact), THEORY),
         ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
-    ]  # fmt: skip
+    ]
     return [setting.point(what, error, against, size, Timing.of(seconds)) for what, error, against in found]
 
 
@@ -75,7 +76,7 @@ def stress_error(body: Body, x: Array, exact: RadialState) -> float:
     a patch of six), and held against theory at the mean of its nodes.
     """
     nodes = np.concatenate([part.nodes for part in points(body)])
-    cortex = body.bilayer.share[nodes].mean(axis=1) > 0                 # the core's nodes have no share of it
+    cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # the core's nodes have no share of it
     at, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
     R = np.linalg.norm(at, axis=1)
     normal = at / R[:, None]
@@ -120,8 +121,17 @@ def theory_points() -> list[Point]:
     errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
     return [
         Point(
-            "solver", SUBJECT, what, errors[what], THEORY, "mesh", "the exact body", 0.0, 0, *timed(work)[1],
+            "solver",
+            SUBJECT,
+            what,
+            errors[what],
+            THEORY,
+            "mesh",
+            "the exact body",
+            0.0,
+            0,
+            *timed(work)[1],
             method="the theory",
         )
         for what, work in (("radius", radius), ("onset", begins))
-    ]  # fmt: skip
+    ]

@@ -22,11 +22,11 @@ from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
 from morphofold.studies.accuracy.points import ANEW, Case, Point
 
 HALVES = ("measuring", "solver")
-SHARES = {"measuring": 1.0, "solver": 3.0}          # of the time of the whole study, about
-PEERS = ("libigl", "pyvista", "trimesh", "lapy")    # packages, if they are installed
+SHARES = {"measuring": 1.0, "solver": 3.0}  # of the time of the whole study, about
+PEERS = ("libigl", "pyvista", "trimesh", "lapy")  # packages, if they are installed
 #: of this package: no case runs them
 READERS = ("study.py", "tables.py", "fronts.py", "page.py", "plots.py", "report.py")
-COMPARING = 0.03                                    # of that of the solver's half: distances between surfaces
+COMPARING = 0.03  # of that of the solver's half: distances between surfaces
 
 
 def circumstances() -> dict[str, Any]:
@@ -34,10 +34,15 @@ def circumstances() -> dict[str, Any]:
     import numba
 
     return {
-        "morphofold": __version__, "code": _digest_of_code(), "processor": _processor(), "cores": os.cpu_count(),
-        "threads": numba.get_num_threads(), "system": platform.system(), "python": platform.python_version(),
+        "morphofold": __version__,
+        "code": _digest_of_code(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "threads": numba.get_num_threads(),
+        "system": platform.system(),
+        "python": platform.python_version(),
         **{package: _version_if_installed(package) for package in ("numpy", "scipy", "numba", "scikit-fem", *PEERS)},
-    }  # fmt: skip
+    }
 
 
 def _version_if_installed(package: str) -> str | None:
@@ -56,8 +61,10 @@ def _digest_of_code() -> str:
     import morphofold.studies.accuracy
 
     home = Path(str(morphofold.__file__)).parent
-    files = [*home.glob("*.py"), *(home / name for name in ("comparison/distance.py", "studies/onset.py",
-                                                           "studies/speed/solver.py"))]  # fmt: skip
+    files = [
+        *home.glob("*.py"),
+        *(home / name for name in ("comparison/distance.py", "studies/onset.py", "studies/speed/solver.py")),
+    ]
     for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
         files += Path(str(package.__file__)).parent.rglob("*.py")
     mine = Path(str(morphofold.studies.accuracy.__file__)).parent
@@ -144,14 +151,14 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     settings = [s for along in axes().values() for s in along]
     folding = [s for s in settings if s.axis != PACED]
     to_fold = {s.name for s in (*folding, FINEST)}
-    without_contact = {s.name for s in settings if s.axis != "contact"}     # contact begins with folds
+    without_contact = {s.name for s in settings if s.axis != "contact"}  # contact begins with folds
     different = {s.name: s for s in (*settings, FINEST)}
     cost = {name: _cost(s) for name, s in different.items()}
     done, whole = 0.0, sum(cost.values())
     folds = {}
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)     # noqa: B023
+        share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
         if name in without_contact:
             share(0.0, f"{s.words}, smooth")
             smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))

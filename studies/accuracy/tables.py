@@ -11,9 +11,9 @@ from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halvin
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
 
 Row = dict[str, Any]
-ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")        # axes on which ours and peers have the same mesh
+ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which ours and peers have the same mesh
 REFINED = ("mesh", PACED)
-PRESETS = ("mesh", "accuracy", "voxel")                            # axes that know presets
+PRESETS = ("mesh", "accuracy", "voxel")  # axes that know presets
 
 COLUMNS = {
     "error": "relative: 0.01 is 1 %",
@@ -81,15 +81,22 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
     for key, group in along_meshes(points).items():
         time, error = laws_of(group)
         half = halving(time, error) if error else None
-        rows.append({
-            **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
-            "points": len(group),
-            "seconds_power": time.power, "seconds_power_pm": time.uncertainty, "seconds_coefficient": time.coefficient,
-            "error_power": error and error.power, "error_power_pm": error and error.uncertainty,
-            "error_coefficient": error and error.coefficient, "error_scatter": error and error.scatter,
-            "half_the_error": half and half.factor, "half_the_error_low": half and half.low,
-            "half_the_error_high": half and half.high,
-        })  # fmt: skip
+        rows.append(
+            {
+                **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
+                "points": len(group),
+                "seconds_power": time.power,
+                "seconds_power_pm": time.uncertainty,
+                "seconds_coefficient": time.coefficient,
+                "error_power": error and error.power,
+                "error_power_pm": error and error.uncertainty,
+                "error_coefficient": error and error.coefficient,
+                "error_scatter": error and error.scatter,
+                "half_the_error": half and half.factor,
+                "half_the_error_low": half and half.low,
+                "half_the_error_high": half and half.high,
+            }
+        )
     return rows
 
 
@@ -103,13 +110,26 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
         mine = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
         if p.method == OURS or mine is None:
             continue
-        rows.append({
-            **_fields(p, "subject", "quantity", "size", "method", "setting", "seconds", "fastest", "slowest", "repeats",
-                      "error"),
-            **{f"our_{k}": v for k, v in _fields(mine, "size", "seconds", "fastest", "slowest", "error").items()},
-            "seconds_ratio": p.seconds / mine.seconds,
-            "error_ratio": p.error / mine.error if mine.error > 0 else None,        # of a peer that failed all are NaN
-        })  # fmt: skip
+        rows.append(
+            {
+                **_fields(
+                    p,
+                    "subject",
+                    "quantity",
+                    "size",
+                    "method",
+                    "setting",
+                    "seconds",
+                    "fastest",
+                    "slowest",
+                    "repeats",
+                    "error",
+                ),
+                **{f"our_{k}": v for k, v in _fields(mine, "size", "seconds", "fastest", "slowest", "error").items()},
+                "seconds_ratio": p.seconds / mine.seconds,
+                "error_ratio": p.error / mine.error if mine.error > 0 else None,  # of a peer that failed all are NaN
+            }
+        )
     return rows
 
 
@@ -121,10 +141,15 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
         key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
         if p.preset and p.axis in PRESETS:
             error = laws_of(meshes[key])[1] if key in meshes else None
-            rows.append({
-                **_fields(p, "half", "preset", "subject", "quantity", "against", "setting", "size", "seconds", "error"),
-                "error_by_law": error.at(edge_of(p)) if error else None, "front": better is None,
-            })  # fmt: skip
+            rows.append(
+                {
+                    **_fields(
+                        p, "half", "preset", "subject", "quantity", "against", "setting", "size", "seconds", "error"
+                    ),
+                    "error_by_law": error.at(edge_of(p)) if error else None,
+                    "front": better is None,
+                }
+            )
     return rows
 
 
@@ -132,8 +157,9 @@ def budget_rows(points: Sequence[Point]) -> list[Row]:
     """Where the error of ``standard`` comes from: along each axis, the difference to the last setting of it."""
     return [
         _fields(p, "axis", "quantity", "setting", "against", "error", "seconds")
-        for p in points if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
-    ]  # fmt: skip
+        for p in points
+        if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
+    ]
 
 
 def _fields(p: Point, *names: str) -> Row:

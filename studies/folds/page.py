@@ -22,9 +22,12 @@ Summary = dict[str, Any]
 #: what the study asks of two neighbouring meshes: least correlation of outer radii, greatest change of GI [%]
 ALIKE, SAME_GI = 0.95, 4.0
 NAMES = {
-    "gyrification_index": "GI", "gyri": "the number of gyri", "sulci": "the number of sulci",
-    "wavelength_mm": "the wavelength", "gyral_thickness_mm": "the gyral width",
-}  # fmt: skip
+    "gyrification_index": "GI",
+    "gyri": "the number of gyri",
+    "sulci": "the number of sulci",
+    "wavelength_mm": "the wavelength",
+    "gyral_thickness_mm": "the gyral width",
+}
 NEW_PAGE = """# How far simulated folds can be trusted
 
 The same bodies, grown on several meshes and from several seeds of their imperfection. How folds are counted is said in
@@ -62,9 +65,10 @@ def write_page(out: Path, page: Path) -> list[str]:
     picture = page.with_suffix(".png")
     parts = {
         name: [part.sentences(tables[name], summary), table(*part.cells(tables[name], summary))]
-        if name in tables else [f"Left out: {summary['left_out'][name]}."]
+        if name in tables
+        else [f"Left out: {summary['left_out'][name]}."]
         for name, part in PARTS.items()
-    }  # fmt: skip
+    }
     if "slope" in tables:
         parts["slope"].insert(1, f"![wavelength of folds against the thickness of the cortex]({picture.name})")
     text = renewed(page, text, {**parts, "runs": [_runs(summary), health(summary["simulations"])]})
@@ -96,17 +100,34 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
 def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     """The finest mesh, from the first seed."""
     asked = summary["parameters"]
-    heads = ["scene", "g", "GI", "gyri", "sulci", "wavelength, mm", "over T", "theory, over T", "gyral width, mm",
-             "cortex, mm"]  # fmt: skip
+    heads = [
+        "scene",
+        "g",
+        "GI",
+        "gyri",
+        "sulci",
+        "wavelength, mm",
+        "over T",
+        "theory, over T",
+        "gyral width, mm",
+        "cortex, mm",
+    ]
     how = ("{:.2f}", "{:.2f}", "{:.0f}", "{:.0f}", "{:.1f}", "{:.2f}", "{:.2f}", "{:.1f}", "{:.2f}")
     lines = []
     for row in rows:
         if (row["level"], row["seed"]) == (asked["levels"][-1], asked["seeds"][0]):
             T, wave = row["thickness_mm"], row["wavelength_mm"]
             values = (
-                row["growth"], row["gyrification_index"], row["gyri"], row["sulci"], wave, wave and wave / T,
-                row["theory_wavelength_mm"] / T, row["gyral_thickness_mm"], row["cortical_thickness_mm"],
-            )  # fmt: skip
+                row["growth"],
+                row["gyrification_index"],
+                row["gyri"],
+                row["sulci"],
+                wave,
+                wave and wave / T,
+                row["theory_wavelength_mm"] / T,
+                row["gyral_thickness_mm"],
+                row["cortical_thickness_mm"],
+            )
             lines.append([row["scene"], *map(number, values, how)])
     return heads, lines
 
@@ -119,14 +140,19 @@ def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
 
     return heads, [
         [
-            row["scene"], number(row["growth"], "{:.2f}"), f"{row['coarser']} → {row['finer']}",
+            row["scene"],
+            number(row["growth"], "{:.2f}"),
+            f"{row['coarser']} → {row['finer']}",
             number(row["correlation"], "{:.3f}"),
-            pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"]),
-            pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}"),
-            pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"]),
+            pair(row, "gyrification_index", "{:.2f}"),
+            _signed(row["gyrification_index_change_percent"]),
+            pair(row, "gyri", "{:.0f}"),
+            pair(row, "sulci", "{:.0f}"),
+            pair(row, "wavelength_mm", "{:.1f}"),
+            _signed(row["wavelength_mm_change_percent"]),
         ]
         for row in rows
-    ]  # fmt: skip
+    ]
 
 
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
@@ -142,18 +168,33 @@ def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
 
     return heads, [
         [
-            row["scene"], number(row["growth"], "{:.2f}"), told(row, "gyrification_index", "{:.3f}"),
-            told(row, "gyri", "{:.1f}"), ends(row, "gyri", "{:.0f}"),
-            told(row, "sulci", "{:.1f}"), ends(row, "sulci", "{:.0f}"),
-            told(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}"),
+            row["scene"],
+            number(row["growth"], "{:.2f}"),
+            told(row, "gyrification_index", "{:.3f}"),
+            told(row, "gyri", "{:.1f}"),
+            ends(row, "gyri", "{:.0f}"),
+            told(row, "sulci", "{:.1f}"),
+            ends(row, "sulci", "{:.0f}"),
+            told(row, "wavelength_mm", "{:.2f}"),
+            ends(row, "wavelength_mm", "{:.2f}"),
         ]
         for row in rows
-    ]  # fmt: skip
+    ]
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
-    heads = ["law", "of", "mesh", "g", "points", "slope, mm/mm", "standard error", "at T = 0, mm", "theory",
-             "film formula"]  # fmt: skip
+    heads = [
+        "law",
+        "of",
+        "mesh",
+        "g",
+        "points",
+        "slope, mm/mm",
+        "standard error",
+        "at T = 0, mm",
+        "theory",
+        "film formula",
+    ]
     named = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
     lines = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
     columns = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
@@ -244,8 +285,9 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
         last = fitted[-1]["level"]
         slopes = [
             f"{number(row['slope'], '{:.2f}')} ± {number(row['standard_error'], '{:.2f}')} at g = {row['growth']:.2f}"
-            for row in fitted if row["level"] == last
-        ]  # fmt: skip
+            for row in fitted
+            if row["level"] == last
+        ]
         told.append(
             f"With **{law}** growth the wavelength grows, per mm of T, by {listed(slopes)} mm (level {last}); the "
             f"first wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "

@@ -14,8 +14,8 @@ from morphofold.sim.run import Simulation
 from morphofold.surface import Surface
 
 DISPLACEMENT = Quantity("displacement", "Displacement |u|", "mm")
-VIEW = "top"        # along the axis of a half sphere: all of what was simulated, and nothing that was mirrored
-WIDEST = 420        # pixels from one column to the next
+VIEW = "top"  # along the axis of a half sphere: all of what was simulated, and nothing that was mirrored
+WIDEST = 420  # pixels from one column to the next
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,9 +37,10 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
         axes[0][0].set(ylabel="wavelength of the folds, mm")
         entries: dict[str, Any] = {
-            "linear stability": THEORY["theory"], "film formula": THEORY["film"],
+            "linear stability": THEORY["theory"],
+            "film formula": THEORY["film"],
             **{f"$g$ = {g:.2f}": _of_growth(k) for k, g in enumerate(growths)},
-        }  # fmt: skip
+        }
         legend_of_figure(figure, entries, axes[0][0], columns=3)
     return figure
 

@@ -19,7 +19,7 @@ from morphofold.studies.folds.tables import Row
 from morphofold.surface import Surface
 
 DIRECTIONS = 4_000
-HITS = 64               # room for the hits of a ray; one with more is cast again with as much as it needs
+HITS = 64  # room for the hits of a ray; one with more is cast again with as much as it needs
 
 #: numbers of which the spread over seeds is told
 SPREAD = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
@@ -154,9 +154,14 @@ def _slope(name: str, rows: Sequence[Row]) -> Row:
     """The line of one number through the bodies at one growth."""
     first = rows[0]
     told: Row = {
-        "law": first["law"], "mu_ratio": first["mu_ratio"], "number": name, "level": first["level"],
-        "growth": first["growth"], "points": len(rows), "thicknesses": len({row["thickness_mm"] for row in rows}),
-    }  # fmt: skip
+        "law": first["law"],
+        "mu_ratio": first["mu_ratio"],
+        "number": name,
+        "level": first["level"],
+        "growth": first["growth"],
+        "points": len(rows),
+        "thicknesses": len({row["thickness_mm"] for row in rows}),
+    }
     whole = all(row[name] is not None for row in rows)
     told |= _line_of("", rows, name if whole else None)
     bodies = list({row["scene"]: row for row in rows}.values())

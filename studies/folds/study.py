@@ -116,28 +116,36 @@ def planned(study: Study) -> list[Planned]:
     if twins:
         raise NamedTwice(f"scenes: {min(twins)} is the name of two scenes; rename one.")
     shared = (
-        f"geometry.portion={study.portion}", f"growth.final={max(study.growth)}", "output.volume=false",
+        f"geometry.portion={study.portion}",
+        f"growth.final={max(study.growth)}",
+        "output.volume=false",
         f"output.stages={sorted({1.0, *study.growth})}",
-    )  # fmt: skip
+    )
     runs = [
         Planned(
-            f"{name}-{study.portion}-{level}-seed{seed}", source, name, level, seed,
+            f"{name}-{study.portion}-{level}-seed{seed}",
+            source,
+            name,
+            level,
+            seed,
             (*shared, f"accuracy.level={level}", f"effects.perturbation.seed={seed}"),
         )
         for level in study.ordered
         for source, name in names.items()
         for seed in (study.seeds if level == study.repeated else study.seeds[:1])
-    ]  # fmt: skip
+    ]
     for run in runs:
-        load_scene(run.source, run.settings)                            # says now what would fail in an hour
+        load_scene(run.source, run.settings)  # says now what would fail in an hour
     return runs
 
 
 def _check(study: Study) -> None:
     for what, asked, example in (
-        ("scenes", study.scenes, "fig5"), ("levels", study.levels, "draft,standard"), ("seeds", study.seeds, "0,1,2"),
+        ("scenes", study.scenes, "fig5"),
+        ("levels", study.levels, "draft,standard"),
+        ("seeds", study.seeds, "0,1,2"),
         ("growth", study.growth, "1.5,2.0"),
-    ):  # fmt: skip
+    ):
         if not asked:
             raise NothingToDo(f"{what}: the list is empty; name one at least, such as {example}.")
         if len(set(asked)) < len(asked):
@@ -189,8 +197,9 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
         if run.seed == study.seeds[0]:
             radii |= {
                 (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)
-                for g in simulation.stages if g > 1
-            }  # fmt: skip
+                for g in simulation.stages
+                if g > 1
+            }
         simulations.append({**told(simulation), "seed": run.seed})
     return _write(study, folder, rows, radii, simulations)
 
@@ -226,8 +235,12 @@ def _write(
         "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba")},
         "parameters": {
-            "scenes": list(order), "levels": list(study.ordered), "seeds": list(study.seeds),
-            "all_seeds_at_level": study.repeated, "portion": study.portion, "growth": sorted(study.growth),
+            "scenes": list(order),
+            "levels": list(study.ordered),
+            "seeds": list(study.seeds),
+            "all_seeds_at_level": study.repeated,
+            "portion": study.portion,
+            "growth": sorted(study.growth),
             "directions": DIRECTIONS,
         },
         **write_tables(folder, tables),
@@ -235,7 +248,7 @@ def _write(
         "lengths": "mm; only ratios matter",
         "warnings": [f"{told['folder'].rpartition('/')[2]}: {w}" for told in simulations for w in told["warnings"]],
         "simulations": list(simulations),
-    }  # fmt: skip
+    }
     (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
     return summary
 

@@ -114,10 +114,15 @@ def first_contact(simulation: Simulation) -> float | None:
 def _body(scene: Scene) -> Row:
     geometry, material = sphere(scene), scene.material
     return {
-        "scene": scene.name, "level": scene.accuracy.level, "portion": geometry.portion,
-        "thickness_mm": geometry.cortex_thickness, "T_over_C": geometry.cortex_thickness / geometry.radius,
-        "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio, "law": scene.growth.law,
-    }  # fmt: skip
+        "scene": scene.name,
+        "level": scene.accuracy.level,
+        "portion": geometry.portion,
+        "thickness_mm": geometry.cortex_thickness,
+        "T_over_C": geometry.cortex_thickness / geometry.radius,
+        "mu_ratio": material.mu_ratio,
+        "kappa_ratio": material.kappa_ratio,
+        "law": scene.growth.law,
+    }
 
 
 def expected(scene: Scene) -> Row:
@@ -135,7 +140,7 @@ def expected(scene: Scene) -> Row:
     }
 
 
-@lru_cache              # one body is in several figures
+@lru_cache  # one body is in several figures
 def _first_wrinkles(T_over_C: float, mu_ratio: float, law: str, kappa_ratio: float, A_over_C: float) -> Bifurcation:
     return bifurcation(T_over_C, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
 

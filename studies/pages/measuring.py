@@ -37,9 +37,13 @@ if TYPE_CHECKING:
 
 #: maps that are drawn, with the limits of their colours where those of a page would not show the folds of both
 MAPS: dict[str, tuple[float, float] | None] = {
-    "H": None, "shape_index": None, "sulcal_depth": None, "local_gyrification_index": None,
-    "cortical_thickness": (1, 8), "gyral_thickness": (4, 24),
-}  # fmt: skip
+    "H": None,
+    "shape_index": None,
+    "sulcal_depth": None,
+    "local_gyrification_index": None,
+    "cortical_thickness": (1, 8),
+    "gyral_thickness": (4, 24),
+}
 PHASE = Quantity(
     "phase", "Place in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
 )
@@ -60,9 +64,10 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
     pages = {
         folder / page: renewed(folder / page, (folder / page).read_text(encoding="utf-8"), parts)
         for page, parts in (
-            ("index.md", {"speed": _speed(times)}), ("gyral-net.md", {"sensitivity": _sensitivity(hinges)}),
+            ("index.md", {"speed": _speed(times)}),
+            ("gyral-net.md", {"sensitivity": _sensitivity(hinges)}),
         )
-    }  # fmt: skip
+    }
     for name, picture in pictures(measured).items():
         with atomic_file(folder / f"{name}.png") as temporary:
             temporary.write_bytes(png_bytes(halved(picture)))
@@ -166,11 +171,12 @@ def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
     whole = [row for row in rows if row["stage"] == "all"]
     lines = [
         [
-            stage, *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
+            stage,
+            *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
             f"{exponent(rows, stage):.2f}" if len(whole) > 1 else "",
         ]
         for stage in dict.fromkeys(row["stage"] for row in rows)
-    ]  # fmt: skip
+    ]
     memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
     heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
     return [f"With {whole[0]['threads']} threads:", table(heads, [*lines, memory])]
@@ -179,16 +185,26 @@ def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
 def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
     heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
     columns = {
-        "surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}", "n_hinges": "{}", "n_hinges_3": "{}",
-        "n_hinges_4": "{}", "crest_length_mm": "{:.0f}", "kept": "{:.2f}",
-    }  # fmt: skip
+        "surface": "",
+        "length": "",
+        "factor": "{:g}",
+        "mm": "{:.2f}",
+        "n_hinges": "{}",
+        "n_hinges_3": "{}",
+        "n_hinges_4": "{}",
+        "crest_length_mm": "{:.0f}",
+        "kept": "{:.2f}",
+    }
     named = [
         {
-            **row, "surface": name, "length": row["length"] or "as they are",
+            **row,
+            "surface": name,
+            "length": row["length"] or "as they are",
             **{key: row[key] if np.isfinite(row[key]) else None for key in ("mm", "kept")},
         }
-        for name, rows in hinges.items() for row in rows
-    ]  # fmt: skip
+        for name, rows in hinges.items()
+        for row in rows
+    ]
     return [table(heads, cells(named, columns))]
 
 

@@ -30,10 +30,13 @@ HEALTH = {
 
 def refusals() -> str:
     """A row for each kind of refusal: its code, class, cause and cure."""
-    return table(("code", "class", "cause", "cure"), [
-        (f"`{kind.code}`", f"`{kind.__name__}`", " ".join((kind.__doc__ or "").split()), kind.cure)
-        for kind in Refusal.__subclasses__()
-    ])  # fmt: skip
+    return table(
+        ("code", "class", "cause", "cure"),
+        [
+            (f"`{kind.code}`", f"`{kind.__name__}`", " ".join((kind.__doc__ or "").split()), kind.cure)
+            for kind in Refusal.__subclasses__()
+        ],
+    )
 
 
 def warnings() -> str:
@@ -45,10 +48,13 @@ def health() -> str:
     """A row for each number that the health of a stage is judged by."""
     bounds = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
     bounds["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
-    return table(("code", "meaning", "bound", "cure"), [
-        (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
-        for name, (bound, keys) in bounds.items()
-    ])  # fmt: skip
+    return table(
+        ("code", "meaning", "bound", "cure"),
+        [
+            (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
+            for name, (bound, keys) in bounds.items()
+        ],
+    )
 
 
 def write(page: Path) -> None:

@@ -66,8 +66,12 @@ def write(page: Path) -> None:
 
 def _effects_by_shape() -> str:
     effects = effect_names()
-    lines = ["### Which shapes take which effects", "", f"| shape | {' | '.join(effects)} |",
-             "|---|" + "---|" * len(effects)]  # fmt: skip
+    lines = [
+        "### Which shapes take which effects",
+        "",
+        f"| shape | {' | '.join(effects)} |",
+        "|---|" + "---|" * len(effects),
+    ]
     for shape in scene.SHAPES:
         takes = effects_of(shape)
         lines.append(f"| {shape} | {' | '.join('yes' if effect in takes else '-' for effect in effects)} |")
@@ -77,9 +81,9 @@ def _effects_by_shape() -> str:
 def _rows(model: type[BaseModel]) -> list[str]:
     rows = []
     keys = model.model_json_schema()["properties"]
-    for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):       # else as in the model
+    for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # else as in the model
         if "$ref" in schema or "oneOf" in schema or (model is scene.Scene and key in ("material", "effects")):
-            continue                                                    # a table of its own
+            continue  # a table of its own
         plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
         field = model.model_fields[key]
         default = "needed" if field.is_required() else "-" if field.default is None else f"`{_toml(field.default)}`"

@@ -15,11 +15,11 @@ from morphofold.surface import Cortex, Surface
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NEAR = 0.75                             # mm on both sides of the plane, in which a chord or a sample is drawn
-WINDOW = (48.0, 30.0)                   # mm, the part of the cut that is drawn
-ACROSS = 0.85                           # cosine between the contour there and the normal of the plane
-APART = 3.0                             # mm between the middles of chords that are drawn
-RULER = 10.0                            # mm
+NEAR = 0.75  # mm on both sides of the plane, in which a chord or a sample is drawn
+WINDOW = (48.0, 30.0)  # mm, the part of the cut that is drawn
+ACROSS = 0.85  # cosine between the contour there and the normal of the plane
+APART = 3.0  # mm between the middles of chords that are drawn
+RULER = 10.0  # mm
 
 
 def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
@@ -48,9 +48,13 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
             ends = np.array([gyri.points[k], gyri.partner[k]])[:, [0, 2]]
             ax.plot(*ends.T, color=line_style(1)["color"], linewidth=2, label=label)
             ax.annotate(
-                f"{gyri.width[k]:.1f}", ends.mean(axis=0), fontsize=9, ha="center", va="center",
+                f"{gyri.width[k]:.1f}",
+                ends.mean(axis=0),
+                fontsize=9,
+                ha="center",
+                va="center",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
-            )  # fmt: skip
+            )
             label = None
         corner = low + 0.03 * np.array(WINDOW)
         ax.plot([corner[0], corner[0] + RULER], [corner[1]] * 2, color=BLACK, linewidth=3)

@@ -14,6 +14,11 @@ from morphofold.studies.paper.theory import reproduce_fig3, reproduce_fig4
 #: figure of the paper -> function that writes its files into a folder, and what an index should say of them; it asks
 #: for the simulations that it needs
 REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
-    "fig3": reproduce_fig3, "fig4": reproduce_fig4, "fig5": reproduce_fig5, "fig6": reproduce_fig6,
-    "fig7": reproduce_fig7, "fig8": reproduce_fig8, "fig9": reproduce_fig9,
-}  # fmt: skip
+    "fig3": reproduce_fig3,
+    "fig4": reproduce_fig4,
+    "fig5": reproduce_fig5,
+    "fig6": reproduce_fig6,
+    "fig7": reproduce_fig7,
+    "fig8": reproduce_fig8,
+    "fig9": reproduce_fig9,
+}

@@ -40,8 +40,17 @@ PARAMETERS = {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50
 MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
 SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
 FITS = (
-    "points", "n", "slope", "slope_low", "slope_high", "robust_slope", "robust_low", "robust_high", "intercept_mm", "r",
-)  # fmt: skip
+    "points",
+    "n",
+    "slope",
+    "slope_low",
+    "slope_high",
+    "robust_slope",
+    "robust_low",
+    "robust_high",
+    "intercept_mm",
+    "r",
+)
 COLUMNS = {
     "n": "regions, crests or bodies",
     "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %",
@@ -87,12 +96,14 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     return {
         "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
         "files": ["fig9a.png", "fig9b.png", *tables],
-        "columns": {"distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
-                    "sharpness in gyral widths; pose 3 and more: mirrored",
-                    "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions"},
+        "columns": {
+            "distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
+            "sharpness in gyral widths; pose 3 and more: mirrored",
+            "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions",
+        },
         "parameters": PARAMETERS,
         "simulations": [told(simulation) for simulation in simulations],
-    }  # fmt: skip
+    }
 
 
 def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
@@ -149,9 +160,15 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     if fit is None or np.ptp(y) == 0:
         return row
     return row | {
-        "slope": fit.slope, "slope_low": fit.slope_low, "slope_high": fit.slope_high, "robust_slope": fit.robust,
-        "robust_low": fit.robust_low, "robust_high": fit.robust_high, "intercept_mm": fit.intercept, "r": fit.r,
-    }  # fmt: skip
+        "slope": fit.slope,
+        "slope_low": fit.slope_low,
+        "slope_high": fit.slope_high,
+        "robust_slope": fit.robust,
+        "robust_low": fit.robust_low,
+        "robust_high": fit.robust_high,
+        "intercept_mm": fit.intercept,
+        "r": fit.r,
+    }
 
 
 # three-hinge patterns ---------------------------------------------------------------------------------------
@@ -166,16 +183,25 @@ def hinge_tables(
     """
     dense = [
         {
-            "surface": name, "hinges": measures[name].scalars["n_hinges"], "three_armed": len(s), "width_mm": s.width,
-            "per_width_squared": s.per_area, "per_cm_squared": 100 * s.per_area / s.width**2,
+            "surface": name,
+            "hinges": measures[name].scalars["n_hinges"],
+            "three_armed": len(s),
+            "width_mm": s.width,
+            "per_width_squared": s.per_area,
+            "per_cm_squared": 100 * s.per_area / s.width**2,
             **{f"median {key}": float(np.median(values)) for key, values in s.numbers().items()},
         }
         for name, s in shapes.items()
-    ]  # fmt: skip
+    ]
     shape = found.shape
     whole_shape = {
-        "number": "shape", "median": None, "other_median": None, "ks": None, "energy": shape.statistic, "p": shape.p,
-    }  # fmt: skip
+        "number": "shape",
+        "median": None,
+        "other_median": None,
+        "ks": None,
+        "energy": shape.statistic,
+        "p": shape.p,
+    }
     return {
         "fig9-surfaces.tsv": dense,
         "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None} for row in found.numbers)],
@@ -186,7 +212,7 @@ def hinge_tables(
 def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
     """Cumulative distributions of the numbers of hinge shapes, for each surface, and of a net at chance."""
     net = net_at_chance([shapes[name] for name in people])
-    assert net is not None                                              # a person's hinges are not that dense
+    assert net is not None  # a person's hinges are not that dense
     chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
     keys = list(chance)
     with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):

@@ -18,12 +18,18 @@ Tables = dict[str, list[Row]]
 WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
 #: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
 FOLDS = {
-    "g": ("growth", "{:.2f}"), "GI": ("gyrification_index", "{:.2f}"), "rms, mm": ("height_rms_mm", "{:.2f}"),
-    "skewness": ("height_skewness", "{:.2f}"), "sulci": ("sulci", "{:.0f}"), "gyri": ("gyri", "{:.0f}"),
-    "degree": ("degree", "{:.1f}"), "wavelength, mm": ("wavelength_mm", "{:.1f}"),
-    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"), "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
+    "g": ("growth", "{:.2f}"),
+    "GI": ("gyrification_index", "{:.2f}"),
+    "rms, mm": ("height_rms_mm", "{:.2f}"),
+    "skewness": ("height_skewness", "{:.2f}"),
+    "sulci": ("sulci", "{:.0f}"),
+    "gyri": ("gyri", "{:.0f}"),
+    "degree": ("degree", "{:.1f}"),
+    "wavelength, mm": ("wavelength_mm", "{:.1f}"),
+    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"),
+    "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
     "crossings": ("crossings", "{:.0f}"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -85,26 +91,52 @@ def _fig6(tables: Tables) -> list[Image | Table]:
     rows = tables["fig6.tsv"]
     return [
         Image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
-        _columns(rows, FIG6), _first(rows, FIG6), _slopes(rows, FIG6),
-    ]  # fmt: skip
+        _columns(rows, FIG6),
+        _first(rows, FIG6),
+        _slopes(rows, FIG6),
+    ]
 
 
 def _fig7(tables: Tables) -> list[Image | Table]:
     rows = tables["fig7.tsv"]
     return [
         Image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
-        _columns(rows, FIG7), _first(rows, FIG7),
-    ]  # fmt: skip
+        _columns(rows, FIG7),
+        _first(rows, FIG7),
+    ]
 
 
 def _fig8(tables: Tables) -> list[Image | Table]:
     columns = {
-        "surface": "", "points": "", "n": "{:.0f}", "slope": "{:.2f}", "slope_low": "{:.2f}", "slope_high": "{:.2f}",
-        "robust_slope": "{:.2f}", "robust_low": "{:.2f}", "robust_high": "{:.2f}", "intercept_mm": "{:.1f}",
-        "r": "{:.2f}", "gyral_over_cortical": "{:.2f}", "gyral_over_cortical_at_crests": "{:.2f}",
-    }  # fmt: skip
-    heads = ["surface", "points", "n", "slope", "from", "to", "robust slope", "from", "to", "at 0, mm", "r", "W / t",
-             "at crests"]  # fmt: skip
+        "surface": "",
+        "points": "",
+        "n": "{:.0f}",
+        "slope": "{:.2f}",
+        "slope_low": "{:.2f}",
+        "slope_high": "{:.2f}",
+        "robust_slope": "{:.2f}",
+        "robust_low": "{:.2f}",
+        "robust_high": "{:.2f}",
+        "intercept_mm": "{:.1f}",
+        "r": "{:.2f}",
+        "gyral_over_cortical": "{:.2f}",
+        "gyral_over_cortical_at_crests": "{:.2f}",
+    }
+    heads = [
+        "surface",
+        "points",
+        "n",
+        "slope",
+        "from",
+        "to",
+        "robust slope",
+        "from",
+        "to",
+        "at 0, mm",
+        "r",
+        "W / t",
+        "at crests",
+    ]
     return [
         Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
         Image("fig8b", "gyral against cortical thickness of brains and models"),
@@ -116,9 +148,14 @@ def _fig9(tables: Tables) -> list[Image | Table]:
     surfaces = tables["fig9-surfaces.tsv"]
     medians = [key for key in surfaces[0] if key.startswith("median ")]
     dense = {
-        "surface": "", "hinges": "{:.0f}", "three_armed": "{:.0f}", "width_mm": "{:.2f}",
-        "per_width_squared": "{:.3f}", "per_cm_squared": "{:.3f}", **dict.fromkeys(medians, "{:.3g}"),
-    }  # fmt: skip
+        "surface": "",
+        "hinges": "{:.0f}",
+        "three_armed": "{:.0f}",
+        "width_mm": "{:.2f}",
+        "per_width_squared": "{:.3f}",
+        "per_cm_squared": "{:.3f}",
+        **dict.fromkeys(medians, "{:.3g}"),
+    }
     numbers = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
     nearest = [
         [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
@@ -152,16 +189,29 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
-    heads = ["", "first picture, g", "wrinkles by theory, g", "walls touch, g", "degree", "by theory",
-             "wavelength / T", "by theory", "by the film formula"]  # fmt: skip
+    heads = [
+        "",
+        "first picture, g",
+        "wrinkles by theory, g",
+        "walls touch, g",
+        "degree",
+        "by theory",
+        "wavelength / T",
+        "by theory",
+        "by the film formula",
+    ]
     lines = []
     for column in columns:
         row = _at(rows, column, 0)
         T = row["thickness_mm"]
         numbers = (
-            row["growth"], row["theory_g"], row["first_contact_g"], row["degree"], row["theory_degree"],
+            row["growth"],
+            row["theory_g"],
+            row["first_contact_g"],
+            row["degree"],
+            row["theory_degree"],
             *(row[key] and row[key] / T for key in ("wavelength_mm", "theory_wavelength_mm", "film_wavelength_mm")),
-        )  # fmt: skip
+        )
         how = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
         lines.append([column.title, *(number(x, h) for h, x in zip(how, numbers))])
     return Table(heads, lines)
@@ -174,6 +224,7 @@ def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
 
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
+
     def fit(words: str, column: str, k: int) -> list[str]:
         mine = [_at(rows, body, k) for body in columns]
         if any(row[column] is None for row in mine):
@@ -198,5 +249,11 @@ def _fig4(tables: Tables) -> list[Image | Table]:
 
 #: figure -> what is shown of it, from its tables by the names of their files
 PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
-    "fig3": _fig3, "fig4": _fig4, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8, "fig9": _fig9,
-}  # fmt: skip
+    "fig3": _fig3,
+    "fig4": _fig4,
+    "fig5": _fig5,
+    "fig6": _fig6,
+    "fig7": _fig7,
+    "fig8": _fig8,
+    "fig9": _fig9,
+}

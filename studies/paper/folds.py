@@ -89,9 +89,13 @@ def grown(scene: str, runs: Runs) -> Simulation:
 
 
 def _write(
-    name: str, folder: Path, runs: Runs, panels: Sequence[Sequence[Panel]], titles: Sequence[str],
+    name: str,
+    folder: Path,
+    runs: Runs,
+    panels: Sequence[Sequence[Panel]],
+    titles: Sequence[str],
     simulations: Sequence[Simulation],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """The picture and the table of a figure, and what an index should say of them."""
     limits = [row_limits(row) for row in panels]
     highest = ", ".join(f"{high:g}" for _, high in limits)

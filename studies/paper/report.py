@@ -12,7 +12,7 @@ from morphofold.report.pictures.png import halved, png_bytes, read_png
 from morphofold.studies.paper.figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
-SECONDS = 100           # from here on a time is told in minutes
+SECONDS = 100  # from here on a time is told in minutes
 
 
 def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
@@ -30,9 +30,15 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         entry.get("seconds", 0.0) for entry in index["figures"].values()
     )
     return write_page(
-        folder / "report.html", "paper.html", figures=figures, version=index["morphofold"], lengths=index["lengths"],
-        whole=duration(whole), grown=duration(sum(told["seconds"] for told in grown.values())), count=len(grown),
-    )  # fmt: skip
+        folder / "report.html",
+        "paper.html",
+        figures=figures,
+        version=index["morphofold"],
+        lengths=index["lengths"],
+        whole=duration(whole),
+        grown=duration(sum(told["seconds"] for told in grown.values())),
+        count=len(grown),
+    )
 
 
 def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,13 +49,17 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
         verdict, parts = f"Drawn by an earlier version, whose tables lack {error}; draw it again.", []
     simulations: Sequence[Mapping[str, Any]] = entry.get("simulations", ())
     return {
-        "name": f"Fig. {name.removeprefix('fig')}", "shows": entry["shows"], "verdict": verdict,
+        "name": f"Fig. {name.removeprefix('fig')}",
+        "shows": entry["shows"],
+        "verdict": verdict,
         "parts": [_part(folder, part) for part in parts],
         "files": [file for file in entry["files"] if file.endswith(".tsv")],
         "took": duration(entry["seconds"]) if "seconds" in entry else None,
-        "simulations": [{**told, "name": told["folder"].rpartition("/")[2], "took": duration(told["seconds"])}
-                        for told in simulations],
-    }  # fmt: skip
+        "simulations": [
+            {**told, "name": told["folder"].rpartition("/")[2], "took": duration(told["seconds"])}
+            for told in simulations
+        ],
+    }
 
 
 def _part(folder: Path, part: Any) -> dict[str, Any]:

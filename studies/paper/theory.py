@@ -36,11 +36,16 @@ THEORY, ONE_D, THREE_D = "theory", "finite elements, 1-D", "finite elements, 3-D
 RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
 #: growths in three dimensions: 1 is the reference, the last ones are beyond the onset of folding
 SOLID = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
-EVERY = 5           # of the points of a written profile, one is drawn
+EVERY = 5  # of the points of a written profile, one is drawn
 POINT: dict[str, Any] = {
-    "linestyle": "none", "marker": "o", "markersize": 5, "color": BLACK, "markerfacecolor": "white", "clip_on": False,
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 5,
+    "color": BLACK,
+    "markerfacecolor": "white",
+    "clip_on": False,
     "zorder": 3,
-}  # fmt: skip
+}
 
 
 def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
@@ -128,13 +133,24 @@ def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, 
     geometry, material = _sphere(simulation), simulation.scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     (expected,) = radius_rows([g], T, C)
-    same = radial_equilibrium(g, T / C, material.mu_ratio, simulation.scene.growth.law, material.kappa_ratio,
-                              A_over_C=geometry.hole_radius / C)  # fmt: skip
+    same = radial_equilibrium(
+        g,
+        T / C,
+        material.mu_ratio,
+        simulation.scene.growth.law,
+        material.kappa_ratio,
+        A_over_C=geometry.hole_radius / C,
+    )
     return {
-        "source": source, **expected, "c_over_B": c_over_C * C / (C - T), "c_over_C": c_over_C,
-        "kappa_ratio": material.kappa_ratio, "over_theory": c_over_C / expected["c_over_C"] - 1,
-        "over_1d": None if source == ONE_D else c_over_C / float(same.at([1.0], "cortex").r[0]) - 1, "folded": folded,
-    }  # fmt: skip
+        "source": source,
+        **expected,
+        "c_over_B": c_over_C * C / (C - T),
+        "c_over_C": c_over_C,
+        "kappa_ratio": material.kappa_ratio,
+        "over_theory": c_over_C / expected["c_over_C"] - 1,
+        "over_1d": None if source == ONE_D else c_over_C / float(same.at([1.0], "cortex").r[0]) - 1,
+        "folded": folded,
+    }
 
 
 def _stress_rows(simulation: Simulation) -> list[Row]:
@@ -145,16 +161,24 @@ def _stress_rows(simulation: Simulation) -> list[Row]:
     expected = theory.stresses(g, C - T, C, simulation.scene.growth.law, mu_cortex=material.mu_ratio, n=len(R))
     return [
         {
-            "source": ONE_D, "law": simulation.scene.growth.law, "thickness_mm": T, "outer_radius_mm": C, "growth": g,
-            "mu_ratio": material.mu_ratio, "layer": "cortex", "R_mm": R[i], "r_mm": r[i],
-            "position": (r[i] - r[0]) / (r[-1] - r[0]), "sigma_r_over_mu_core": profile["sigma_r"][i],
+            "source": ONE_D,
+            "law": simulation.scene.growth.law,
+            "thickness_mm": T,
+            "outer_radius_mm": C,
+            "growth": g,
+            "mu_ratio": material.mu_ratio,
+            "layer": "cortex",
+            "R_mm": R[i],
+            "r_mm": r[i],
+            "position": (r[i] - r[0]) / (r[-1] - r[0]),
+            "sigma_r_over_mu_core": profile["sigma_r"][i],
             "sigma_theta_over_mu_core": profile["sigma_theta"][i],
             "sigma_theta_over_mu_cortex": profile["sigma_theta"][i] / material.mu_ratio,
             "kappa_ratio": material.kappa_ratio,
             "over_theory": profile["sigma_theta"][i] / expected.sigma_theta[i] - 1,
         }
         for i in range(len(R))
-    ]  # fmt: skip
+    ]
 
 
 def _sphere(simulation: Simulation) -> Sphere | Radial:
@@ -192,8 +216,12 @@ def fig4_rows() -> list[Row]:
 def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; what an index should say of them."""
     radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
-    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}",
-              "output.volume=false"]  # fmt: skip
+    octant = [
+        "geometry.portion=octant",
+        f"growth.final={SOLID[-1]}",
+        f"output.stages={list(SOLID)}",
+        "output.volume=false",
+    ]
     solid = runs.grow("fig3-solid", "fig7-ratio1", octant)
     elements = fig3_elements(radial, solid)
     save(fig3(elements), folder / "fig3.png")
@@ -204,7 +232,9 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
         "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",
         "equations": "(a) Eq. (11); (b) Eqs. (4) to (6) integrated in closed form, zero radial stress outside",
         "parameters": {
-            "law": "isotropic", "outer_radius_mm": 50, "mu_ratio": 1,
+            "law": "isotropic",
+            "outer_radius_mm": 50,
+            "mu_ratio": 1,
             "a": {"thickness_mm": 2, "growth": [1, 2]},
             "b": {"thickness_mm": [1, 2, 3], "growth": 2},
         },
@@ -216,7 +246,7 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
             "folded": "1: the sphere is folded, c is the mean over its surface before growth",
         },
         "simulations": [told(simulation) for simulation in (*radial, solid)],
-    }  # fmt: skip
+    }
 
 
 def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:

@@ -66,9 +66,11 @@ def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
 
 
 def thickness_figure(
-    models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures],
+    models: Mapping[str, Measures],
+    brains: Mapping[str, Measures],
+    people: Mapping[str, Measures],
     scenes: Sequence[Scene],
-) -> Figure:  # fmt: skip
+) -> Figure:
     """Regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
     at = np.array([whole(m) for m in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}

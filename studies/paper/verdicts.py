@@ -14,7 +14,7 @@ from morphofold.studies.paper.folds import FIG7
 from morphofold.studies.paper.theory import ONE_D, THREE_D
 from morphofold.words import listed
 
-AGREES = 0.01           # share by which a simulation may miss theory and still be said to agree
+AGREES = 0.01  # share by which a simulation may miss theory and still be said to agree
 UNFOLDED = "Not as in the paper: there is a body without folds, or with too few stages that are folded."
 
 
@@ -55,7 +55,7 @@ def _fig5(tables: Tables) -> str:
         return UNFOLDED
     first, last = rows[0], rows[-1]
     index = [row["gyrification_index"] for row in rows]
-    rising = _falls(index[:0:-1])                                       # the first is of a sphere that hardly folds
+    rising = _falls(index[:0:-1])  # the first is of a sphere that hardly folds
     return (
         f"{_as(rising)} in the paper folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
         f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere has first wrinkles at g = "
@@ -178,5 +178,11 @@ def _span(values: Sequence[float]) -> str:
 
 #: figure -> how it compares with the paper's, from its tables by the names of their files
 VERDICTS: dict[str, Callable[[Tables], str]] = {
-    "fig3": _fig3, "fig4": _fig4, "fig5": _fig5, "fig6": _fig6, "fig7": _fig7, "fig8": _fig8, "fig9": _fig9,
-}  # fmt: skip
+    "fig3": _fig3,
+    "fig4": _fig4,
+    "fig5": _fig5,
+    "fig6": _fig6,
+    "fig7": _fig7,
+    "fig8": _fig8,
+    "fig9": _fig9,
+}

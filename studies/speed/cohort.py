@@ -23,8 +23,8 @@ from morphofold.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
 
-LEVEL = 2               # 162 vertices
-REGIONS = 34            # as many as FreeSurfer's first atlas has, so that tables have their true size
+LEVEL = 2  # 162 vertices
+REGIONS = 34  # as many as FreeSurfer's first atlas has, so that tables have their true size
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lam
     for i, size in enumerate(1 + 0.05 * np.random.default_rng(0).standard_normal(count)):
         place = folder / f"sub-{i:05d}"
         found.append(place)
-        if (place / "label" / "lh.aparc.annot").is_file():              # written last
+        if (place / "label" / "lh.aparc.annot").is_file():  # written last
             continue
         for part in ("surf", "label"):
             (place / part).mkdir(parents=True, exist_ok=True)
@@ -96,9 +96,7 @@ def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lam
     return found
 
 
-def measure_load(
-    out: Path, count: int, workers: int, progress: Progress = silent
-) -> Load:
+def measure_load(out: Path, count: int, workers: int, progress: Progress = silent) -> Load:
     """Measure ``count`` made-up subjects with so many workers of one thread, then find them done, then group them.
 
     They are measured into ``out``/cohort-COUNT-WORKERS, anew if it is there; ``out``/made-up is used again.
@@ -134,14 +132,26 @@ def measure_load(
     with text.open("rb") as file:
         rows = sum(1 for _ in file) - 1
     of_subjects = sum(
-        file.stat().st_size for name in ("subjects", "logs", "records") for file in (place / name).rglob("*")
+        file.stat().st_size
+        for name in ("subjects", "logs", "records")
+        for file in (place / name).rglob("*")
         if file.is_file()
-    )  # fmt: skip
+    )
     return Load(
-        count, workers, seconds, sum(one.seconds for one in done), again, group, peak_memory() or 0.0,
-        max(one.memory_GiB for one in done), rows, text.stat().st_size, parquet.stat().st_size, page.stat().st_size,
+        count,
+        workers,
+        seconds,
+        sum(one.seconds for one in done),
+        again,
+        group,
+        peak_memory() or 0.0,
+        max(one.memory_GiB for one in done),
+        rows,
+        text.stat().st_size,
+        parquet.stat().st_size,
+        page.stat().st_size,
         of_subjects / count,
-    )  # fmt: skip
+    )
 
 
 def text_table(loads: Sequence[Load]) -> list[str]:
@@ -149,12 +159,18 @@ def text_table(loads: Sequence[Load]) -> list[str]:
     head = ("subjects", "workers", "s", "s each", "beside", "again s", "group s", "GiB", "worker GiB")
     rows = [
         (
-            f"{one.subjects:,}", str(one.workers), f"{one.seconds:.1f}", f"{one.measuring / one.subjects:.4f}",
-            f"{one.overhead:.4f}", f"{one.again:.1f}", f"{one.group:.1f}", f"{one.memory_GiB:.2f}",
+            f"{one.subjects:,}",
+            str(one.workers),
+            f"{one.seconds:.1f}",
+            f"{one.measuring / one.subjects:.4f}",
+            f"{one.overhead:.4f}",
+            f"{one.again:.1f}",
+            f"{one.group:.1f}",
+            f"{one.memory_GiB:.2f}",
             f"{one.worker_GiB:.2f}",
         )
         for one in loads
-    ]  # fmt: skip
+    ]
     sizes = [
         f"{one.subjects:,} subjects: {one.rows:,} rows, {one.tsv_bytes / 1e6:.1f} MB as text, "
         f"{one.parquet_bytes / 1e6:.2f} MB as Parquet; page {one.page_bytes / 1e3:.0f} kB; "

@@ -14,9 +14,7 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 
 
-def measuring_speed(
-    sizes: Sequence[int], progress: Progress = silent
-) -> list[dict[str, Any]]:
+def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[dict[str, Any]]:
     """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after once for the compiler.
 
     Parameters

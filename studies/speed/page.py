@@ -25,7 +25,7 @@ from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
 #: columns of words and of positive numbers that a row must have, as the command writes them
 SPEED = ("element",), ("elements", "threads", "median", "best", "steps")
 EFFECTS = ("effect",), ()
-CONTACT = ("contact", "symmetry")       # phases: with itself, and with its mirror image beyond symmetry planes
+CONTACT = ("contact", "symmetry")  # phases: with itself, and with its mirror image beyond symmetry planes
 
 
 def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Path]) -> None:
@@ -80,7 +80,7 @@ def whole_run(folder: Path) -> Row:
     """
     cure = "Name the folder of a finished simulation."
     file = folder / "health.json"
-    _text(folder / "scene.toml", cure)                                  # for its words where there is none
+    _text(folder / "scene.toml", cure)  # for its words where there is none
     with _understood(file):
         _text(file, cure)
         scene = load_scene(folder / "scene.toml")
@@ -165,7 +165,7 @@ def _is_word(value: object) -> bool:
 
 
 def _is_positive(value: object) -> bool:
-    return _is_number(value) and value > 0                              # type: ignore[operator]
+    return _is_number(value) and value > 0  # type: ignore[operator]
 
 
 def _is_number(value: object) -> bool:
@@ -178,8 +178,12 @@ def _is_number(value: object) -> bool:
 def _elements(rows: Sequence[Row]) -> list[str]:
     """Speeds measured here, then those quoted, in a table of their own."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
-    columns = {"element": "", "elements": "{:,}", "threads": "{}",
-               **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}")}  # fmt: skip
+    columns = {
+        "element": "",
+        "elements": "{:,}",
+        "threads": "{}",
+        **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}"),
+    }
     quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     peers = [[p.design, p.threads, p.ms, p.millions, p.timed] for p in PEERS]
     return [
@@ -203,19 +207,36 @@ def _effects(rows: Sequence[Row], path: Path) -> list[str]:
 
 def _runs(rows: Sequence[Row]) -> list[str]:
     heads = [
-        "scene", "level", "portion", "elements", "steps", "threads", "wall time, s", "million element-steps per second",
-        "per thread", "contact in the last stage", "peak memory, GiB",
-    ]  # fmt: skip
+        "scene",
+        "level",
+        "portion",
+        "elements",
+        "steps",
+        "threads",
+        "wall time, s",
+        "million element-steps per second",
+        "per thread",
+        "contact in the last stage",
+        "peak memory, GiB",
+    ]
     lines = []
     for row in rows:
         per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
-        lines.append([
-            row["scene"], row["level"], row["portion"] or "–",
-            f"{row['elements']:,} {row['kind']}" if row["elements"] else "–",
-            number(row["steps"], "{:,}"), number(row["threads"], "{}"), number(row["seconds"], "{:.1f}"),
-            number(row["millions"], "{:.2f}"), number(per_thread, "{:.2f}"), _percent(row["last_contact"]),
-            number(row["memory"], "{:.2f}"),
-        ])  # fmt: skip
+        lines.append(
+            [
+                row["scene"],
+                row["level"],
+                row["portion"] or "–",
+                f"{row['elements']:,} {row['kind']}" if row["elements"] else "–",
+                number(row["steps"], "{:,}"),
+                number(row["threads"], "{}"),
+                number(row["seconds"], "{:.1f}"),
+                number(row["millions"], "{:.2f}"),
+                number(per_thread, "{:.2f}"),
+                _percent(row["last_contact"]),
+                number(row["memory"], "{:.2f}"),
+            ]
+        )
     phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "rest"))
     shares = [
         [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "rest"))]
@@ -225,8 +246,9 @@ def _runs(rows: Sequence[Row]) -> list[str]:
         table(heads, lines),
         "Contact's share is of the time of all steps after the last stage but one, mirror images included.",
         "Shares of the wall time; the rest is set-up, and the checking and writing of stages:",
-        table(["scene", "level", *phases, "rest"], shares), _say_health(rows),
-    ]  # fmt: skip
+        table(["scene", "level", *phases, "rest"], shares),
+        _say_health(rows),
+    ]
 
 
 def _percent(share: float | None) -> str:

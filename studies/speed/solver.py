@@ -23,11 +23,11 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
 from morphofold.sim.scene.files import load_scene
 
-FOLDED = 1.7            # growth at which contact is awake
+FOLDED = 1.7  # growth at which contact is awake
 
 #: surface cells along a quarter circle of the half spheres that are timed
 SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
-SHAKE = 0.05            # positions at which kernels are timed: standard deviation from the reference [mm]
+SHAKE = 0.05  # positions at which kernels are timed: standard deviation from the reference [mm]
 
 
 class Quoted(NamedTuple):
@@ -52,12 +52,17 @@ PEERS = (
     Quoted("BrainGrowth (Python, numba)", "wall, quiet machine", "1", "51.3", "0.69"),
     Quoted("BrainGrowth (Python, numba)", "CPU time, mean of steps 0 to 3,500", "1", "49.6", "0.72"),
     Quoted("BrainGrowth (Python, numba)", "CPU time, steps 3,500 to 4,500 (folds form)", "1", "55.5", "0.64"),
-    Quoted("BrainGrowth (Python, numba)", "wall, taken once, other jobs not excluded: no speed-up seen", "2", "73.2",
-           "0.48"),
+    Quoted(
+        "BrainGrowth (Python, numba)",
+        "wall, taken once, other jobs not excluded: no speed-up seen",
+        "2",
+        "73.2",
+        "0.48",
+    ),
     Quoted("BrainGrowthModel (C++, -Ofast)", "wall, its own phase timers", "1", "10.1", "3.5"),
     Quoted("BrainGrowthModel (C++, -Ofast)", "CPU time, whole run of about 6,000 steps", "1", "~7", "~5"),
     Quoted("BrainGrowthModel (C++, -Ofast)", "wall, best stretch", "2", "5.6 to 6.6", "5.4 to 6.3"),
-)  # fmt: skip
+)
 
 
 def cut_bricks(bilayer: Bilayer) -> Bilayer:
@@ -68,7 +73,7 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     """
     p = bilayer.mesh.p
     corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
-    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)                # least in the middle of a face of the cube
+    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)  # least in the middle of a face of the cube
     nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
     corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
     corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
@@ -79,8 +84,8 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
         {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
     )
-    quads = bilayer.faces                                               # the bricks below them come first, in order
-    turned = np.isin(nearest[: len(quads)], (1, 2))[:, None]            # cut from corner 1 to 3, else from 0 to 2
+    quads = bilayer.faces  # the bricks below them come first, in order
+    turned = np.isin(nearest[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
     quads = np.where(turned, np.roll(quads, -1, axis=1), quads)
     return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
@@ -141,14 +146,16 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
             run = Dynamics(body, steps_per_unit=1e5)
             kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
             steps = _repeat(lambda run=run: run.relax(run.state.relaxed + REFRESH), seconds)  # type: ignore[misc]
-            rows.append({
-                "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
-                "elements": body.elements.n,
-                "threads": n,
-                "best": millions / min(kernel),
-                "median": millions / float(np.median(kernel)),
-                "steps": REFRESH * millions / float(np.median(steps)),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
+                    "elements": body.elements.n,
+                    "threads": n,
+                    "best": millions / min(kernel),
+                    "median": millions / float(np.median(kernel)),
+                    "steps": REFRESH * millions / float(np.median(steps)),
+                }
+            )
     finally:
         numba.set_num_threads(before)
     return rows

@@ -15,8 +15,9 @@ GROUPS = ("solver", "laws", "surfaces", "files")
 Removal = Callable[[pytest.MonkeyPatch], object]
 
 
-def hard_case(group: str, case: str, *, peers: str = "–", guard: str = "", without: Removal | None = None,
-              fails=AssertionError):  # fmt: skip
+def hard_case(
+    group: str, case: str, *, peers: str = "–", guard: str = "", without: Removal | None = None, fails=AssertionError
+):
     """Marks a test.
 
     Parameters
@@ -44,8 +45,9 @@ class Holds:
     def __init__(self, record: Callable[[dict[str, object]], None]):
         self.record = record
 
-    def __call__(self, what: str, measured: float, *, at_most: float | None = None, at_least: float | None = None,
-                 unit: str = "") -> None:  # fmt: skip
+    def __call__(
+        self, what: str, measured: float, *, at_most: float | None = None, at_least: float | None = None, unit: str = ""
+    ) -> None:
         """A number within its bounds; NaN is within none."""
         told = [f"{sign} {limit:g}" for sign, limit in (("≥", at_least), ("≤", at_most)) if limit is not None]
         assert told, "a bound has a limit"

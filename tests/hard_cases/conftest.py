@@ -21,7 +21,7 @@ def unguarded(request):
         return
     mark = request.node.get_closest_marker("hard_case")
     if mark.kwargs["group"] == "surfaces":
-        made_surfaces.clean()                                           # kept, so it has to be made with all guards
+        made_surfaces.clean()  # kept, so it has to be made with all guards
     with pytest.MonkeyPatch.context() as patch:
         mark.kwargs["without"](patch)
         yield True

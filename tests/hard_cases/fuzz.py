@@ -21,10 +21,25 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from hard_cases.made_files import MEMORY, resource, samples, verdict
 
-SLOWEST = 10            # seconds that a small file may take
+SLOWEST = 10  # seconds that a small file may take
 ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
-NUMBERS = [b"-1", b"0", b"99999999999", b"1e999", b"nan", b"1" * 5000, b"2147483648", b"-0", b"0x10", b"true", b"null",
-           b"[]", b"{}", b'""', b"1" + b"0" * 400]  # fmt: skip
+NUMBERS = [
+    b"-1",
+    b"0",
+    b"99999999999",
+    b"1e999",
+    b"nan",
+    b"1" * 5000,
+    b"2147483648",
+    b"-0",
+    b"0x10",
+    b"true",
+    b"null",
+    b"[]",
+    b"{}",
+    b'""',
+    b"1" + b"0" * 400,
+]
 WORDS = [0, 1, 0x7F, 0xFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x100000, 0x7FFFFFFFFFFFFFFF]
 
 
@@ -39,7 +54,7 @@ def damaged(raw, rng, other):
 def _damage(raw, rng, other):
     if not raw:
         return
-    head = rng.random() < 0.5                                           # half of them where headers are
+    head = rng.random() < 0.5  # half of them where headers are
     at = int(rng.integers(min(len(raw), 400) if head else len(raw)))
     kind = rng.integers(10)
     if kind == 0:

@@ -45,19 +45,19 @@ class Elsewhere:
     """Stands for ``resource`` on systems that have none: a test that asks it for anything is skipped."""
 
     def __getattr__(self, name):
-        if name.startswith("_"):                                        # as pytest asks of all names in a module
+        if name.startswith("_"):  # as pytest asks of all names in a module
             raise AttributeError(name)
         pytest.skip(f"needs Linux: there is no resource.{name} on {sys.platform}")
 
 
 try:
     import resource
-except ImportError:                                                     # Windows
+except ImportError:  # Windows
     resource = Elsewhere()  # type: ignore[assignment]
 
-MEMORY = 2 * 2**30      # what a file may make a reader take [bytes]
-SECONDS = 20            # of processor time, far above what any of the small files takes
-SLOW = 2                # seconds of processor time of one small file
+MEMORY = 2 * 2**30  # what a file may make a reader take [bytes]
+SECONDS = 20  # of processor time, far above what any of the small files takes
+SLOW = 2  # seconds of processor time of one small file
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _scene_and_run(folder, add):
     run = made_simulation(folder / "run", "radial", RADIAL)
     for name in ("health.json", "scene.toml", "stages/g1.20/stage.json", "stages/g1.20/files.json"):
         add(f"run/{name}", lambda path: (is_finished(run.path, run.scene, True), run.health, _but_a_scene(path)))
-    bare = lambda path: replace(read_cortex(path.parent), inputs=())      # whose digests tell any two files apart
+    bare = lambda path: replace(read_cortex(path.parent), inputs=())  # whose digests tell any two files apart
     add("stage.json", bare, run.path / "stages" / "g1.20" / "stage.json")
 
 
@@ -263,7 +263,7 @@ def verdict(sample: Sample) -> str:
         if re.search("memory|allocat", told, re.IGNORECASE):
             raise AssertionError(f"{sample.path.name}: took all memory: {told[:300]!r}") from error
         lines = told.splitlines()
-        scene = sample.path.suffix == ".toml"                           # of which each problem is told on its line
+        scene = sample.path.suffix == ".toml"  # of which each problem is told on its line
         if isinstance(error, UnicodeError) or len(lines) > (21 if scene else 1) or len(told) > 600 * len(lines):
             raise AssertionError(f"{sample.path.name}: no clear line: {told[:300]!r}") from error
         return f"{told} [{error.code}]" if isinstance(error, Refusal) else told
@@ -283,7 +283,7 @@ def compared(sample: Sample, raw: bytes, whole: object) -> str:
     signal.setitimer(signal.ITIMER_VIRTUAL, SLOW)
     try:
         return "refused" if verdict(sample) else "same" if same(sample.read(), whole) else "different"
-    except (Exception, SystemExit, Hang) as error:             # meshio leaves through SystemExit
+    except (Exception, SystemExit, Hang) as error:  # meshio leaves through SystemExit
         return f"{type(error).__name__}: {error}"[:200]
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
@@ -383,5 +383,13 @@ def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) ->
 
 
 STEPS = (
-    "open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "shutil.rmtree", "os.link", "os.truncate", "ctypes.dlsym",
-)  # fmt: skip
+    "open",
+    "os.rename",
+    "os.mkdir",
+    "os.remove",
+    "os.rmdir",
+    "shutil.rmtree",
+    "os.link",
+    "os.truncate",
+    "ctypes.dlsym",
+)

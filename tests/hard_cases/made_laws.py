@@ -126,6 +126,7 @@ def volume_not_grown(patch):
 
 def no_reaction(patch):
     """Contact pushes a node, and not the triangle that it lies on."""
+
     def action(tri, partner, push, weight, depth, extra):
         extra += push * (depth > 0)[:, None]
 

@@ -27,14 +27,12 @@ from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.speed.solver import cut_bricks
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
-STRIP = (
-    "strip", "geometry.length=16", "geometry.depth=12", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3",
-)  # fmt: skip
+STRIP = ("strip", "geometry.length=16", "geometry.depth=12", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3")
 OCTANT = ("demo", "geometry.portion=octant", "accuracy.edge=9.82", "accuracy.precision=double")
 
-MESH = 0.03             # error of the displacement that three elements through the cortex are allowed: docs/accuracy.md
-STILL = 1e-9            # kinetic over strain energy, with forces in 64 bits,
-MOST_REST = 1000        # or crossings of the cortex
+MESH = 0.03  # error of the displacement that three elements through the cortex are allowed: docs/accuracy.md
+STILL = 1e-9  # kinetic over strain energy, with forces in 64 bits,
+MOST_REST = 1000  # or crossings of the cortex
 
 
 def start(scene, *settings, mesh=lambda bilayer: bilayer):
@@ -77,9 +75,10 @@ def healthy(holds, run, leave=()):
     """Every bound that health.json is judged by, but for those to ``leave``."""
     pial = whole_surfaces(run.body, run.state.x)[1]
     stage = {
-        "kinetic_over_strain": run.state.record["kinetic_over_strain"], "volume_drift": drift(run),
+        "kinetic_over_strain": run.state.record["kinetic_over_strain"],
+        "volume_drift": drift(run),
         **check_surface(pial, run.body.bilayer.closed),
-    }  # fmt: skip
+    }
     for name, (bound, _) in BOUNDS.items():
         if name in stage and name not in leave:
             holds(name, stage[name], at_most=bound)
@@ -91,9 +90,13 @@ def off_the_smooth_state(run, *settings):
     scene = load_scene(OCTANT[0], ["output.stages=[]", *OCTANT[1:], *settings])
     C, material = scene.geometry.radius, scene.material
     exact = radial_equilibrium(
-        run.state.growth, scene.geometry.cortex_thickness / C, A_over_C=scene.geometry.hole_radius / C,
-        law=scene.growth.law, mu_ratio=material.mu_ratio, kappa_ratio=material.kappa_ratio,
-    )  # fmt: skip
+        run.state.growth,
+        scene.geometry.cortex_thickness / C,
+        A_over_C=scene.geometry.hole_radius / C,
+        law=scene.growth.law,
+        mu_ratio=material.mu_ratio,
+        kappa_ratio=material.kappa_ratio,
+    )
     n = run.body.n_surface
     moved = np.linalg.norm(run.state.x[:n], axis=1) - np.linalg.norm(run.body.X[:n], axis=1)
     return float(np.abs(moved / (C * (exact.at(1.0, "cortex").r[0] - 1)) - 1).mean())
@@ -104,25 +107,29 @@ def facing_patches(size=(4.0, 4.0), depth=8.0, thickness=2.0, edge=0.8, gap=1.6,
     one = bilayer_patch(size, depth, thickness, edge, layers)
     S, cortex = one.n_surface, len(one.mesh.subdomains["cortex"])
     N, E = one.mesh.nvertices, one.mesh.nelements
-    turn = np.array([1.0, -1.0, -1.0])                                  # about x, so bricks stay right-handed
+    turn = np.array([1.0, -1.0, -1.0])  # about x, so bricks stay right-handed
     points = np.concatenate([one.mesh.p.T, one.mesh.p.T * turn + [0.0, size[1], gap]])
     old = np.concatenate([np.arange(S), N + np.arange(S), np.arange(S, N), N + np.arange(S, N)])
-    new = np.argsort(old)                                               # pial nodes of both come first,
-    bricks = np.concatenate([
-        np.arange(cortex), E + np.arange(cortex), np.arange(cortex, E), E + np.arange(cortex, E)
-    ])                                                                  # and both cortices
+    new = np.argsort(old)  # pial nodes of both come first,
+    bricks = np.concatenate(
+        [np.arange(cortex), E + np.arange(cortex), np.arange(cortex, E), E + np.arange(cortex, E)]
+    )  # and both cortices
     t = new[np.concatenate([one.mesh.t, one.mesh.t + N], axis=1)][:, bricks]
     mesh = MeshHex(np.ascontiguousarray(points[old].T), np.ascontiguousarray(t), validate=False).with_subdomains(
         {"cortex": np.arange(2 * cortex), "core": np.arange(2 * cortex, 2 * E)}
     )
     white = new[np.concatenate([one.white.indices, one.white.indices + N])]
     return dataclasses.replace(
-        one, mesh=mesh, white=csr_matrix((np.ones(2 * S), (np.arange(2 * S), white)), (2 * S, 2 * N)),
-        faces=new[np.concatenate([one.faces, one.faces + N])], n_surface=2 * S,
-        radial=np.concatenate([one.radial, one.radial * turn])[old], share=np.tile(one.share, 2)[old],
+        one,
+        mesh=mesh,
+        white=csr_matrix((np.ones(2 * S), (np.arange(2 * S), white)), (2 * S, 2 * N)),
+        faces=new[np.concatenate([one.faces, one.faces + N])],
+        n_surface=2 * S,
+        radial=np.concatenate([one.radial, one.radial * turn])[old],
+        share=np.tile(one.share, 2)[old],
         foot=np.concatenate([one.foot, one.foot * turn + [0.0, size[1], gap]])[old],
         held=new[np.concatenate([one.held, one.held + N])],
-    )  # fmt: skip
+    )
 
 
 def body_of(bilayer, *, mu_cortex=1.0, kappa_ratio=50.0, law="isotropic", X=None):
@@ -148,8 +155,13 @@ def shell_file(path, thickness, squash=0.0):
                 break
     cortex = (np.arange(len(tets)) < len(bilayer.mesh.subdomains["cortex"])).astype(int)
     meshio.Mesh(x, [("tetra", tets)], cell_data={"layer": [cortex]}).write(path)
-    area = np.max([np.linalg.norm(np.cross(*(x[tets[:, k]] - x[tets[:, i]] for k in (j, l))), axis=1)
-                   for i, j, l in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))], axis=0)  # fmt: skip
+    area = np.max(
+        [
+            np.linalg.norm(np.cross(*(x[tets[:, k]] - x[tets[:, i]] for k in (j, l))), axis=1)
+            for i, j, l in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
+        ],
+        axis=0,
+    )
     pairs = [(i, j) for i in range(4) for j in range(i)]
     longest = np.max([np.linalg.norm(x[tets[:, i]] - x[tets[:, j]], axis=1) for i, j in pairs], axis=0)
     return float((longest * area / np.abs(np.linalg.det(_edges(x, tets)))).max())

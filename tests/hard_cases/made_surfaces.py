@@ -23,9 +23,7 @@ SAME, WIDTH, BENT, LINES = 1e-9, 0.01, 0.05, 0.15
 def known_cortex(level=4, *, mesh=None, net=NET):
     """Ridges 16 mm wide and 8 high along the 30 edges of a dodecahedron, on a sphere of 50; white 2.5 mm inside."""
     mesh = mesh or icosphere(level)
-    white, pial = (
-        ridged_net(net, mesh, 16.0 - 2 * t, height=8.0, radius=50.0 - t) for t in (2.5, 0.0)
-    )  # fmt: skip
+    white, pial = (ridged_net(net, mesh, 16.0 - 2 * t, height=8.0, radius=50.0 - t) for t in (2.5, 0.0))
     return Cortex(Surface(white.verts, mesh[1], "lh.white"), Surface(pial.verts, mesh[1], "lh.pial"))
 
 
@@ -79,17 +77,20 @@ def hold_all(holds, found, *, unit=1.0, bent=BENT, lines=LINES, width=WIDTH, are
     one, other = found.scalars, of_clean.scalars
     bounds = {
         **dict.fromkeys(("area_pial_mm2", "area_white_mm2"), (area, unit**2)),
-        "gyrification_index": (area, 1), "mean_local_gyrification_index": (0.01, 1),
+        "gyrification_index": (area, 1),
+        "mean_local_gyrification_index": (0.01, 1),
         **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), (bent, 1)),
-        **dict.fromkeys(("mean_cortical_thickness_mm", "mean_sulcal_depth_mm", "median_gyral_thickness_mm"),
-                        (width, unit)),
+        **dict.fromkeys(
+            ("mean_cortical_thickness_mm", "mean_sulcal_depth_mm", "median_gyral_thickness_mm"), (width, unit)
+        ),
         **dict.fromkeys(("wavelength_mm", "crest_length_mm"), (max(width, area), unit)),
         "spectral_wavelength_mm": (lines, unit),
-    }  # fmt: skip
+    }
     off = {
         name: (abs(one[name] / (size * other[name]) - 1), bound)
-        for name, (bound, size) in bounds.items() if name not in without
-    } | {name: (change, 2 * power * bent) for name, power, change in changes_of_maps(found, unit)}  # fmt: skip
+        for name, (bound, size) in bounds.items()
+        if name not in without
+    } | {name: (change, 2 * power * bent) for name, power, change in changes_of_maps(found, unit)}
     if "lines" not in without:
         off |= {f"{kind} crest lines": (change, lines) for kind, change in changes_of_lines(found, unit)}
     share = {name: change / bound if np.isfinite(change) else np.inf for name, (change, bound) in off.items()}

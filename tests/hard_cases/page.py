@@ -12,15 +12,17 @@ from morphofold.io import atomic_file
 from morphofold.studies.markdown import between_marks, table
 
 HEADS = ("case", "what", "bound", "measured", "without the guard", "peers")
-LONGEST = 160           # characters of a message in a cell
+LONGEST = 160  # characters of a message in a cell
 
 
 def rows_of(tests):
     """Cells of the table by group, tests in the order of their names, each with its broken bound beside."""
     broken = {
         node.replace("[unguarded", "[guarded"): text
-        for node, test in tests.items() for text in test["told"] if isinstance(text, str)
-    }  # fmt: skip
+        for node, test in tests.items()
+        for text in test["told"]
+        if isinstance(text, str)
+    }
     found = {}
     for node, test in tests.items():
         assert test["outcome"] == "passed", f"{node} did not pass: the page is made of a run in which all do"
@@ -39,7 +41,7 @@ def _cell(text):
 
 def main(*files, page):
     tests = {}
-    for file in files:                                                  # a later run of a test counts
+    for file in files:  # a later run of a test counts
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
     groups = rows_of(tests)
     page = Path(page)

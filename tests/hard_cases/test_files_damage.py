@@ -19,7 +19,7 @@ from morphofold.sim.mesh import tetmesh
 from morphofold.sim.output import checkpoint, stages
 from morphofold.sim.scene import MeshFile
 
-LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")        # a part of such a text is a whole one
+LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")  # a part of such a text is a whole one
 SURFACES = (*FORMATS, "a.stl", "text.ply", "text.stl", "text.vtk", "lh.quads", "raw.gii")
 MAPS = ("lh.thickness", "lh.k.shape", "lh.old", "lh.aparc.annot", "lh.old.annot", "lh.a.label", "lh.cortex.label")
 RUN = ("checkpoint.npz", "log.jsonl", "stage.json", "run/")
@@ -67,39 +67,47 @@ def nothing(*args, **options):
 
 
 @hard_case(
-    "files", "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
+    "files",
+    "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
     peers="trimesh: takes as many faces of a PLY text as are left (measured)",
-    guard="the counts in the header", without=lambda patch: patch.setattr(trimesh_files, "_check_ply", nothing),
-)  # fmt: skip
+    guard="the counts in the header",
+    without=lambda patch: patch.setattr(trimesh_files, "_check_ply", nothing),
+)
 def test_cut_surfaces(known, holds):
     assert_sound(holds, every_tenth(known, SURFACES), 1000)
 
 
 @hard_case(
-    "files", "maps, annotations and labels cut before every tenth byte",
+    "files",
+    "maps, annotations and labels cut before every tenth byte",
     peers="nibabel: reads the values that are left of a curv file (measured)",
-    guard="the count held against the size", without=lambda patch: patch.setattr(
-        freesurfer, "_is_morph", lambda head, size: head[:3] == freesurfer.QUADS and len(head) == 15),
-)  # fmt: skip
+    guard="the count held against the size",
+    without=lambda patch: patch.setattr(
+        freesurfer, "_is_morph", lambda head, size: head[:3] == freesurfer.QUADS and len(head) == 15
+    ),
+)
 def test_cut_maps(known, holds):
     assert_sound(holds, every_tenth(known, MAPS), 300)
 
 
 @hard_case(
-    "files", "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
+    "files",
+    "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
     peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
     guard="an end to asking beyond the end",
     without=lambda patch: patch.setattr(tetmesh._Ending, "_seen", lambda self, got: got),
-)  # fmt: skip
+)
 def test_cut_meshes(known, holds):
     assert_sound(holds, every_tenth(known, ["ball."]), 500)
 
 
 @hard_case(
-    "files", "checkpoint, log, stage and health of a run cut before every tenth byte", peers=BRAINGROWTH,
+    "files",
+    "checkpoint, log, stage and health of a run cut before every tenth byte",
+    peers=BRAINGROWTH,
     guard="a check of finished runs",
     without=lambda patch: patch.setattr("morphofold.sim.output.folder.check_finished", nothing),
-)  # fmt: skip
+)
 def test_cut_runs(known, holds):
     assert_sound(holds, every_tenth(known, RUN), 300)
 
@@ -110,17 +118,22 @@ def as_it_is(path, words, count, *, numbers):
 
 
 @hard_case(
-    "files", "summary, tables, graph and provenance of an analysis cut before every tenth byte",
-    guard="tables that are whole", without=lambda patch: patch.setattr(summary, "read_table", as_it_is),
-)  # fmt: skip
+    "files",
+    "summary, tables, graph and provenance of an analysis cut before every tenth byte",
+    guard="tables that are whole",
+    without=lambda patch: patch.setattr(summary, "read_table", as_it_is),
+)
 def test_cut_analyses(known, holds):
     assert_sound(holds, every_tenth(known, ANALYSIS), 300)
 
 
 @hard_case(
-    "files", "an OBJ or OFF text cut before every byte", peers="trimesh: reads what is left of a number (measured)",
-    guard="a warning", without=lambda patch: patch.setattr(trimesh_files, "warn_of_no_end", nothing),
-)  # fmt: skip
+    "files",
+    "an OBJ or OFF text cut before every byte",
+    peers="trimesh: reads what is left of a number (measured)",
+    guard="a warning",
+    without=lambda patch: patch.setattr(trimesh_files, "warn_of_no_end", nothing),
+)
 def test_texts_cut_within_a_line(known, holds):
     silent = warned = 0
     for name in ("a.obj", "a.off"):
@@ -145,10 +158,12 @@ def test_texts_cut_within_a_line(known, holds):
 
 
 @hard_case(
-    "files", "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
+    "files",
+    "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
     peers="meshio: reads what is left of a number (measured)",
-    guard="a warning", without=lambda patch: patch.setattr(tetmesh, "_warn_of_no_end", nothing),
-)  # fmt: skip
+    guard="a warning",
+    without=lambda patch: patch.setattr(tetmesh, "_warn_of_no_end", nothing),
+)
 def test_tetrahedra_cut_within_a_line(holds, tmp_path):
     import meshio
 
@@ -187,10 +202,12 @@ def unguarded_libraries(patch):
 
 
 @hard_case(
-    "files", "a bit flipped at every 60th (20th) byte of every format",
+    "files",
+    "a bit flipped at every 60th (20th) byte of every format",
     peers="nibabel, meshio, trimesh: dozens of kinds of exceptions (measured)",
-    guard="one clear error for all that libraries raise", without=unguarded_libraries,
-)  # fmt: skip
+    guard="one clear error for all that libraries raise",
+    without=unguarded_libraries,
+)
 @pytest.mark.parametrize("step", [60, pytest.param(20, marks=pytest.mark.slow)])
 def test_flipped_bits(known, holds, step):
     refused, other, count = 0, {}, 0
@@ -210,9 +227,12 @@ def test_flipped_bits(known, holds, step):
 
 
 @hard_case(
-    "files", "every seventh bit of a checkpoint flipped, one at a time", peers=BRAINGROWTH,
-    guard="its checksums", without=lambda patch: patch.setattr(zipfile.ZipExtFile, "_update_crc", nothing),
-)  # fmt: skip
+    "files",
+    "every seventh bit of a checkpoint flipped, one at a time",
+    peers=BRAINGROWTH,
+    guard="its checksums",
+    without=lambda patch: patch.setattr(zipfile.ZipExtFile, "_update_crc", nothing),
+)
 def test_flipped_checkpoint(known, holds):
     sample = known["checkpoint.npz"]
     raw, whole, found = sample.path.read_bytes(), sample.read(), {}
@@ -228,14 +248,16 @@ def by_name(path, head):
 
 
 @hard_case(
-    "files", "every format under every other's name", guard="the first bytes decide, not the name",
+    "files",
+    "every format under every other's name",
+    guard="the first bytes decide, not the name",
     without=lambda patch: patch.setattr("morphofold.io.surfaces._format", by_name),
-)  # fmt: skip
+)
 def test_wrong_names(known, holds):
     wrong = {}
     for name in SURFACES:
         raw = known[name].path.read_bytes()
-        silent = name in ("a.obj", "a.stl", "a.surf.gii.gz")            # whose first bytes say nothing, or packed
+        silent = name in ("a.obj", "a.stl", "a.surf.gii.gz")  # whose first bytes say nothing, or packed
         for other in SURFACES:
             path = known[name].path.with_name(f"as-{other}")
             path.write_bytes(raw)
@@ -261,10 +283,12 @@ def _with(sample, raw):
 
 
 @hard_case(
-    "files", "an STL text whose normals are no numbers (found by fuzzing)", peers="trimesh: logs a traceback (seen)",
+    "files",
+    "an STL text whose normals are no numbers (found by fuzzing)",
+    peers="trimesh: logs a traceback (seen)",
     guard="packages log nothing while they read",
     without=lambda patch: patch.setattr(trimesh_files, "silent_log", contextlib.nullcontext),
-)  # fmt: skip
+)
 def test_normals(holds, tmp_path, caplog):
     import trimesh
 

@@ -24,9 +24,10 @@ def fuzzed(seconds, seed, *words):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "a minute of random damage of files of every format",
+    "files",
+    "a minute of random damage of files of every format",
     peers="meshio, nibabel, VTK: hangs, ends of the process, dozens of exceptions (measured)",
-)  # fmt: skip
+)
 def test_a_minute_of_fuzzing(holds):
     count, findings, told = fuzzed(60, 20150901)
     holds("files read", count, at_least=1000)

@@ -15,15 +15,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import RADIAL, killed_at, needs_linux, resource
 from made_measures import made_measures
 
-from morphofold.io import (
-    atomic_folder,
-    folders,
-    locks,
-    write_annotation,
-    write_gifti_map,
-    write_morph,
-    write_surface,
-)
+from morphofold.io import atomic_folder, folders, locks, write_annotation, write_gifti_map, write_morph, write_surface
 from morphofold.results import read_analysis, reading, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim.run import simulate
@@ -75,10 +67,12 @@ def writers(folder):
 
 
 @hard_case(
-    "files", "a writer of a surface, map or annotation killed before each step, and within writes",
+    "files",
+    "a writer of a surface, map or annotation killed before each step, and within writes",
     peers="nibabel, trimesh, meshio: write in place (read)",
-    guard="a file beside, moved when whole", without=writers_in_place,
-)  # fmt: skip
+    guard="a file beside, moved when whole",
+    without=writers_in_place,
+)
 def test_killed_file(holds, tmp_path):
     kills = lost = 0
     known = {name: write for name, write in writers(tmp_path).items() if name != "analysis"}
@@ -108,9 +102,12 @@ def one_at_a_time(patch):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "a writer that replaces an analysis killed before each of its steps", guard="names exchanged in one step",
-    without=one_at_a_time, fails=(AssertionError, OSError),
-)  # fmt: skip
+    "files",
+    "a writer that replaces an analysis killed before each of its steps",
+    guard="names exchanged in one step",
+    without=one_at_a_time,
+    fails=(AssertionError, OSError),
+)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows can't exchange two names in one step")
 def test_killed_folder(holds, tmp_path):
     out, kills, names = tmp_path / "out", 0, set()
@@ -128,9 +125,12 @@ def test_killed_folder(holds, tmp_path):
 
 
 @hard_case(
-    "files", "a writer killed before each of its steps where names can't be exchanged", fails=AssertionError,
-    guard="a look beside", without=lambda patch: patch.setattr(reading, "moved_away", lambda out: ""),
-)  # fmt: skip
+    "files",
+    "a writer killed before each of its steps where names can't be exchanged",
+    fails=AssertionError,
+    guard="a look beside",
+    without=lambda patch: patch.setattr(reading, "moved_away", lambda out: ""),
+)
 def test_killed_between_two_names(holds, tmp_path, monkeypatch):
     """Between its two moves nothing is there: the reader is told where what was there is, whole."""
     one_at_a_time(monkeypatch)
@@ -163,10 +163,12 @@ def test_killed_between_two_names(holds, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "a writer of a subject of a BIDS dataset killed before each of its steps",
-    guard="a folder beside, moved when whole", fails=(AssertionError, OSError, ValueError),
+    "files",
+    "a writer of a subject of a BIDS dataset killed before each of its steps",
+    guard="a folder beside, moved when whole",
+    fails=(AssertionError, OSError, ValueError),
     without=lambda patch: patch.setattr("morphofold.results.bids.atomic_folder", folder_again),
-)  # fmt: skip
+)
 def test_killed_dataset(holds, tmp_path):
     out, kills, names, k = tmp_path / "bids", 0, set(), 1
     old, new = (made_measures(name=name, level=1) for name in ("old", "new"))
@@ -201,9 +203,12 @@ def failures_of_four(out, count):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "four processes that write one folder at once, over and over", guard="names exchanged in one step",
-    without=one_at_a_time, fails=AssertionError,
-)  # fmt: skip
+    "files",
+    "four processes that write one folder at once, over and over",
+    guard="names exchanged in one step",
+    without=one_at_a_time,
+    fails=AssertionError,
+)
 def test_four_writers(holds, tmp_path):
     needs_linux()
     out = tmp_path / "out"
@@ -219,10 +224,13 @@ def grow(out):
 
 @pytest.mark.slow
 @hard_case(
-    "files", "a run killed before each of its steps, and resumed", peers=NO_RESTART,
-    guard="a folder beside, moved when whole", fails=(AssertionError, ValueError, OSError),
+    "files",
+    "a run killed before each of its steps, and resumed",
+    peers=NO_RESTART,
+    guard="a folder beside, moved when whole",
+    fails=(AssertionError, ValueError, OSError),
     without=lambda patch: patch.setattr("morphofold.sim.output.folder.atomic_folder", folder_in_place),
-)  # fmt: skip
+)
 def test_killed_run(holds, tmp_path):
     whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}
     k, kills, alike = 1, 0, 0
@@ -252,11 +260,13 @@ def room_for(size):
 
 
 @hard_case(
-    "files", "a disk that is full after each fifth of a surface, map, annotation, or a file of an analysis",
+    "files",
+    "a disk that is full after each fifth of a surface, map, annotation, or a file of an analysis",
     peers="numpy's tofile, and so nibabel and meshio: cut files in silence (measured)",
-    guard="a look at what was written", without=unread,
+    guard="a look at what was written",
+    without=unread,
     fails=(AssertionError, ValueError),
-)  # fmt: skip
+)
 def test_full_disk(holds, tmp_path):
     tried, told = 0, []
     known = writers(tmp_path)
@@ -289,11 +299,12 @@ def full_if_unread(path):
 
 
 @hard_case(
-    "files", "a package that writes, at a disk with room, what can't be read back",
-    guard="a full disk is told of where a file can't grow", without=lambda patch: patch.setattr(
-        "morphofold.io.files.read_back", lambda path, temporary: full_if_unread(path)),
+    "files",
+    "a package that writes, at a disk with room, what can't be read back",
+    guard="a full disk is told of where a file can't grow",
+    without=lambda patch: patch.setattr("morphofold.io.files.read_back", lambda path, temporary: full_if_unread(path)),
     fails=AssertionError,
-)  # fmt: skip
+)
 def test_not_a_full_disk(holds, tmp_path, monkeypatch):
     import nibabel.freesurfer
 
@@ -309,9 +320,12 @@ def test_not_a_full_disk(holds, tmp_path, monkeypatch):
 
 
 @hard_case(
-    "files", "two runs, and a writer, into one folder at once", peers=NO_RESTART, guard="a lock",
+    "files",
+    "two runs, and a writer, into one folder at once",
+    peers=NO_RESTART,
+    guard="a lock",
     without=lambda patch: patch.setattr(locks, "_try_lock", lambda file: None),
-)  # fmt: skip
+)
 def test_two_runs(holds, tmp_path):
     with locks.alone(tmp_path / "run"):
         try:
@@ -324,9 +338,11 @@ def test_two_runs(holds, tmp_path):
 
 
 @hard_case(
-    "files", "a folder that somebody writes while we do", guard="a second look",
+    "files",
+    "a folder that somebody writes while we do",
+    guard="a second look",
     without=lambda patch: patch.setattr(folders, "refuse_foreign", lambda out, found=None: None),
-)  # fmt: skip
+)
 def test_foreign_folder(holds, tmp_path):
     out, told = tmp_path / "out", ""
     try:
@@ -355,10 +371,13 @@ def comes_within(name, patch, out):
 
 
 @hard_case(
-    "files", "a folder that somebody puts in the place of ours after we looked", guard="a look at what we got for ours",
+    "files",
+    "a folder that somebody puts in the place of ours after we looked",
+    guard="a look at what we got for ours",
     without=lambda patch: patch.setattr(
-        folders, "refuse_foreign", lambda out, found=None, look=folders.refuse_foreign: found or look(out)),
-)  # fmt: skip
+        folders, "refuse_foreign", lambda out, found=None, look=folders.refuse_foreign: found or look(out)
+    ),
+)
 @pytest.mark.parametrize("exchanges", [True, False])
 def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchanges):
     if not exchanges:
@@ -382,9 +401,12 @@ def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchang
 
 
 @hard_case(
-    "files", "two analyses into one new folder at once", guard="a folder that came meanwhile is exchanged",
-    without=lambda patch: patch.setattr(folders, "_move_onto", os.replace), fails=OSError,
-)  # fmt: skip
+    "files",
+    "two analyses into one new folder at once",
+    guard="a folder that came meanwhile is exchanged",
+    without=lambda patch: patch.setattr(folders, "_move_onto", os.replace),
+    fails=OSError,
+)
 def test_two_analyses(holds, tmp_path):
     with atomic_folder(tmp_path / "out") as one:
         (one / "a.txt").write_text("one")

@@ -18,7 +18,7 @@ from morphofold.errors import WrongFile
 from morphofold.io import files, folders, locks
 from morphofold.results import write_analysis
 
-NOBODY = 65534          # the number of a user who owns nothing
+NOBODY = 65534  # the number of a user who owns nothing
 
 
 @pytest.fixture
@@ -32,10 +32,12 @@ def followed(path):
 
 
 @hard_case(
-    "files", "links: dangling, to themselves, to a folder of somebody else", guard="paths followed by realpath",
+    "files",
+    "links: dangling, to themselves, to a folder of somebody else",
+    guard="paths followed by realpath",
     without=lambda patch: patch.setattr(paths, "refuse_overlap", lambda out, read: [followed(p) for p in (out, *read)]),
     fails=(AssertionError, RuntimeError),
-)  # fmt: skip
+)
 def test_links(holds, here, analysis, capsys):
     (here / "loop").symlink_to("loop")
     (here / "dangling").symlink_to("nowhere")
@@ -44,10 +46,16 @@ def test_links(holds, here, analysis, capsys):
     (theirs / "thesis.txt").write_text("mine")
     (here / "outside").symlink_to("theirs")
     for argv in (
-        ["analyze", "loop"], ["analyze", "dangling"], ["analyze", "analysis", "-o", "loop"], ["simulate", "loop"],
-        ["analyze", "analysis", "-o", "outside"], ["simulate", "radial", "-o", "loop"], ["compare", "a=loop"],
-        ["compare", "a=analysis", "-o", "loop"], ["simulate", "radial", "-o", "outside"],
-    ):  # fmt: skip
+        ["analyze", "loop"],
+        ["analyze", "dangling"],
+        ["analyze", "analysis", "-o", "loop"],
+        ["simulate", "loop"],
+        ["analyze", "analysis", "-o", "outside"],
+        ["simulate", "radial", "-o", "loop"],
+        ["compare", "a=loop"],
+        ["compare", "a=analysis", "-o", "loop"],
+        ["simulate", "radial", "-o", "outside"],
+    ):
         refused(capsys, [*argv, "-q"])
     holds.equal("what was there", (theirs / "thesis.txt").read_text(), "mine")
     holds.equal("in the folder", sorted(os.listdir(here)), ["analysis", "dangling", "loop", "outside", "theirs"])
@@ -58,10 +66,11 @@ def denied(*args, **options):
 
 
 @hard_case(
-    "files", "inputs that are folders or may not be read, outputs that exist or may not be written",
+    "files",
+    "inputs that are folders or may not be read, outputs that exist or may not be written",
     guard="a folder of somebody else is not replaced",
     without=lambda patch: patch.setattr(folders, "_ours", lambda out: True),
-)  # fmt: skip
+)
 def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
     theirs = here / "theirs"
     theirs.mkdir()
@@ -69,10 +78,15 @@ def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
     (here / "a-file").write_text("mine")
     before = sorted(os.listdir(here))
     for argv in (
-        ["analyze", "analysis", "--white", "analysis", "--pial", "analysis"], ["analyze", "a-file"],
-        ["analyze", "analysis", "-o", "a-file"], ["analyze", "analysis", "-o", "theirs"], ["simulate", "theirs"],
-        ["simulate", "radial", "-o", "theirs"], ["simulate", "radial", "-o", "a-file"], ["compare", "a=theirs"],
-    ):  # fmt: skip
+        ["analyze", "analysis", "--white", "analysis", "--pial", "analysis"],
+        ["analyze", "a-file"],
+        ["analyze", "analysis", "-o", "a-file"],
+        ["analyze", "analysis", "-o", "theirs"],
+        ["simulate", "theirs"],
+        ["simulate", "radial", "-o", "theirs"],
+        ["simulate", "radial", "-o", "a-file"],
+        ["compare", "a=theirs"],
+    ):
         refused(capsys, [*argv, "-q"])
     with monkeypatch.context() as patch:
         patch.setattr(Path, "open", denied)
@@ -108,9 +122,7 @@ def as_nobody():
 
 
 @pytest.mark.slow
-@hard_case(
-    "files", "files and folders of mode 000, and an output folder of mode 555, to a user who is not root",
-)
+@hard_case("files", "files and folders of mode 000, and an output folder of mode 555, to a user who is not root")
 @pytest.mark.skipif(not hasattr(os, "seteuid"), reason="modes are of POSIX")
 def test_modes(holds, anyones, tmp_path, capsys):
     analysis = write_analysis([made_measures(level=1)], anyones / "analysis", report=False)
@@ -119,7 +131,7 @@ def test_modes(holds, anyones, tmp_path, capsys):
     for name in ("closed", "fixed"):
         shutil.copytree(analysis, anyones / name)
     for argv in (["analyze", "no"], ["analyze", str(analysis), "--dry-run"], ["simulate", "no"], ["compare", "a=no"]):
-        main([*argv, "-q"])                                             # imports: nobody may not read all packages
+        main([*argv, "-q"])  # imports: nobody may not read all packages
     capsys.readouterr()
     kept = sorted(p.relative_to(anyones) for p in anyones.rglob("*"))
     modes = {"shut.white": 0, "closed": 0, "fixed": 0o555}
@@ -131,9 +143,10 @@ def test_modes(holds, anyones, tmp_path, capsys):
         for argv in (
             ["analyze", "--white", pair[0], "--pial", pair[1], "--hemi", "lh", "-o", str(tmp_path / "new")],
             ["analyze", *at("closed")],
-            ["analyze", *at("analysis"), "-o", *at("fixed/new")], ["simulate", "radial", "-o", *at("fixed/new")],
+            ["analyze", *at("analysis"), "-o", *at("fixed/new")],
+            ["simulate", "radial", "-o", *at("fixed/new")],
             ["compare", "a=" + at("closed")[0]],
-        ):  # fmt: skip
+        ):
             with as_nobody():
                 code = main([*argv, "-q"])
             told = capsys.readouterr().err
@@ -146,9 +159,12 @@ def test_modes(holds, anyones, tmp_path, capsys):
 
 
 @hard_case(
-    "files", "a pipe or a device as the name of a file to write", guard="no move onto what is no file",
-    without=lambda patch: patch.setattr(files, "check_place", lambda path: None), fails=pytest.fail.Exception,
-)  # fmt: skip
+    "files",
+    "a pipe or a device as the name of a file to write",
+    guard="no move onto what is no file",
+    without=lambda patch: patch.setattr(files, "check_place", lambda path: None),
+    fails=pytest.fail.Exception,
+)
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 def test_devices(holds, tmp_path):
     pipe = tmp_path / "pipe"
@@ -163,16 +179,21 @@ def test_devices(holds, tmp_path):
 
 
 @hard_case(
-    "files", "a link in the place of a lock or a log, to a file of somebody", guard="no link is written to",
-    without=lambda patch: [
-        patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
-        for module in (locks, tasks)
-    ] + [patch.setattr(locks, "_is_at", lambda file, path: True)],
+    "files",
+    "a link in the place of a lock or a log, to a file of somebody",
+    guard="no link is written to",
+    without=lambda patch: (
+        [
+            patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
+            for module in (locks, tasks)
+        ]
+        + [patch.setattr(locks, "_is_at", lambda file, path: True)]
+    ),
     fails=(AssertionError, pytest.fail.Exception),
-)  # fmt: skip
+)
 def test_links_for_locks_and_logs(holds, here):
     victim, place = here / "victim", tasks.Place(str(here / "out"), "anna", "1")
-    victim.write_text("run 1\n")                                        # as a log of this very run begins
+    victim.write_text("run 1\n")  # as a log of this very run begins
     place.log.parent.mkdir(parents=True)
     for path in (here / "run" / "lock", place.log):
         path.parent.mkdir(exist_ok=True)
@@ -186,10 +207,12 @@ def test_links_for_locks_and_logs(holds, here):
 
 
 @hard_case(
-    "files", "notes of their user in a folder of results that is written anew", guard="what is not ours is brought",
+    "files",
+    "notes of their user in a folder of results that is written anew",
+    guard="what is not ours is brought",
     without=lambda patch: patch.setattr(folders, "_bring", lambda old, new, out: None),
     fails=(AssertionError, FileNotFoundError),
-)  # fmt: skip
+)
 def test_notes_of_their_user(holds, here, analysis):
     for name in ("NOTES.txt", "maps/mine.txt"):
         (analysis / name).write_text("mine")

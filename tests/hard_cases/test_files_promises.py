@@ -37,7 +37,7 @@ from morphofold.sim.scene import files as scene_file
 from morphofold.sim.scene.files import load_scene
 
 MANY = 2**31 - 1
-LIGHT = 512 * 2**20     # bytes: a quarter of what any file may take
+LIGHT = 512 * 2**20  # bytes: a quarter of what any file may take
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
@@ -62,10 +62,12 @@ def counts_believed(patch):
 
 @pytest.mark.parametrize("kind", ["surface", "map", "annotation", "label"])
 @hard_case(
-    "files", "a FreeSurfer surface, map, annotation or label that promises 2³¹ vertices",
-    peers="nibabel: allocates what the header says (read)", guard="counts held against the size",
+    "files",
+    "a FreeSurfer surface, map, annotation or label that promises 2³¹ vertices",
+    peers="nibabel: allocates what the header says (read)",
+    guard="counts held against the size",
     without=counts_believed,
-)  # fmt: skip
+)
 def test_freesurfer(kind, known, holds, tmp_path):
     raw = known["lh.white"].path.read_bytes()
     at = raw.index(b"\n\n") + 2
@@ -82,11 +84,15 @@ def test_freesurfer(kind, known, holds, tmp_path):
 LEGACY = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET {}\nPOINTS\t{} float\n0 0 0 1 0 0 0 1 0\n{}\t{} {}\n3 0 1 2\n"
 PLY = "ply\nformat {} 1.0\nelement\tvertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
 polygons_promise = hard_case(
-    "files", "a VTP, VTK or PLY that promises 2³¹ points or faces",
-    peers="VTK: ends the process (measured)", guard="counts held against the size",
-    without=lambda patch: [patch.setattr(module, name, lambda raw, *counts: None) for module, name in
-                           ((trimesh_files, "check_counts"), (trimesh_files, "_check_ply"), (vtk_files, "_check"))],
-)  # fmt: skip
+    "files",
+    "a VTP, VTK or PLY that promises 2³¹ points or faces",
+    peers="VTK: ends the process (measured)",
+    guard="counts held against the size",
+    without=lambda patch: [
+        patch.setattr(module, name, lambda raw, *counts: None)
+        for module, name in ((trimesh_files, "check_counts"), (trimesh_files, "_check_ply"), (vtk_files, "_check"))
+    ],
+)
 
 
 @pytest.mark.parametrize("name", ["Points", "Polys", "Components"])
@@ -94,7 +100,7 @@ polygons_promise = hard_case(
 def test_vtp(name, known, holds, tmp_path):
     raw = known["a.vtp"].path.read_bytes()
     much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
-    told = [] if name == "Components" else ["21474836"]                 # with the others 2^31 and more
+    told = [] if name == "Components" else ["21474836"]  # with the others 2^31 and more
     refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, *told, str(len(much)))
 
 
@@ -114,14 +120,16 @@ def test_ply(form, holds, tmp_path):
 
 @pytest.mark.parametrize("word", [2, 3])
 @hard_case(
-    "files", "a VTP whose array has a block of 2 GiB, packed or not (found by fuzzing)",
-    peers="VTK: ends the process (measured)", guard="sizes of blocks held against the file",
+    "files",
+    "a VTP whose array has a block of 2 GiB, packed or not (found by fuzzing)",
+    peers="VTK: ends the process (measured)",
+    guard="sizes of blocks held against the file",
     without=lambda patch: patch.setattr(vtk_files, "check_blocks", lambda raw: None),
-)  # fmt: skip
+)
 def test_vtk_blocks(word, known, holds, tmp_path):
     """The third word of an array is the size of its last block, the fourth that of its first one packed."""
     raw = known["a.vtp"].path.read_bytes()
-    at = raw.index(b"AQAAAA")                                           # of a single block
+    at = raw.index(b"AQAAAA")  # of a single block
     words = list(struct.unpack("<4I", base64.b64decode(raw[at : at + 24])))
     words[word] = 2**31
     damaged = raw[:at] + base64.b64encode(struct.pack("<4I", *words)) + raw[at + 24 :]
@@ -129,38 +137,49 @@ def test_vtk_blocks(word, known, holds, tmp_path):
     refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, str(most))
 
 
-BLOCK = base64.b64encode(struct.pack("<4I", 1, 2**31, 2**31, 20))       # of 2 GiB
+BLOCK = base64.b64encode(struct.pack("<4I", 1, 2**31, 2**31, 20))  # of 2 GiB
 HIDDEN = {
     "offset, format ascii": (b'<DataArray type="Float32" format="ascii" offset="0"/>', str(2**31)),
     "offset, no format": (b'<DataArray type="Float32" offset="0"/>', str(2**31)),
     "an Array": (b'<Array type="Float32" format="appended" offset="0"/>', str(2**31)),
-    "bracket in an attribute": (b'<DataArray type="Float32" format="binary" Note="a>%s">AAAA</DataArray>' % BLOCK,
-                                "Note"),
-}  # fmt: skip
+    "bracket in an attribute": (
+        b'<DataArray type="Float32" format="binary" Note="a>%s">AAAA</DataArray>' % BLOCK,
+        "Note",
+    ),
+}
 
 
 @pytest.mark.parametrize("how", HIDDEN)
 @hard_case(
-    "files", "a VTP whose block of 2 GiB is behind another format, name or bracket than it says",
-    peers="VTK: ends the process (measured)", guard="sizes of blocks read where VTK reads them",
+    "files",
+    "a VTP whose block of 2 GiB is behind another format, name or bracket than it says",
+    peers="VTK: ends the process (measured)",
+    guard="sizes of blocks read where VTK reads them",
     without=lambda patch: patch.setattr(vtk_files, "check_blocks", lambda raw: None),
-)  # fmt: skip
+)
 def test_hidden_blocks(how, holds, tmp_path):
     array, what = HIDDEN[how]
     raw = (
         b'<VTKFile type="PolyData" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><PolyData><Piece '
-        b'NumberOfPoints="3" NumberOfPolys="1"><Points>' + array.replace(b"type", b'NumberOfComponents="3" type')
-        + b'</Points></Piece></PolyData><AppendedData encoding="base64">_' + BLOCK + b"</AppendedData></VTKFile>"
-    )  # fmt: skip
+        b'NumberOfPoints="3" NumberOfPolys="1"><Points>'
+        + array.replace(b"type", b'NumberOfComponents="3" type')
+        + b'</Points></Piece></PolyData><AppendedData encoding="base64">_'
+        + BLOCK
+        + b"</AppendedData></VTKFile>"
+    )
     refused(holds, how, tmp_path / "a.vtp", raw, read_surface, what)
 
 
 def _gifti(data, dims):
     return (
-        '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
-        f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} Encoding="GZipBase64Binary" '
-        'Endian="LittleEndian" ExternalFileName="" ExternalFileOffset="0"><Data>'
-    ).encode() + base64.b64encode(data) + b"</Data></DataArray></GIFTI>"  # fmt: skip
+        (
+            '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
+            f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} Encoding="GZipBase64Binary" '
+            'Endian="LittleEndian" ExternalFileName="" ExternalFileOffset="0"><Data>'
+        ).encode()
+        + base64.b64encode(data)
+        + b"</Data></DataArray></GIFTI>"
+    )
 
 
 def _zeros(n, tool=None):
@@ -184,10 +203,15 @@ def _vtk_bomb(kind):
     block = zlib.compress(bytes(2**24))
     head = base64.b64encode(struct.pack("<67I", 64, 2**24, 0, *[len(block)] * 64))
     return (
-        f'<VTKFile type="{kind}" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><{kind}><Piece '
-        'NumberOfPoints="9" NumberOfCells="1" NumberOfPolys="1"><Points><DataArray type="Float32" '
-        'NumberOfComponents="3" format="binary">'
-    ).encode() + head + base64.b64encode(64 * block) + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
+        (
+            f'<VTKFile type="{kind}" byte_order="LittleEndian" compressor="vtkZLibDataCompressor"><{kind}><Piece '
+            'NumberOfPoints="9" NumberOfCells="1" NumberOfPolys="1"><Points><DataArray type="Float32" '
+            'NumberOfComponents="3" format="binary">'
+        ).encode()
+        + head
+        + base64.b64encode(64 * block)
+        + f"</DataArray></Points></Piece></{kind}></VTKFile>".encode()
+    )
 
 
 def _gifti_bomb(n=2**29):
@@ -211,28 +235,37 @@ BOMBS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", BOMBS)
 @hard_case(
-    "files", "a GIFTI, VTU or VTP of 1 MB that unpacks to 512 MiB or 1 GiB",
-    peers="nibabel, meshio, VTK: unpack it (measured)", guard="bounds for what is unpacked", without=unbounded,
-)  # fmt: skip
+    "files",
+    "a GIFTI, VTU or VTP of 1 MB that unpacks to 512 MiB or 1 GiB",
+    peers="nibabel, meshio, VTK: unpack it (measured)",
+    guard="bounds for what is unpacked",
+    without=unbounded,
+)
 def test_bombs(kind, holds, tmp_path):
     name, make, read, word = BOMBS[kind]
     refused(holds, kind, tmp_path / name, make(), read, word)
 
 
 @hard_case(
-    "files", "a GIFTI array of 10¹¹ dimensions (found by fuzzing)",
-    guard="six at most", without=lambda patch: patch.setattr(
-        gifti, "_check_sizes", lambda raw: [int("1") for _ in range(int(re.findall(rb'sionality="(\d+)', raw)[0]))]),
-)  # fmt: skip
+    "files",
+    "a GIFTI array of 10¹¹ dimensions (found by fuzzing)",
+    guard="six at most",
+    without=lambda patch: patch.setattr(
+        gifti, "_check_sizes", lambda raw: [int("1") for _ in range(int(re.findall(rb'sionality="(\d+)', raw)[0]))]
+    ),
+)
 def test_dimensions(holds, tmp_path):
     raw = _gifti(zlib.compress(bytes(12)), f'Dimensionality="{10**11}" Dim0="3"')
     refused(holds, "Dimensionality", tmp_path / "a.shape.gii", raw, read_morph, "100000000000")
 
 
 @hard_case(
-    "files", "a sound map that needs more memory than there is", guard="a lack of memory is no damage",
-    without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False), fails=AssertionError,
-)  # fmt: skip
+    "files",
+    "a sound map that needs more memory than there is",
+    guard="a lack of memory is no damage",
+    without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False),
+    fails=AssertionError,
+)
 def test_little_memory(holds, tmp_path):
     path, n = tmp_path / "lh.thickness", 2**24
     path.write_bytes(b"\xff\xff\xff" + struct.pack(">3i", n, 1, 1) + bytes(4 * n))
@@ -245,9 +278,11 @@ def test_little_memory(holds, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("n", "zeros"), [(5 * 2**24, 5 * 2**27), (2**40, 2**24)])
 @hard_case(
-    "files", "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB", guard="sizes before unpacking",
+    "files",
+    "a checkpoint whose array unpacks to 640 MiB, or claims 8 TiB",
+    guard="sizes before unpacking",
     without=lambda patch: patch.setattr(zipfile.ZipFile, "infolist", lambda self: []),
-)  # fmt: skip
+)
 def test_checkpoint(n, zeros, holds, tmp_path):
     like, out = {"x": np.zeros((10, 3))}, io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file, file.open("x.npy", "w", force_zip64=True) as x:
@@ -259,10 +294,12 @@ def test_checkpoint(n, zeros, holds, tmp_path):
 
 
 @hard_case(
-    "files", "a scene with 20,000 unknown keys, or a key of 100,000 parts", peers="FetalFoldSim: a missing key is a "
-    "KeyError minutes later (read)", guard="20 problems at most",
+    "files",
+    "a scene with 20,000 unknown keys, or a key of 100,000 parts",
+    peers="FetalFoldSim: a missing key is a KeyError minutes later (read)",
+    guard="20 problems at most",
     without=lambda patch: patch.setattr(scene_file, "MOST_PROBLEMS", 10**9),
-)  # fmt: skip
+)
 def test_scenes(holds, tmp_path):
     path = tmp_path / "a.toml"
     path.write_text(".".join(["a"] * 100_000) + " = 1\n")
@@ -275,9 +312,9 @@ def test_scenes(holds, tmp_path):
 
 
 PARTS = st.sampled_from(["a", "b-1", '"a b"', "'+'", '"#"', "'\"'", r'"\\"', r'"\""', '""'])
-SAID = st.sampled_from([
-    "# {}", "x = 1 # '{}", 'x = "{}"', "x = '{}'", 'x = """\n{}""\n{}"""""', "x = '''\n{}''''", '# """', "",
-])  # fmt: skip
+SAID = st.sampled_from(
+    ["# {}", "x = 1 # '{}", 'x = "{}"', "x = '{}'", 'x = """\n{}""\n{}"""""', "x = '''\n{}''''", '# """', ""]
+)
 KEYS = st.sampled_from(["{} = 1", "[{}]", "[[{}]]", "y = {{{} = 1}}"])
 
 
@@ -290,10 +327,11 @@ def is_taken(text):
 
 
 @hard_case(
-    "files", "a key of up to 2,000 parts, in quotes or not, beside comments and texts with as many dots",
+    "files",
+    "a key of up to 2,000 parts, in quotes or not, beside comments and texts with as many dots",
     guard="strings and comments left out",
     without=lambda patch: patch.setattr(scene_file, "_SAID", re.compile("(?!)")),
-)  # fmt: skip
+)
 def test_deep_keys(holds):
     right = []
 
@@ -309,12 +347,15 @@ def test_deep_keys(holds):
 
 
 @hard_case(
-    "files", "numbers beyond all floats, and 100,000 brackets, in our own JSON (found by fuzzing)",
-    guard="errors of numbers and nests beyond bounds", without=lambda patch: list(
+    "files",
+    "numbers beyond all floats, and 100,000 brackets, in our own JSON (found by fuzzing)",
+    guard="errors of numbers and nests beyond bounds",
+    without=lambda patch: list(
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
-        for reader in ("io.cortices", "results.plain", "results.graph_file")),
+        for reader in ("io.cortices", "results.plain", "results.graph_file")
+    ),
     fails=(AssertionError, OverflowError, RecursionError),
-)  # fmt: skip
+)
 def test_json(known, holds):
     for name in ("stage.json", "summary.json", "analysis/summary.json", "analysis/graph/lh.json"):
         sample = known[name]

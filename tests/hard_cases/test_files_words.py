@@ -27,15 +27,25 @@ def analysis(here):
 
 
 @hard_case(
-    "files", "names of files and options with line ends, escapes that steer terminals, or bytes that are no text",
-    guard="all but letters is escaped", without=lambda patch: patch.setattr("morphofold.cli.one_line", str),
+    "files",
+    "names of files and options with line ends, escapes that steer terminals, or bytes that are no text",
+    guard="all but letters is escaped",
+    without=lambda patch: patch.setattr("morphofold.cli.one_line", str),
     fails=(AssertionError, UnicodeEncodeError),
-)  # fmt: skip
+)
 def test_names(holds, here, capsys):
     wrong = []
     for name in NAMES:
-        for argv in (["analyze", name], ["simulate", name], ["compare", name], ["compare", f"{name}={name}"],
-                     ["cohort", name], ["theory", "radius", "--growth", name], ["unfold", name], [name]):  # fmt: skip
+        for argv in (
+            ["analyze", name],
+            ["simulate", name],
+            ["compare", name],
+            ["compare", f"{name}={name}"],
+            ["cohort", name],
+            ["theory", "radius", "--growth", name],
+            ["unfold", name],
+            [name],
+        ):
             code, told = main(argv), capsys.readouterr()
             if code != 2 or told.out or not told.err[:-1].isprintable():
                 wrong.append((argv, code, told.err))
@@ -53,10 +63,12 @@ class Gone(io.StringIO):
 
 
 @hard_case(
-    "files", "standard output or error closed, or left by its reader", guard="streams that go on without readers",
+    "files",
+    "standard output or error closed, or left by its reader",
+    guard="streams that go on without readers",
     without=lambda patch: patch.setattr("morphofold.cli.standard_streams", contextlib.nullcontext),
     fails=(AssertionError, AttributeError, BrokenPipeError),
-)  # fmt: skip
+)
 def test_streams(holds, here, monkeypatch):
     codes = []
     for stream in ("stdout", "stderr"):
@@ -76,17 +88,20 @@ def only_files(folders, stem, endings):
     return next((f for folder in folders for e in endings if (f := folder / f"{stem}{e}").is_file()), None)
 
 
-@pytest.mark.parametrize("name", ["surf/lh.thickness", "surf/lh.curv", "surf/lh.inflated", "label/lh.aparc.annot",
-                                  "label/lh.cortex.label"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name", ["surf/lh.thickness", "surf/lh.curv", "surf/lh.inflated", "label/lh.aparc.annot", "label/lh.cortex.label"]
+)
 @hard_case(
-    "files", "an optional file of a subject that is a folder, a pipe or a link to nothing",
-    guard="looked at, not for", without=lambda patch: patch.setattr(cortices, "_find", only_files),
+    "files",
+    "an optional file of a subject that is a folder, a pipe or a link to nothing",
+    guard="looked at, not for",
+    without=lambda patch: patch.setattr(cortices, "_find", only_files),
     fails=pytest.fail.Exception,
-)  # fmt: skip
+)
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 def test_optional(name, holds, analysis, capsys):
     path = analysis / name
-    (analysis / "summary.json").unlink()                                # which would name its annotation
+    (analysis / "summary.json").unlink()  # which would name its annotation
     for make in (os.mkdir, os.mkfifo, lambda path: os.symlink("nowhere", path)):
         path.unlink(missing_ok=True)
         make(path)
@@ -97,9 +112,14 @@ def test_optional(name, holds, analysis, capsys):
 
 
 HOSTILE = [
-    ("warnings", 5), ("g", float("nan")), ("reference_thickness", "x"), ("portion", True), ("portion", 1e-300),
-    ("mu_ratio", 1e308), ("health", []),
-]  # fmt: skip
+    ("warnings", 5),
+    ("g", float("nan")),
+    ("reference_thickness", "x"),
+    ("portion", True),
+    ("portion", 1e-300),
+    ("mu_ratio", 1e308),
+    ("health", []),
+]
 
 
 def unchecked(patch):
@@ -108,10 +128,13 @@ def unchecked(patch):
 
 
 @hard_case(
-    "files", "a stage record or a summary whose numbers are texts, lists, NaN, true or beyond all measure",
-    peers="a JSON is taken as it comes (read)", guard="a schema of each file", without=unchecked,
+    "files",
+    "a stage record or a summary whose numbers are texts, lists, NaN, true or beyond all measure",
+    peers="a JSON is taken as it comes (read)",
+    guard="a schema of each file",
+    without=unchecked,
     fails=(AssertionError, TypeError, ValueError, OverflowError, pytest.fail.Exception),
-)  # fmt: skip
+)
 def test_numbers(holds, analysis):
     summary = analysis / "summary.json"
     text = summary.read_text()
@@ -125,7 +148,7 @@ def test_numbers(holds, analysis):
     summary.unlink()
     for key, wrong in HOSTILE:
         (analysis / "stage.json").write_text(json.dumps({"g": 1.8, "portion": 1.0, key: wrong}))
-        json_at_all = wrong == wrong                                    # NaN is none
+        json_at_all = wrong == wrong  # NaN is none
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
             read_cortex(analysis)
         told = str(caught.value).replace(str(analysis), "")
@@ -133,11 +156,12 @@ def test_numbers(holds, analysis):
 
 
 @hard_case(
-    "files", "regions and subjects named as formulas, with tabs or line ends, n/a, or in quotation marks",
+    "files",
+    "regions and subjects named as formulas, with tabs or line ends, n/a, or in quotation marks",
     guard="one rule for cells",
     without=lambda patch: patch.setattr(tables, "cell", lambda value: "n/a" if value is None else str(value)),
     fails=(AssertionError, ValueError),
-)  # fmt: skip
+)
 def test_cells(holds, tmp_path):
     names = ["=1+1", "+a", "-a", "@a", '"a', "n/a", "'=a", "a\tb", "a\nb", "a\rb", "1e5", "nan", "007", None]
     path = tmp_path / "t.tsv"

@@ -20,13 +20,17 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 TURN = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))
-ROUND_OFF = 1e-9        # of the radius: 64 bits, some thousand steps of a stable body
+ROUND_OFF = 1e-9  # of the radius: 64 bits, some thousand steps of a stable body
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
-@hard_case("laws", "a scene turned and shifted", guard="the filter acts alike along all axes",
-           without=made_laws.filter_across_z_only,
-           peers="BrainGrowth: planes and a growth mask at hard-coded places (read)")  # fmt: skip
+@hard_case(
+    "laws",
+    "a scene turned and shifted",
+    guard="the filter acts alike along all axes",
+    without=made_laws.filter_across_z_only,
+    peers="BrainGrowth: planes and a growth mask at hard-coded places (read)",
+)
 def test_a_rigid_motion_of_the_scene_changes_nothing(law, holds):
     shift = np.array([300.0, -200.0, 100.0])
     there, here = sphere(law=law), sphere(law=law, move=(TURN, shift))
@@ -37,9 +41,14 @@ def test_a_rigid_motion_of_the_scene_changes_nothing(law, holds):
     holds.equal(f"steps, {law}", here.state.step, there.state.step)
 
 
-@hard_case("laws", "a grown state turned as a whole", guard="no affine map wakes the filter",
-           without=lambda patch: patch.setattr("morphofold.sim.elements.surface_filter._affine_free",
-                                               lambda stencils, p, cell: stencils))  # fmt: skip
+@hard_case(
+    "laws",
+    "a grown state turned as a whole",
+    guard="no affine map wakes the filter",
+    without=lambda patch: patch.setattr(
+        "morphofold.sim.elements.surface_filter._affine_free", lambda stencils, p, cell: stencils
+    ),
+)
 def test_nothing_holds_a_turn(holds):
     body = sphere(n=8).body
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -49,14 +58,19 @@ def test_nothing_holds_a_turn(holds):
     body.update_state(body.X)
     strain = body.elements.state()["energy"].sum()
     for name, energy in zip(("elements", "filter"), turned):
-        holds(f"energy of the {name} by a quarter turn, over that of growth by 0.1", abs(energy) / strain,
-              at_most=1e-12)  # fmt: skip
+        holds(
+            f"energy of the {name} by a quarter turn, over that of growth by 0.1", abs(energy) / strain, at_most=1e-12
+        )
 
 
 @pytest.mark.slow
-@hard_case("laws", "lengths times 1e-3 and 1e3, moduli times 1e6", guard="contact's gap is a share of the present edge",
-           without=made_laws.gap_in_mm,
-           peers="BrainGrowth: the skin of contact is typed by hand, 3 % of an edge (measured)")  # fmt: skip
+@hard_case(
+    "laws",
+    "lengths times 1e-3 and 1e3, moduli times 1e6",
+    guard="contact's gap is a share of the present edge",
+    without=made_laws.gap_in_mm,
+    peers="BrainGrowth: the skin of contact is typed by hand, 3 % of an edge (measured)",
+)
 def test_units_change_nothing_but_units(holds):
     """A folded strip with walls in contact; powers of two change no digit, others only the last ones."""
     plain = strip()
@@ -65,8 +79,9 @@ def test_units_change_nothing_but_units(holds):
     for length, modulus in ((2.0**-10, 2.0**20), (2.0**10, 1.0)):
         run = strip(length, modulus)
         run.grow_to(1.8)
-        holds.equal(f"positions, {length:.3g} and {modulus:.3g} times", digest(run.state.x / length),
-                    digest(plain.state.x))  # fmt: skip
+        holds.equal(
+            f"positions, {length:.3g} and {modulus:.3g} times", digest(run.state.x / length), digest(plain.state.x)
+        )
         energy = run.state.record["strain_energy"] / (length**3 * modulus)
         holds.equal(f"energy, {length:.3g} and {modulus:.3g} times", energy, plain.state.record["strain_energy"])
     for length, modulus in ((1e-3, 1e6), (1e3, 1.0)):
@@ -76,9 +91,13 @@ def test_units_change_nothing_but_units(holds):
         holds(f"nodes apart, {length:g} and {modulus:g} times", apart, at_most=1e-3 * 2.5, unit="mm")
 
 
-@hard_case("laws", "energy balance of growth, folding and contact", guard="forces are the gradient of the energy",
-           without=made_solver.softer_pressure,
-           peers="Tallinen: writes its energies every 500 steps (read)")  # fmt: skip
+@hard_case(
+    "laws",
+    "energy balance of growth, folding and contact",
+    guard="forces are the gradient of the energy",
+    without=made_solver.softer_pressure,
+    peers="Tallinen: writes its energies every 500 steps (read)",
+)
 def test_the_work_of_growth_is_strain_kinetic_and_damped_energy(holds):
     account = Account()
     run = strip(effects=[account])
@@ -88,20 +107,33 @@ def test_the_work_of_growth_is_strain_kinetic_and_damped_energy(holds):
     holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=1)
 
 
-MESHES = (9.82, 2), (6.55, 3)           # edges along the surface [mm], layers of the cortex
+MESHES = (9.82, 2), (6.55, 3)  # edges along the surface [mm], layers of the cortex
 
 
 def settled(law, g, edge, layers):
     """Elements of an octant at rest at growth g, and the reference volumes of its cortex."""
-    run = at_rest(start(*OCTANT, "effects={}", f"growth.law={law}", "material.kappa_ratio=20", f"accuracy.edge={edge}",
-                        f"accuracy.elements_through_cortex={layers}"), g)  # fmt: skip
+    run = at_rest(
+        start(
+            *OCTANT,
+            "effects={}",
+            f"growth.law={law}",
+            "material.kappa_ratio=20",
+            f"accuracy.edge={edge}",
+            f"accuracy.elements_through_cortex={layers}",
+        ),
+        g,
+    )
     return run.body.elements, run.body.elements.volume[: run.body.elements.n_cortex]
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
-@hard_case("laws", "volume of the cortex follows det G", guard="growth scales the volume that pressure is measured by",
-           without=made_laws.volume_not_grown,
-           peers="FetalFoldSim: depth is measured anew each step, material flows in and out (read)")  # fmt: skip
+@hard_case(
+    "laws",
+    "volume of the cortex follows det G",
+    guard="growth scales the volume that pressure is measured by",
+    without=made_laws.volume_not_grown,
+    peers="FetalFoldSim: depth is measured anew each step, material flows in and out (read)",
+)
 def test_the_volume_of_the_cortex_follows_det_G(law, holds):
     """Of the compression there are two meshes, one two thirds of the other in all lengths of the cortex: second order.
 
@@ -123,24 +155,36 @@ def test_the_volume_of_the_cortex_follows_det_G(law, holds):
         elements, ungrown = settled(law, g, edge, layers)
         found = 1 - float(np.average(elements.state()["volume_ratio"][: elements.n_cortex], weights=ungrown))
         errors.append(abs(found / (1 - J) - 1))
-        holds(f"compression 1 - J off the exact one, {law}, edges of {edge} mm", errors[-1],
-              at_most=(edge / 50) ** 2 / 4)  # fmt: skip
-    holds(f"order of it in the edge, {law}", float(np.log(errors[0] / errors[1]) / np.log(MESHES[0][0] / MESHES[1][0])),
-          at_least=1.8)  # fmt: skip
+        holds(
+            f"compression 1 - J off the exact one, {law}, edges of {edge} mm", errors[-1], at_most=(edge / 50) ** 2 / 4
+        )
+    holds(
+        f"order of it in the edge, {law}",
+        float(np.log(errors[0] / errors[1]) / np.log(MESHES[0][0] / MESHES[1][0])),
+        at_least=1.8,
+    )
 
 
 @pytest.mark.slow
-@hard_case("laws", "volume of a folded cortex: what is lacking is compressed", guard="the pressure's modulus",
-           without=made_solver.pressure_of_fifty)  # fmt: skip
+@hard_case(
+    "laws",
+    "volume of a folded cortex: what is lacking is compressed",
+    guard="the pressure's modulus",
+    without=made_solver.pressure_of_fifty,
+)
 def test_the_drift_of_a_folded_cortex_is_inverse_to_its_bulk_modulus(holds):
     """p = κ (J - 1): the pressure of the same folds hardly depends on κ, so ten times κ drifts a tenth, within 25 %."""
     lost = [drift(grown(start(*STRIP, f"material.kappa_ratio={kappa}"), 1.3)) for kappa in (50, 500)]
     holds("10 times the drift at κ/μ = 500 over that at 50", 10 * lost[1] / lost[0], at_least=0.75, at_most=1.25)
 
 
-@hard_case("laws", "linear momentum without supports", guard="contact pushes back",
-           without=made_laws.no_reaction,
-           peers="BrainGrowth: a scatter race, forces off by up to 5 times the largest (measured)")  # fmt: skip
+@hard_case(
+    "laws",
+    "linear momentum without supports",
+    guard="contact pushes back",
+    without=made_laws.no_reaction,
+    peers="BrainGrowth: a scatter race, forces off by up to 5 times the largest (measured)",
+)
 def test_linear_momentum_is_conserved_without_supports(holds):
     """Two blocks in free flight, one of them rough, that grow and collide; true inertia, no damping.
 
@@ -167,24 +211,37 @@ def test_linear_momentum_is_conserved_without_supports(holds):
     look(run.state)
     run.grow_to(1.15, look)
     holds("nodes in contact", pairs, at_least=1)
-    holds("momentum off, over the sum of its sizes", float(np.abs(np.subtract(linear, linear[0])).max()) / most,
-          at_most=1e-10)  # fmt: skip
+    holds(
+        "momentum off, over the sum of its sizes",
+        float(np.abs(np.subtract(linear, linear[0])).max()) / most,
+        at_most=1e-10,
+    )
     for name, force in (("elements", body.forces(run.state.x)), ("the filter", body.filter.forces(run.state.x))):
-        holds(f"sum of the forces of {name}, over the sum of their sizes",
-              float(np.abs(force.sum(axis=0)).max() / np.abs(force).sum()), at_most=1e-12)  # fmt: skip
+        holds(
+            f"sum of the forces of {name}, over the sum of their sizes",
+            float(np.abs(force.sum(axis=0)).max() / np.abs(force).sum()),
+            at_most=1e-12,
+        )
     moments = np.cross(run.state.x, body.forces(run.state.x))
-    holds("sum of the moments of the elements' forces, over the sum of their sizes",
-          float(np.abs(moments.sum(axis=0)).max() / np.abs(moments).sum()), at_most=1e-12)  # fmt: skip
+    holds(
+        "sum of the moments of the elements' forces, over the sum of their sizes",
+        float(np.abs(moments.sum(axis=0)).max() / np.abs(moments).sum()),
+        at_most=1e-12,
+    )
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
-@hard_case("laws", "mirror symmetry of a symmetric scene", guard="no force is lost in its sum",
-           without=made_solver.lost_row,
-           peers="BrainGrowth: a scatter race loses forces, 20 of 60 repeats differ (measured)")  # fmt: skip
+@hard_case(
+    "laws",
+    "mirror symmetry of a symmetric scene",
+    guard="no force is lost in its sum",
+    without=made_solver.lost_row,
+    peers="BrainGrowth: a scatter race loses forces, 20 of 60 repeats differ (measured)",
+)
 def test_a_symmetric_scene_stays_symmetric(law, holds):
     run = sphere("half", 8, law)
     numbers = {tuple(at): i for i, at in enumerate(np.round(run.body.X, 6) + 0.0)}
-    for g, bound in ((1.3, ROUND_OFF), (1.8, 1e-4)):                    # smooth, and with folds, which amplify
+    for g, bound in ((1.3, ROUND_OFF), (1.8, 1e-4)):  # smooth, and with folds, which amplify
         run.grow_to(g)
         for axis in (0, 1):
             mirror = np.where(np.arange(3) == axis, -1.0, 1.0)

@@ -18,7 +18,7 @@ from morphofold.studies.speed.solver import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-FINER = "accuracy.edge=4.91"                                            # bricks of the cortex are 1 mm thick
+FINER = "accuracy.edge=4.91"  # bricks of the cortex are 1 mm thick
 
 
 def inner_node(run):
@@ -37,14 +37,18 @@ def forgets_the_measurement_before(patch):
     patch.setattr(dynamics, "SCALARS", tuple(name for name in dynamics.SCALARS if name != "before_J"))
 
 
-@hard_case("solver", "restart from a state on the edge, an element almost collapsed",
-           guard="the smallest J of the measurement before is kept", without=forgets_the_measurement_before,
-           peers="BrainGrowth, Tallinen, FetalFoldSim: no restart (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "restart from a state on the edge, an element almost collapsed",
+    guard="the smallest J of the measurement before is kept",
+    without=forgets_the_measurement_before,
+    peers="BrainGrowth, Tallinen, FetalFoldSim: no restart (read)",
+)
 def test_a_restart_on_the_edge(holds):
     whole, again = (start(*OCTANT, FINER, "effects={contact={}}") for _ in range(2))
     whole.grow_to(1.1)
     sunk(whole, 2.85)
-    for _ in range(2):                                                  # collapsed for a while: growth goes on
+    for _ in range(2):  # collapsed for a while: growth goes on
         whole._measure()
     holds("smallest J where the run is taken up", whole.state.record["min_J"], at_most=0.1)
     again.load(whole.save())
@@ -66,9 +70,13 @@ def ends(make):
     return "right" if off_the_smooth_state(run) <= MESH and run.state.record["min_J"] >= LEAST_J else "silent"
 
 
-@hard_case("solver", "a time step forced too large", guard="positions and volumes are looked at",
-           without=made.no_checks,
-           peers="BrainGrowth: the run ends 25 steps later, by an IndexError (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "a time step forced too large",
+    guard="positions and volumes are looked at",
+    without=made.no_checks,
+    peers="BrainGrowth: the run ends 25 steps later, by an IndexError (measured)",
+)
 def test_a_step_too_large_is_caught(holds):
     """A step is too large by sqrt(1 / factor) once the factor on the mass is below that of the safety, 1 / 1.5."""
     update, found = Body.update_state, {}
@@ -91,8 +99,13 @@ def late(patch):
 
 
 @pytest.mark.parametrize("cells", ["bricks", "tetrahedra"])
-@hard_case("solver", "NaN injected in one node", guard="each step counts what is not finite", without=late,
-           peers="Tallinen (C++): the run goes on on NaN to the end (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "NaN injected in one node",
+    guard="each step counts what is not finite",
+    without=late,
+    peers="Tallinen (C++): the run goes on on NaN to the end (measured)",
+)
 def test_a_node_that_is_no_number_stops_the_run_within_a_step(cells, holds):
     run = start(*OCTANT, "effects={contact={}}", mesh=cut_bricks if cells == "tetrahedra" else lambda bilayer: bilayer)
     run.grow_to(1.02)
@@ -107,12 +120,17 @@ def test_a_node_that_is_no_number_stops_the_run_within_a_step(cells, holds):
     holds.equal(f"the last sound state is finite, {cells}", bool(np.isfinite(error.value.sound["x"]).all()), True)
 
 
-@hard_case("solver", "an inverted element injected", guard="positions and volumes are looked at",
-           without=made.no_checks,
-           peers="BrainGrowth: one inverted element changes the forces of all nodes (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "an inverted element injected",
+    guard="positions and volumes are looked at",
+    without=made.no_checks,
+    peers="BrainGrowth: one inverted element changes the forces of all nodes (measured)",
+)
 def test_an_inverted_element_recovers_or_stops_the_run(holds):
     found = {}
     for by in (1.75, 2.5, 5.0, 10.0, 20.0, 40.0):
+
         def make(by=by):
             run = start(*OCTANT, FINER, "effects={}")
             run.grow_to(1.05)
@@ -131,14 +149,14 @@ def order_of_threads(patch):
 
     def turned(x, v, force, first, rows, rest, extra, mass, free, keep):
         if numba.get_num_threads() > 1:
-            force[rows[first[:-1]]] -= rest                             # before the other rows, not after them
+            force[rows[first[:-1]]] -= rest  # before the other rows, not after them
             rest = np.zeros_like(rest)
         return advance(x, v, force, first, rows, rest, extra, mass, free, keep)
 
     patch.setattr(brick_kernels, "advance", turned)
 
 
-STEPS = 300                                                             # that two threads take as one does
+STEPS = 300  # that two threads take as one does
 
 
 def too_fast():
@@ -190,17 +208,29 @@ MAKE = {
     "a whole sphere": lambda: start(*WHOLE),
     "a restart on the edge": on_the_edge,
     "a step too large": too_large_a_step,
-}  # fmt: skip
-QUICK = (
-    ("a strip", 1.5), ("κ/μ = 1000", 1.1), ("tangential growth of a thick cortex", 1.1), ("a step too large", 1.0),
-)  # fmt: skip
-LONG = (                                                                # folded, with walls in contact where they meet
-    ("κ/μ = 1000", 1.45), ("μ ratio 0.1", 1.3), ("μ ratio 10", 1.3), ("μ ratio 100", 1.3), ("T/C = 1/200", 1.1),
-    ("T/C = 1/5", 1.8), ("growth to 3", 2.9), ("growth ten times too fast", 1.6),
-    ("tangential growth of a thick cortex", 1.8), ("a shrinking cortex", 0.81), ("no perturbation", 1.65),
-    ("10 % noise", 1.65), ("32 bits", 1.65), ("one element through the cortex", 1.6), ("tetrahedra of aspect 50", 1.15),
-    ("two bodies head on", 1.4), ("two bodies close by", 1.1), ("a whole sphere", 1.6), ("a restart on the edge", 1.1),
-)  # fmt: skip
+}
+QUICK = (("a strip", 1.5), ("κ/μ = 1000", 1.1), ("tangential growth of a thick cortex", 1.1), ("a step too large", 1.0))
+LONG = (  # folded, with walls in contact where they meet
+    ("κ/μ = 1000", 1.45),
+    ("μ ratio 0.1", 1.3),
+    ("μ ratio 10", 1.3),
+    ("μ ratio 100", 1.3),
+    ("T/C = 1/200", 1.1),
+    ("T/C = 1/5", 1.8),
+    ("growth to 3", 2.9),
+    ("growth ten times too fast", 1.6),
+    ("tangential growth of a thick cortex", 1.8),
+    ("a shrinking cortex", 0.81),
+    ("no perturbation", 1.65),
+    ("10 % noise", 1.65),
+    ("32 bits", 1.65),
+    ("one element through the cortex", 1.6),
+    ("tetrahedra of aspect 50", 1.15),
+    ("two bodies head on", 1.4),
+    ("two bodies close by", 1.1),
+    ("a whole sphere", 1.6),
+    ("a restart on the edge", 1.1),
+)
 
 
 def course(run, threads):
@@ -222,8 +252,13 @@ def course(run, threads):
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 @pytest.mark.parametrize(("name", "g"), [*QUICK, *(pytest.param(*at, marks=pytest.mark.slow) for at in LONG)])
-@hard_case("solver", "1 and 2 threads", guard="sums have one order (another one injected)", without=order_of_threads,
-           peers="BrainGrowth: 20 of 60 repeats differ, by up to 5 times the largest force (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "1 and 2 threads",
+    guard="sums have one order (another one injected)",
+    without=order_of_threads,
+    peers="BrainGrowth: 20 of 60 repeats differ, by up to 5 times the largest force (measured)",
+)
 def test_one_and_two_threads_take_the_same_steps(name, g, holds):
     """In every hard case of the solver, from growth g on."""
     run = MAKE[name]()

@@ -21,47 +21,80 @@ def smooth(holds, g, *settings, what="pial displacement off the exact one"):
     holds(what, off_the_smooth_state(run, *settings), at_most=MESH)
 
 
-@hard_case("solver", "κ/μ = 1000", guard="the mass knows the pressure's stiffness", without=made.mass_without_pressure,
-           fails=UnstableError, peers="Tallinen: κ = 5 μ (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "κ/μ = 1000",
+    guard="the mass knows the pressure's stiffness",
+    without=made.mass_without_pressure,
+    fails=UnstableError,
+    peers="Tallinen: κ = 5 μ (read)",
+)
 def test_a_nearly_incompressible_body_grows_as_its_theory_says(holds):
     smooth(holds, 1.15, "material.kappa_ratio=1000")
 
 
-@hard_case("solver", "κ/μ = 1000, folded", guard="the mass knows the pressure's stiffness",
-           without=made.mass_without_pressure, fails=UnstableError)  # fmt: skip
+@hard_case(
+    "solver",
+    "κ/μ = 1000, folded",
+    guard="the mass knows the pressure's stiffness",
+    without=made.mass_without_pressure,
+    fails=UnstableError,
+)
 def test_a_nearly_incompressible_body_folds(holds):
     run = grown(start(*STRIP, "material.kappa_ratio=1000"), 1.45)
     healthy(holds, run)
 
 
-@hard_case("solver", "μ ratio 0.1", guard="the mass knows the pressure's stiffness", without=made.mass_without_pressure,
-           fails=UnstableError, peers=NO_LAYER)  # fmt: skip
+@hard_case(
+    "solver",
+    "μ ratio 0.1",
+    guard="the mass knows the pressure's stiffness",
+    without=made.mass_without_pressure,
+    fails=UnstableError,
+    peers=NO_LAYER,
+)
 def test_a_cortex_softer_than_its_core(holds):
     smooth(holds, 1.15, "material.mu_ratio=0.1")
     run = grown(start(*STRIP, "material.mu_ratio=0.1"), 1.3)
-    healthy(holds, run, leave=["volume_drift"])                         # κ = 5 μ of the core: see the laws
+    healthy(holds, run, leave=["volume_drift"])  # κ = 5 μ of the core: see the laws
 
 
 @pytest.mark.parametrize("mu_ratio", [10, 100])
-@hard_case("solver", "μ ratio 10 and 100", guard="each element's own modulus in its mass",
-           without=made.mass_of_the_core, fails=UnstableError, peers=NO_LAYER)  # fmt: skip
+@hard_case(
+    "solver",
+    "μ ratio 10 and 100",
+    guard="each element's own modulus in its mass",
+    without=made.mass_of_the_core,
+    fails=UnstableError,
+    peers=NO_LAYER,
+)
 def test_a_cortex_far_stiffer_than_its_core(mu_ratio, holds):
     smooth(holds, 1.04, f"material.mu_ratio={mu_ratio}", what=f"displacement off the exact one, {mu_ratio}")
     run = grown(start(*STRIP, f"material.mu_ratio={mu_ratio}"), 1.3)
     healthy(holds, run)
 
 
-@hard_case("solver", "T/C = 1/200, before it folds", guard="the mass is of the stiffness, not of the volume",
-           without=made.mass_of_the_volume, fails=UnstableError,
-           peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "T/C = 1/200, before it folds",
+    guard="the mass is of the stiffness, not of the volume",
+    without=made.mass_of_the_volume,
+    fails=UnstableError,
+    peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
+)
 def test_a_very_thin_cortex(holds):
     smooth(holds, 1.1, "geometry.cortex_thickness=0.25", "material.mu_ratio=4")
 
 
-@hard_case("solver", "T/C = 1/200, folded", guard="the mass is of the stiffness, not of the volume",
-           without=made.mass_of_the_volume, fails=UnstableError)  # fmt: skip
+@hard_case(
+    "solver",
+    "T/C = 1/200, folded",
+    guard="the mass is of the stiffness, not of the volume",
+    without=made.mass_of_the_volume,
+    fails=UnstableError,
+)
 def test_a_very_thin_cortex_folds(holds):
-    T = 0.25                                                            # mm, on a core of 50
+    T = 0.25  # mm, on a core of 50
     thin = f"geometry.cortex_thickness={T}", "accuracy.edge=0.1", "accuracy.elements_through_cortex=2"
     run = grown(start("strip", "geometry.depth=50", "geometry.length=4", *thin, "material.mu_ratio=4"), 1.3)
     height = float(np.ptp(run.state.x[: run.body.n_surface, 2]))
@@ -70,16 +103,27 @@ def test_a_very_thin_cortex_folds(holds):
 
 
 @pytest.mark.slow
-@hard_case("solver", "T/C = 1/5", guard="the mass is measured anew every 12 steps", without=made.mass_of_the_first_step,
-           fails=UnstableError, peers=FIXED_STEP)  # fmt: skip
+@hard_case(
+    "solver",
+    "T/C = 1/5",
+    guard="the mass is measured anew every 12 steps",
+    without=made.mass_of_the_first_step,
+    fails=UnstableError,
+    peers=FIXED_STEP,
+)
 def test_a_very_thick_cortex(holds):
     smooth(holds, 1.15, "geometry.cortex_thickness=10")
     run = grown(start(*OCTANT, "geometry.cortex_thickness=10"), 1.8)
     healthy(holds, run)
 
 
-@hard_case("solver", "tangential growth of a thick cortex", guard="the law reaches the kernel",
-           without=made.isotropic_kernel, peers="BrainGrowth: isotropic growth is dead code (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "tangential growth of a thick cortex",
+    guard="the law reaches the kernel",
+    without=made.isotropic_kernel,
+    peers="BrainGrowth: isotropic growth is dead code (read)",
+)
 def test_a_thick_cortex_that_grows_tangentially(holds):
     smooth(holds, 1.2, "geometry.cortex_thickness=10", "growth.law=tangential")
     run = grown(start(*OCTANT, "geometry.cortex_thickness=10", "growth.law=tangential"), 1.8)
@@ -101,13 +145,18 @@ def test_a_cortex_that_shrinks(holds):
 def three_times(holds):
     """A cortex three times as long."""
     run = grown(start(*STRIP, "growth.final=3", "geometry.length=24"), 3.0)
-    healthy(holds, run, leave=["volume_drift"])                         # 27 times the volume presses: see the laws
+    healthy(holds, run, leave=["volume_drift"])  # 27 times the volume presses: see the laws
 
 
 @pytest.mark.slow
-@hard_case("solver", "growth to g = 3", guard="the mass is measured anew every 12 steps",
-           without=made.mass_of_the_first_step, fails=(AssertionError, UnstableError),
-           peers=FIXED_STEP)  # fmt: skip
+@hard_case(
+    "solver",
+    "growth to g = 3",
+    guard="the mass is measured anew every 12 steps",
+    without=made.mass_of_the_first_step,
+    fails=(AssertionError, UnstableError),
+    peers=FIXED_STEP,
+)
 def test_growth_to_three(holds):
     three_times(holds)
 
@@ -124,8 +173,13 @@ def test_growth_to_three_keeps_the_surface_smooth(holds):
     three_times(holds)
 
 
-@hard_case("solver", "growth ten times too fast", guard="growth waits for balance", without=made.no_waiting,
-           fails=(AssertionError, UnstableError))  # fmt: skip
+@hard_case(
+    "solver",
+    "growth ten times too fast",
+    guard="growth waits for balance",
+    without=made.no_waiting,
+    fails=(AssertionError, UnstableError),
+)
 def test_growth_ten_times_too_fast(holds):
     with pytest.raises(OutOfRange) as error:
         start(*STRIP, "growth.rate=10")

@@ -5,16 +5,7 @@ import pytest
 import pyvista
 from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
-from hard_cases.made_solver import (
-    MESH,
-    OCTANT,
-    STRIP,
-    at_rest,
-    grown,
-    healthy,
-    off_the_smooth_state,
-    start,
-)
+from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, grown, healthy, off_the_smooth_state, start
 from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
@@ -28,16 +19,27 @@ FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
-@hard_case("solver", "no perturbation at all, and 10 % noise", guard="the mass is measured anew every 12 steps",
-           without=made.mass_of_the_first_step, fails=UnstableError, peers=FIXED_STEP)  # fmt: skip
+@hard_case(
+    "solver",
+    "no perturbation at all, and 10 % noise",
+    guard="the mass is measured anew every 12 steps",
+    without=made.mass_of_the_first_step,
+    fails=UnstableError,
+    peers=FIXED_STEP,
+)
 def test_an_imperfection_of_nothing_and_one_of_a_tenth(noise, holds):
     effects = f"effects={{contact={{}}{f', perturbation={{amplitude={noise}}}' if noise else ''}}}"
     run = grown(start(*OCTANT, FINER, effects), 1.65)
     healthy(holds, run)
 
 
-@hard_case("solver", "one element through the cortex", guard="the mass knows the pressure's stiffness",
-           without=made.mass_without_pressure, fails=UnstableError)  # fmt: skip
+@hard_case(
+    "solver",
+    "one element through the cortex",
+    guard="the mass knows the pressure's stiffness",
+    without=made.mass_without_pressure,
+    fails=UnstableError,
+)
 def test_one_element_through_the_cortex(holds):
     one = "accuracy.elements_through_cortex=1"
     run = at_rest(start(*OCTANT, "effects={}", one), 1.15)
@@ -45,9 +47,14 @@ def test_one_element_through_the_cortex(holds):
     healthy(holds, grown(start(*STRIP, one), 1.6))
 
 
-@hard_case("solver", "tetrahedra of aspect 50", guard="the mass is of the stiffness, not of the volume",
-           without=made.mass_of_the_volume, fails=UnstableError,
-           peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "tetrahedra of aspect 50",
+    guard="the mass is of the stiffness, not of the volume",
+    without=made.mass_of_the_volume,
+    fails=UnstableError,
+    peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
+)
 def test_flat_tetrahedra(holds):
     thin = FINER, "geometry.cortex_thickness=0.4", "accuracy.elements_through_cortex=3", "material.mu_ratio=4"
     run = start(*OCTANT, "effects={}", *thin, mesh=cut_bricks)
@@ -76,9 +83,14 @@ final = 1.2
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "T", "squash", "g"), [("thin layers", 0.6, 0.0, 1.05), ("squashed", 6.0, 0.9, 1.15)])
-@hard_case("solver", "tetrahedra of aspect 50 and more, from a file", guard="the mass is of the stiffness, not of the "
-           "volume", without=made.mass_of_the_volume, fails=UnstableError,
-           peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "tetrahedra of aspect 50 and more, from a file",
+    guard="the mass is of the stiffness, not of the volume",
+    without=made.mass_of_the_volume,
+    fails=UnstableError,
+    peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
+)
 def test_slivers_of_a_file(kind, T, squash, g, holds, tmp_path):
     aspect = made.shell_file(tmp_path / "a.vtu", T, squash)
     holds(f"longest edge over least height, {kind}", aspect, at_least=50)
@@ -106,8 +118,13 @@ def nodes_within_the_other(run):
     return found
 
 
-@hard_case("solver", "two bodies of folds meeting head on", guard="contact", without=made.no_contact,
-           peers="BrainGrowth: the search visits 3 of 27 cells, 11 to 89 % of the pairs (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "two bodies of folds meeting head on",
+    guard="contact",
+    without=made.no_contact,
+    peers="BrainGrowth: the search visits 3 of 27 cells, 11 to 89 % of the pairs (measured)",
+)
 def test_folds_that_meet_head_on(holds):
     run = made.facing(7.2, 8.0, noise=0.1)
     run.grow_to(1.44)
@@ -115,35 +132,51 @@ def test_folds_that_meet_head_on(holds):
     holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=20)
     push = np.zeros((run.body.n_surface, 3))
     run.effects[0].add_forces(run.body, run.state.x, run.state.v, push)
-    holds("sum of the forces of contact, over the sum of their sizes",
-          float(np.abs(push.sum(axis=0)).max() / np.abs(push).sum()), at_most=1e-12)  # fmt: skip
-    healthy(holds, run, leave=["volume_drift"])                         # walls that can't give way are pressed together
+    holds(
+        "sum of the forces of contact, over the sum of their sizes",
+        float(np.abs(push.sum(axis=0)).max() / np.abs(push).sum()),
+        at_most=1e-12,
+    )
+    healthy(holds, run, leave=["volume_drift"])  # walls that can't give way are pressed together
 
 
-@hard_case("solver", "two walls nearer than an edge before they grow",
-           guard="pairs across a gap of the reference count", without=made.near_is_no_contact,
-           peers="BrainGrowth: contact acts at 3 % of an edge, after faces have passed (measured)")  # fmt: skip
+@hard_case(
+    "solver",
+    "two walls nearer than an edge before they grow",
+    guard="pairs across a gap of the reference count",
+    without=made.near_is_no_contact,
+    peers="BrainGrowth: contact acts at 3 % of an edge, after faces have passed (measured)",
+)
 def test_walls_nearer_than_an_edge(holds):
-    run = grown(made.facing(0.5, 4.0), 1.1)                             # edges are 0.8 mm
+    run = grown(made.facing(0.5, 4.0), 1.1)  # edges are 0.8 mm
     holds("clearance", clearance(run), at_least=0.0, unit="mm")
     holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
 
 
-@hard_case("solver", "a whole sphere without planes folds as its octant", guard="the filter's images beyond a plane",
-           without=made.no_images, peers="Tallinen, BrainGrowth: a penalty at the mid-plane (read)")  # fmt: skip
+@hard_case(
+    "solver",
+    "a whole sphere without planes folds as its octant",
+    guard="the filter's images beyond a plane",
+    without=made.no_images,
+    peers="Tallinen, BrainGrowth: a penalty at the mid-plane (read)",
+)
 def test_a_whole_sphere_is_eight_octants(holds):
     settings = "effects={contact={}}", "accuracy.precision=double"
     part, whole = (start(*OCTANT, *settings, f"geometry.portion={portion}") for portion in ("octant", "full"))
     numbers = {tuple(at): i for i, at in enumerate(np.round(whole.body.X, 6) + 0.0)}
     same = [numbers[tuple(at)] for at in np.round(part.body.X, 6) + 0.0]
-    for g, bound in ((1.1, 1e-6), (1.2, 1e-6), (1.6, 0.03)):            # before folds, and folded: 1 % of T
+    for g, bound in ((1.1, 1e-6), (1.2, 1e-6), (1.6, 0.03)):  # before folds, and folded: 1 % of T
         for run in (part, whole):
             run.grow_to(g)
         if g == 1.1:
             holds("pial displacement of the whole off the exact one", off_the_smooth_state(whole), at_most=MESH)
             share = whole.body.nodal_volumes() / whole.body.elements.volume.sum()
-            holds("centre of the whole, off the middle by", float(np.abs(share @ whole.state.x).max()), at_most=1e-9,
-                  unit="mm")  # fmt: skip
+            holds(
+                "centre of the whole, off the middle by",
+                float(np.abs(share @ whole.state.x).max()),
+                at_most=1e-9,
+                unit="mm",
+            )
         apart = np.abs(whole.state.x[same] - part.state.x).max()
         holds(f"nodes apart at g = {g}", float(apart), at_most=bound, unit="mm")
     r = np.linalg.norm(part.state.x[: part.body.n_surface], axis=1)

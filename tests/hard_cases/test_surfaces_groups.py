@@ -22,17 +22,23 @@ def by_width(cortex, **options):
     found = quick_measure(cortex, **options)
     noise = round(float(np.abs(cortex.pial.verts[:, 0]).max())) % 3
     return replace(
-        found, scalars={**found.scalars, "n_hinges": round(6000 / width**2) + noise},
+        found,
+        scalars={**found.scalars, "n_hinges": round(6000 / width**2) + noise},
         parameters={**found.parameters, "graph_width_mm": width},
-    )  # fmt: skip
+    )
 
 
 def all_pooled(patch):
     patch.setattr(tables, "pooling", lambda *measured: Pooling())
 
 
-@hard_case("surfaces", "a group whose left and right hemispheres were measured with nets of unlike width",
-           peers="–", guard="hemispheres measured unlike are not pooled", without=all_pooled)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a group whose left and right hemispheres were measured with nets of unlike width",
+    peers="–",
+    guard="hemispheres measured unlike are not pooled",
+    without=all_pooled,
+)
 def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", by_width)
     folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
@@ -49,9 +55,13 @@ def each_side_by_itself(patch):
     patch.setattr(group_page, "of_both", lambda values: values)
 
 
-@hard_case("surfaces", "a group of alike sides, of which the right ones of the most folded brains failed",
-           peers="–", guard="medians beside each other are of subjects with both sides",
-           without=each_side_by_itself)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a group of alike sides, of which the right ones of the most folded brains failed",
+    peers="–",
+    guard="medians beside each other are of subjects with both sides",
+    without=each_side_by_itself,
+)
 def test_medians_of_the_sides_are_of_the_same_subjects(holds):
     folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
     folded[12:, 1] = np.nan

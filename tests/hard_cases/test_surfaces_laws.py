@@ -25,8 +25,9 @@ def of_all(count, check, **drawn):
     """The largest of what ``check`` returns, by name, over so many examples, the same ones in every run."""
     worst = {}
 
-    @settings(max_examples=count, derandomize=True, database=None, deadline=None,
-              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @settings(
+        max_examples=count, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck)
+    )
     @given(**drawn)
     def over(**example):
         for name, value in check(**example).items():
@@ -51,11 +52,16 @@ def unsigned(patch):
 
 
 @examples(12, 100)
-@hard_case("surfaces", "Gauss-Bonnet on spheres, ellipsoids, bumps and tori of any size, even or not",
-           guard="the sign of K", without=unsigned,
-           peers="angle defects keep it exactly and are 20 to 30 % off per vertex (measured)")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "Gauss-Bonnet on spheres, ellipsoids, bumps and tori of any size, even or not",
+    guard="the sign of K",
+    without=unsigned,
+    peers="angle defects keep it exactly and are 20 to 30 % off per vertex (measured)",
+)
 def test_the_integral_of_gaussian_curvature_is_the_euler_characteristic(holds, count):
     """Second order in the scale, 3 edges: (3 h / r)^2, with h / r at most 0.07 and bumps a fifth of r."""
+
     def check(kind, seed, size):
         made = {
             "ellipsoid": lambda: shapes.ellipsoid(4, tuple(size * np.array([1.0, 0.8, 0.7])), rng=seed),
@@ -70,13 +76,16 @@ def test_the_integral_of_gaussian_curvature_is_the_euler_characteristic(holds, c
         return {
             "total curvature": abs(total - euler_characteristic(made.faces) / 2),
             "total of the indices": abs(smoothed - euler_characteristic(made.faces) / 2),
-            "Euler characteristic of the cut mesh": abs(
-                euler_characteristic(split) - (0 if kind == "torus" else 2)
-            ),
+            "Euler characteristic of the cut mesh": abs(euler_characteristic(split) - (0 if kind == "torus" else 2)),
         }
 
-    worst = of_all(count, check, kind=st.sampled_from(["ellipsoid", "bumpy", "torus", "sphere"]), seed=SEED,
-                   size=st.floats(1e-2, 1e4))  # fmt: skip
+    worst = of_all(
+        count,
+        check,
+        kind=st.sampled_from(["ellipsoid", "bumpy", "torus", "sphere"]),
+        seed=SEED,
+        size=st.floats(1e-2, 1e4),
+    )
     holds("total curvature over 4 pi", worst["total curvature"], at_most=0.05)
     holds("that of the folding indices", worst["total of the indices"], at_most=1e-3)
     holds("Euler characteristic", worst["Euler characteristic of the cut mesh"], at_most=0)
@@ -84,6 +93,7 @@ def test_the_integral_of_gaussian_curvature_is_the_euler_characteristic(holds, c
 
 def loops_once(patch):
     """A loop counts once at its node."""
+
     def degrees(self):
         ends = {node: set() for node in self.nodes}
         for name, arc in self.arcs.items():
@@ -102,10 +112,15 @@ def ring():
 
 
 @examples(6, 40)
-@hard_case("surfaces", "the gyral graph of any net: sum(degree - 2) = 2 (loops - components)",
-           guard="a loop counts twice", without=loops_once)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "the gyral graph of any net: sum(degree - 2) = 2 (loops - components)",
+    guard="a loop counts twice",
+    without=loops_once,
+)
 def test_degrees_of_the_graph_are_those_of_its_loops_and_components(holds, count):
     """Loops are counted apart: as the edges that a spanning forest leaves."""
+
     def check(cells, seed, noise):
         net = ring() if cells < 6 else irregular_net(cells, seed)
         surface = ridged_net(net.rotated(turned(seed)), 4, 12.0, height=6.0, noise=noise, rng=seed)
@@ -125,8 +140,13 @@ def without_z(patch):
 
 
 @examples(4, 25)
-@hard_case("surfaces", "any rotation, place within 1 m and unit of length", guard="all coordinates count alike",
-           without=without_z, fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "any rotation, place within 1 m and unit of length",
+    guard="all coordinates count alike",
+    without=without_z,
+    fails=(AssertionError, ValueError),
+)
 def test_rotation_place_and_unit_change_no_measure(holds, count):
     """Round-off, but for conjugate gradients, which stop at 1e-4 of altitude, and the voxels of the local index."""
     cortex, whole = clean()
@@ -135,17 +155,18 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
         there = changed(cortex, lambda verts: unit * (verts @ turned(seed).T + np.array(place)))
         found = measure(there).scalars
         powers = {"_mm": 1, "_mm2": 2, "_mm3": 3}
-        power = {name: powers.get(name[name.rfind("_"):], 0) for name in found}
+        power = {name: powers.get(name[name.rfind("_") :], 0) for name in found}
         known = [name for name, value in whole.scalars.items() if value and found[name] is not None]
         return {name: abs(found[name] / (unit ** power[name] * whole.scalars[name]) - 1) for name in known}
 
-    worst = of_all(count, check, seed=SEED, place=st.tuples(*3 * [st.floats(-1000, 1000)]),
-                   unit=st.sampled_from([1.0, 1e-3, 1e3]))  # fmt: skip
+    worst = of_all(
+        count, check, seed=SEED, place=st.tuples(*3 * [st.floats(-1000, 1000)]), unit=st.sampled_from([1.0, 1e-3, 1e3])
+    )
     holds("local gyrification", worst.pop("mean_local_gyrification_index", 0.0), at_most=0.01)
     along_net = [worst.pop(name) for name in ("crest_length_mm", "spectral_wavelength_mm")]
     holds("lengths of the net", max(along_net), at_most=1e-3)
     across = [worst.pop(name) for name in ("median_gyral_thickness_mm", "wavelength_mm")]
-    holds("widths of gyri", max(across), at_most=1e-3)                  # rays find their triangle in single precision
+    holds("widths of gyri", max(across), at_most=1e-3)  # rays find their triangle in single precision
     holds("all other measures", max(worst.values()), at_most=1e-6)
 
 
@@ -157,12 +178,18 @@ def by_edges(patch):
 
 
 @examples(3, 12)
-@hard_case("surfaces", "refinement of the mesh, from edges of 4 mm to 2 mm", guard="scales in mm, not in edges",
-           peers="rings are no scale: libigl's radius counts edges (read)", without=by_edges)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "refinement of the mesh, from edges of 4 mm to 2 mm",
+    guard="scales in mm, not in edges",
+    peers="rings are no scale: libigl's radius counts edges (read)",
+    without=by_edges,
+)
 def test_a_finer_mesh_has_the_same_measures(holds, count):
     """At equal scales; what is cut off between vertices is (h / width)^2 / 8 of a fold, 1 % at edges of 4 mm;
     off a depth of 0.8 mm the hull cuts h^2 / 6 R, 6 %. Meshes so small are not thinned for a draft, whose voxels of
     local gyrification take an eighth of the time."""
+
     def check(seed):
         net = NET.rotated(turned(seed))
         one, other = (
@@ -172,10 +199,23 @@ def test_a_finer_mesh_has_the_same_measures(holds, count):
         return {name: abs(one[name] / other[name] - 1) for name in one if one[name] and name != "n_vertices"}
 
     worst = of_all(count, check, seed=SEED)
-    bounds = {"area_pial_mm2": 0.01, "area_white_mm2": 0.01, "gyrification_index": 0.01, "n_hinges": 0, "n_crests": 0,
-              "mean_cortical_thickness_mm": 0.01, "median_gyral_thickness_mm": 0.02, "wavelength_mm": 0.02,
-              "mean_sulcal_depth_mm": 0.1, "crest_length_mm": 0.02, "folding_index": 0.1,
-              "intrinsic_curvature_index": 0.05, "mean_local_gyrification_index": 0.01,
-              "gray_volume_mm3": 0.015, "volume_white_mm3": 0.015, "volume_pial_mm3": 0.015}  # fmt: skip
+    bounds = {
+        "area_pial_mm2": 0.01,
+        "area_white_mm2": 0.01,
+        "gyrification_index": 0.01,
+        "n_hinges": 0,
+        "n_crests": 0,
+        "mean_cortical_thickness_mm": 0.01,
+        "median_gyral_thickness_mm": 0.02,
+        "wavelength_mm": 0.02,
+        "mean_sulcal_depth_mm": 0.1,
+        "crest_length_mm": 0.02,
+        "folding_index": 0.1,
+        "intrinsic_curvature_index": 0.05,
+        "mean_local_gyrification_index": 0.01,
+        "gray_volume_mm3": 0.015,
+        "volume_white_mm3": 0.015,
+        "volume_pial_mm3": 0.015,
+    }
     for name, bound in bounds.items():
         holds(name, worst[name], at_most=bound)

@@ -29,9 +29,15 @@ def in_32_bits(patch):
 
 
 @pytest.mark.slow
-@hard_case("surfaces", "a million vertices", guard="64 bits for the numbers of edges", without=in_32_bits,
-           peers="GyralNet: 10,000 vertices 72 to 81 s, 40,000 stopped after 25 min; exact geodesics 25 s a source at "
-           "160,000 (measured)", fails=(AssertionError, ValueError, IndexError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a million vertices",
+    guard="64 bits for the numbers of edges",
+    without=in_32_bits,
+    peers="GyralNet: 10,000 vertices 72 to 81 s, 40,000 stopped after 25 min; exact geodesics 25 s a source at "
+    "160,000 (measured)",
+    fails=(AssertionError, ValueError, IndexError),
+)
 def test_a_million_vertices_have_the_measures_of_a_few_thousand(holds):
     """The same gyri with edges of 0.2 mm in place of 4; what those cut off is 1 % of areas and widths."""
     directions = even_directions(MANY)
@@ -47,11 +53,12 @@ def test_a_million_vertices_have_the_measures_of_a_few_thousand(holds):
         holds(name, abs(one[name] / few[name] - 1), at_most=0.05)
     # the hull of the coarse mesh cuts h^2 / 6 R = 0.05 mm off a depth of 0.8
     holds("mean_sulcal_depth_mm", abs(one["mean_sulcal_depth_mm"] / few["mean_sulcal_depth_mm"] - 1), at_most=0.1)
-    crest = 55.5 * NET.lengths.sum()                                    # of white
+    crest = 55.5 * NET.lengths.sum()  # of white
     holds("length of crests, of what they are", abs(one["crest_length_mm"] / crest - 1), at_most=0.02)
     holds("curvature index of white, by Gauss-Bonnet", one["intrinsic_curvature_index"], at_least=1.0)
     holds.equal("vertices without curvature", int(np.isnan(found.maps["H"]).sum()), 0)
-    holds.equal("remarks", {name: note for name, note in found.notes.items()
-                            if name in WARNINGS and name != "cortex_mask"}, {})  # fmt: skip
-    if (held := peak_memory()) is not None:                             # Windows does not say
+    holds.equal(
+        "remarks", {name: note for name, note in found.notes.items() if name in WARNINGS and name != "cortex_mask"}, {}
+    )
+    if (held := peak_memory()) is not None:  # Windows does not say
         holds("most memory of the process", held, at_most=8.0, unit="GiB")

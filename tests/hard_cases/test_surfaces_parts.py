@@ -27,8 +27,13 @@ def all_of_them(patch):
 
 
 @pytest.mark.parametrize("first", [False, True])
-@hard_case("surfaces", "unused vertices, a kilometre away", guard="only vertices in use are measured",
-           without=all_of_them, fails=(AssertionError, ValueError, MemoryError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "unused vertices, a kilometre away",
+    guard="only vertices in use are measured",
+    without=all_of_them,
+    fails=(AssertionError, ValueError, MemoryError),
+)
 def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys, first):
     stray = np.full((5, 3), 1e6) + np.eye(5, 3)
     cortex = clean()[0]
@@ -42,11 +47,15 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
 
 
-@hard_case("surfaces", "unused vertices, a kilometre away, in a file of float32", without=all_of_them,
-           guard="only vertices in use are measured")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "unused vertices, a kilometre away, in a file of float32",
+    without=all_of_them,
+    guard="only vertices in use are measured",
+)
 def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp_path, capsys):
     cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
-    status, told = analyzed(tmp_path, capsys, cortex)                   # FreeSurfer's format has single precision
+    status, told = analyzed(tmp_path, capsys, cortex)  # FreeSurfer's format has single precision
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
     holds.equal("told to be rounded", "float32" in told, False)
@@ -58,25 +67,40 @@ def one_mean(patch):
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (80.0, 0.0, 0.0)], ids=["inside", "outside"])
-@hard_case("surfaces", "two pieces: a closed island of 1 mm", guard="altitude has mean 0 on each piece",
-           peers="libigl crashes on small components (said)", without=one_mean)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "two pieces: a closed island of 1 mm",
+    guard="altitude has mean 0 on each piece",
+    peers="libigl crashes on small components (said)",
+    without=one_mean,
+)
 def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
     found = measure(with_island(clean()[0], at))
     holds.equal("gyrification index", found.scalars["gyrification_index"], None)
     holds.says("its note", found.notes["gyrification_index"], " 2 ")
     gained = found.scalars["intrinsic_curvature_index"] - clean()[1].scalars["intrinsic_curvature_index"]
     holds("curvature index gained, of 1 by Gauss-Bonnet", abs(gained - 1), at_most=0.02)
-    own = ("gyrification_index", "mean_local_gyrification_index", "intrinsic_curvature_index",
-           "mean_sulcal_depth_mm", "mean_cortical_thickness_mm", "lines")  # fmt: skip
-    hold_all(holds, found, area=1e-3, without=own)      # 12 mm^2 of 40,000
+    own = (
+        "gyrification_index",
+        "mean_local_gyrification_index",
+        "intrinsic_curvature_index",
+        "mean_sulcal_depth_mm",
+        "mean_cortical_thickness_mm",
+        "lines",
+    )
+    hold_all(holds, found, area=1e-3, without=own)  # 12 mm^2 of 40,000
     status, told = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, "GI n/a", " 2562, 42 ", "[mesh]")
 
 
-@hard_case("surfaces", "a cavity: a closed piece within another, its outside within", without=lambda patch:
-           patch.setattr(checks, "cavities", lambda cortex: []), guard="what lies around a piece turned inwards",
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a cavity: a closed piece within another, its outside within",
+    without=lambda patch: patch.setattr(checks, "cavities", lambda cortex: []),
+    guard="what lies around a piece turned inwards",
+    fails=(AssertionError, ValueError),
+)
 def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
     """A sphere in white matter, with 2.5 mm of cortex around it: areas and thickness are of both pieces."""
     cortex, whole = clean()
@@ -100,10 +124,17 @@ def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
     holds.says("analyze", told, " 2 ", " 2562, 42 ", "(1 ")
 
 
-@pytest.mark.parametrize(("at", "white", "pial"), [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)],
-                         ids=["white within", "in no other piece"])
-@hard_case("surfaces", "what is no cavity, but inside out", guard="the volume of each piece", without=lambda patch:
-           patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
+@pytest.mark.parametrize(
+    ("at", "white", "pial"),
+    [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)],
+    ids=["white within", "in no other piece"],
+)
+@hard_case(
+    "surfaces",
+    "what is no cavity, but inside out",
+    guard="the volume of each piece",
+    without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None),
+)
 def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, capsys, at, white, pial):
     cortex = with_island(clean()[0], at, white=white, pial=pial, hollow=True)
     status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
@@ -114,8 +145,13 @@ def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, ca
 def a_tree_each(patch):
     """The pieces are looked at one by one, each with a tree of all the faces."""
     together = checks._within_others
-    patch.setattr(checks, "_within_others", lambda surface, piece, asked: asked[
-        [len(together(surface, piece, asked[n : n + 1])) > 0 for n in range(len(asked))]])  # fmt: skip
+    patch.setattr(
+        checks,
+        "_within_others",
+        lambda surface, piece, asked: asked[
+            [len(together(surface, piece, asked[n : n + 1])) > 0 for n in range(len(asked))]
+        ],
+    )
 
 
 def with_cavities(cortex, at):
@@ -155,11 +191,16 @@ def numbers_only(patch):
     patch.setattr(analyze, "_said", lambda value, form, unit="": f"{value:{form}}{unit}")
 
 
-@hard_case("surfaces", "a hole of one triangle", guard="n/a for what cannot be had",
-           peers="Workbench: smoothing an open surface breaks its curvature (said)", without=numbers_only)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a hole of one triangle",
+    guard="n/a for what cannot be had",
+    peers="Workbench: smoothing an open surface breaks its curvature (said)",
+    without=numbers_only,
+)
 def test_a_hole_takes_the_indices_of_closed_surfaces_and_nothing_else(holds, tmp_path, capsys):
     cortex = clean()[0]
-    lowest = np.linalg.norm(cortex.pial.verts[cortex.faces], axis=2).max(axis=1).argmin()   # on no crest
+    lowest = np.linalg.norm(cortex.pial.verts[cortex.faces], axis=2).max(axis=1).argmin()  # on no crest
     holed = changed(cortex, faces=np.delete(cortex.faces, lowest, axis=0))
     status, told = analyzed(tmp_path, capsys, holed, kind=".vtk")
     holds.equal("exit status", status, 0)
@@ -174,10 +215,14 @@ def part(cortex, keep):
     return changed(cortex, faces=cortex.faces[keep[cortex.faces].all(axis=1)])
 
 
-@hard_case("surfaces", "a wide border: half of the surface cut away", guard="a border has no hull of its own",
-           peers="pyvista is wrong at borders (said)",
-           without=lambda patch: patch.setattr(geometry, "is_closed", lambda faces: True),
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a wide border: half of the surface cut away",
+    guard="a border has no hull of its own",
+    peers="pyvista is wrong at borders (said)",
+    without=lambda patch: patch.setattr(geometry, "is_closed", lambda faces: True),
+    fails=(AssertionError, ValueError),
+)
 def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
     cortex, whole = clean()
     z, scale = cortex.pial.verts[:, 2], whole.parameters["curvature_scale_mm"]
@@ -190,9 +235,12 @@ def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
         holds("H two scales inside", np.abs(off).max(), at_most=1e-9)
         thick = (m.maps["cortical_thickness"] - whole.maps["cortical_thickness"])[inner]
         holds("thickness there", np.abs(thick).max(), at_most=1e-9, unit="mm")
-        holds("gyral thickness", abs(m.scalars["median_gyral_thickness_mm"]
-                                     / whole.scalars["median_gyral_thickness_mm"] - 1), at_most=0.05)  # fmt: skip
-    hinges = sum(m.scalars["n_hinges_high"] for m in half)             # at the cut, doubtful ones too
+        holds(
+            "gyral thickness",
+            abs(m.scalars["median_gyral_thickness_mm"] / whole.scalars["median_gyral_thickness_mm"] - 1),
+            at_most=0.05,
+        )
+    hinges = sum(m.scalars["n_hinges_high"] for m in half)  # at the cut, doubtful ones too
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges_high"])
     status, told = analyzed(tmp_path, capsys, half[0].cortex)
     holds.equal("exit status", status, 0)
@@ -205,8 +253,12 @@ def wall_of_nothing(patch):
 
 
 @pytest.mark.parametrize("closed", [False, True])
-@hard_case("surfaces", "a medial wall that splits the cortex in two", guard="crests are cut at the wall",
-           without=wall_of_nothing)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a medial wall that splits the cortex in two",
+    guard="crests are cut at the wall",
+    without=wall_of_nothing,
+)
 def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_path, capsys, closed):
     """Told by a label, or by white and pial being one there."""
     cortex, whole = clean()
@@ -225,15 +277,19 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
     graph = m.graph
     loops = graph.number_of_edges() - graph.number_of_nodes()
     holds.equal("sum of degrees less 2", sum(degree - 2 for _, degree in graph.degree()), 2 * loops)
-    if closed:                                                          # two files have no label
+    if closed:  # two files have no label
         status, told = analyzed(tmp_path, capsys, m.cortex)
         holds.equal("exit status", status, 0)
         holds.says("analyze", told, f"cortical thickness {m.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
-@hard_case("surfaces", "12 vertices", guard="triangles wider than the region of the index are cut",
-           peers="libigl crashes with fewer than six neighbours (said)",
-           without=lambda patch: patch.setattr(local_gyrification, "COARSEST", np.inf))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "12 vertices",
+    guard="triangles wider than the region of the index are cut",
+    peers="libigl crashes with fewer than six neighbours (said)",
+    without=lambda patch: patch.setattr(local_gyrification, "COARSEST", np.inf),
+)
 def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     verts, faces = icosphere(0)
     m = measure(Cortex(*(Surface(r * verts, faces, f"lh.{name}") for r, name in ((40, "white"), (50, "pial")))))
@@ -253,8 +309,11 @@ def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
 
 def fitted(patch):
     """K is that of the fit, where there is none nothing."""
-    patch.setattr(folding, "angle_defects", lambda verts, faces: np.nan_to_num(
-        curvatures.curvature(verts, faces).K * vertex_areas(verts, faces)))  # fmt: skip
+    patch.setattr(
+        folding,
+        "angle_defects",
+        lambda verts, faces: np.nan_to_num(curvatures.curvature(verts, faces).K * vertex_areas(verts, faces)),
+    )
 
 
 @hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="K of the indices is no fit", without=fitted)

@@ -23,8 +23,13 @@ def where_it_is(patch):
     patch.setattr(rays.Scanner, "_scaled", lambda self, points: points.astype(np.float32))
 
 
-@hard_case("surfaces", "coordinates offset by 1e6 mm, in double precision", guard="rays are cast around the origin",
-           peers="embree's rays are single precision (said)", without=where_it_is)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "coordinates offset by 1e6 mm, in double precision",
+    guard="rays are cast around the origin",
+    peers="embree's rays are single precision (said)",
+    without=where_it_is,
+)
 def test_a_surface_a_kilometre_away_has_the_same_measures(holds):
     """Round-off is 1e6 x 2^-52 = 2e-10 mm, and over the square of a scale of 10 mm in curvature."""
     found = measure(changed(clean()[0], lambda verts: verts + FAR))
@@ -35,8 +40,9 @@ def silent(patch):
     patch.setattr(defects, "remarks", lambda cortex, mask, given=None: {})
 
 
-@hard_case("surfaces", "coordinates offset by 1e6 mm and written as float32", guard="the note on rounding",
-           without=silent)  # fmt: skip
+@hard_case(
+    "surfaces", "coordinates offset by 1e6 mm and written as float32", guard="the note on rounding", without=silent
+)
 def test_coordinates_rounded_far_from_the_origin_are_told(holds, tmp_path, capsys):
     """float32 has steps of 1/16 mm there; those of the scanner, 100 mm away, are none to speak of."""
     cortex = clean()[0]
@@ -60,10 +66,18 @@ def in_float16(patch):
     patch.setattr(Surface, "__post_init__", rounded)
 
 
-@pytest.mark.parametrize(("size", "place"), [(1.0, 0.0), (1e-3, 0.0), (1e3, 0.0), (1.0, 1000.0)],
-                         ids=["mm", "metres", "micrometres", "a metre away"])
-@hard_case("surfaces", "float32 in files of FreeSurfer, in any unit and a metre away", guard="float64 from there on",
-           without=in_float16, fails=(AssertionError, ValueError))  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "place"),
+    [(1.0, 0.0), (1e-3, 0.0), (1e3, 0.0), (1.0, 1000.0)],
+    ids=["mm", "metres", "micrometres", "a metre away"],
+)
+@hard_case(
+    "surfaces",
+    "float32 in files of FreeSurfer, in any unit and a metre away",
+    guard="float64 from there on",
+    without=in_float16,
+    fails=(AssertionError, ValueError),
+)
 def test_single_precision_in_a_file_is_round_off_in_the_measures(holds, tmp_path, size, place):
     """2^-24 of 60 mm is 4e-6 mm; over the square of the scale that is 1e-6 of curvature, and ten times that in K.
     All of it 16 times as much a metre away."""
@@ -72,8 +86,16 @@ def test_single_precision_in_a_file_is_round_off_in_the_measures(holds, tmp_path
         write_surface(files[name], Surface(size * surface.verts + place, surface.faces))
     found, coarser = measure(read_cortex(**files)), 1 + place / 60
     holds.equal("read as", found.cortex.pial.verts.dtype, np.dtype(np.float64))
-    hold_all(holds, found, unit=size, area=1e-7 * coarser, bent=1e-5 * coarser, lines=1e-4 * coarser,
-             width=1e-5 * coarser, without=() if size == 1 else ("mean_local_gyrification_index",))  # fmt: skip
+    hold_all(
+        holds,
+        found,
+        unit=size,
+        area=1e-7 * coarser,
+        bent=1e-5 * coarser,
+        lines=1e-4 * coarser,
+        width=1e-5 * coarser,
+        without=() if size == 1 else ("mean_local_gyrification_index",),
+    )
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -93,9 +115,14 @@ def in_mm(patch):
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3], ids=["metres", "micrometres"])
-@hard_case("surfaces", "coordinates in metres or micrometres", guard="the scale follows the mesh", without=in_mm,
-           peers="LaPy: curvature in units of the mean edge, not 1/mm (measured)",
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "coordinates in metres or micrometres",
+    guard="the scale follows the mesh",
+    without=in_mm,
+    peers="LaPy: curvature in units of the mean edge, not 1/mm (measured)",
+    fails=(AssertionError, ValueError),
+)
 def test_another_unit_changes_lengths_only_and_is_told(holds, tmp_path, capsys, size):
     cortex, whole = clean()
     other = changed(cortex, lambda verts: size * verts)
@@ -118,8 +145,13 @@ def unwatched(patch):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-@hard_case("surfaces", "coordinates that are no numbers", guard="the check of what is read", without=unwatched,
-           fails=(AssertionError, ValueError, RuntimeWarning))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "coordinates that are no numbers",
+    guard="the check of what is read",
+    without=unwatched,
+    fails=(AssertionError, ValueError, RuntimeWarning),
+)
 def test_coordinates_that_are_no_numbers_are_refused(holds, value):
     cortex = clean()[0]
     verts = cortex.white.verts.copy()

@@ -37,6 +37,7 @@ def one_ring(patch):
 
 def of_no_area(patch):
     """Cotangents of triangles without area as the formula has them: 1/0."""
+
     def laplacian(verts, faces, **_):
         ahead, back = geometry.sides(verts, faces)
         with np.errstate(all="ignore"):
@@ -75,27 +76,40 @@ EPS = 1e-6
 @pytest.mark.parametrize(
     "weights", [(1 - 2 * EPS, EPS, EPS), (0.5 - EPS / 2, 0.5 - EPS / 2, EPS)], ids=["needles", "caps"]
 )
-@hard_case("surfaces", "300 needle or cap triangles, a millionth of an edge thin",
-           guard="a fit within mm, not over rings",
-           peers="one-ring curvature does not converge on irregular meshes: pyvista 28 %, cotangents 14 % (measured)",
-           without=one_ring)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "300 needle or cap triangles, a millionth of an edge thin",
+    guard="a fit within mm, not over rings",
+    peers="one-ring curvature does not converge on irregular meshes: pyvista 28 %, cotangents 14 % (measured)",
+    without=one_ring,
+)
 def test_needles_and_caps_change_no_measure(holds, weights):
     hold_all(holds, measure(split_faces(clean()[0], weights)))
 
 
-@hard_case("surfaces", "300 vertices twice at the same place, edges of no length", guard="no cotangent without area",
-           without=of_no_area, fails=(AssertionError, RuntimeError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "300 vertices twice at the same place, edges of no length",
+    guard="no cotangent without area",
+    without=of_no_area,
+    fails=(AssertionError, RuntimeError, ValueError),
+)
 def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(holds):
     """Folding indices are smoothed over 1.5 mean edges of a mesh so coarse; edges of no length shorten their mean."""
     hold_all(holds, measure(split_faces(clean()[0], (1.0, 0.0, 0.0))), bent=0.1)
 
 
 @pytest.mark.parametrize(
-    ("weights", "each"), [((1 - 2 * EPS, EPS, EPS), 2), ((0.5 - EPS / 2, 0.5 - EPS / 2, EPS), 1), ((1.0, 0.0, 0.0), 2)],
+    ("weights", "each"),
+    [((1 - 2 * EPS, EPS, EPS), 2), ((0.5 - EPS / 2, 0.5 - EPS / 2, EPS), 1), ((1.0, 0.0, 0.0), 2)],
     ids=["needles", "caps", "edges of no length"],
-)  # fmt: skip
-@hard_case("surfaces", "300 vertices within triangles, so near an edge or a corner that others have no area",
-           guard="the height of each triangle", without=lambda patch: patch.setattr(defects, "THIN", 0.0))  # fmt: skip
+)
+@hard_case(
+    "surfaces",
+    "300 vertices within triangles, so near an edge or a corner that others have no area",
+    guard="the height of each triangle",
+    without=lambda patch: patch.setattr(defects, "THIN", 0.0),
+)
 def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, weights, each):
     """Written as float32, some have exactly none."""
     status, told = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
@@ -120,8 +134,12 @@ def soup(cortex):
 
 
 @pytest.mark.parametrize("tear", [seam, soup])
-@hard_case("surfaces", "duplicate vertices: a closed surface torn along a seam, or in all its triangles",
-           guard="the check of its edges", without=unchecked)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "duplicate vertices: a closed surface torn along a seam, or in all its triangles",
+    guard="the check of its edges",
+    without=unchecked,
+)
 def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     cortex = tear(clean()[0])
     torn = cortex.n_vertices - clean()[0].n_vertices
@@ -132,8 +150,13 @@ def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     holds.says("analyze", told, f": {torn} ", "[bad-mesh]")
 
 
-@hard_case("surfaces", "duplicate vertices: a closed surface torn along a seam", guard="it is mended", without=unmended,
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "duplicate vertices: a closed surface torn along a seam",
+    guard="it is mended",
+    without=unmended,
+    fails=(AssertionError, ValueError),
+)
 def test_a_torn_surface_is_mended(holds, tmp_path, capsys):
     hold_mended(holds, tmp_path, capsys, seam(clean()[0]), seam_vertices=96)
 
@@ -150,8 +173,7 @@ def doubled(cortex):
 
 
 @pytest.mark.parametrize(("fault", "edges", "most"), [(fins, 1, 3), (doubled, 3, 3)])
-@hard_case("surfaces", "non-manifold edges: a fin, a triangle twice", guard="the check of its edges",
-           without=unchecked)  # fmt: skip
+@hard_case("surfaces", "non-manifold edges: a fin, a triangle twice", guard="the check of its edges", without=unchecked)
 def test_an_edge_with_more_than_two_triangles_is_refused(holds, tmp_path, capsys, fault, edges, most):
     cortex = fault(clean()[0])
     told = refusal(cortex, repair=False)
@@ -161,16 +183,27 @@ def test_an_edge_with_more_than_two_triangles_is_refused(holds, tmp_path, capsys
     holds.says("analyze", told, f": {edges} ")
 
 
-@pytest.mark.parametrize(("fault", "counts"), [(fins, {"pinched_edges": 1, "debris_triangles": 1}),
-                                               (doubled, {"double_triangles": 1})])  # fmt: skip
-@hard_case("surfaces", "non-manifold edges: a fin, a triangle twice", guard="it is mended",
-           without=unmended, fails=(AssertionError, ValueError))  # fmt: skip
+@pytest.mark.parametrize(
+    ("fault", "counts"), [(fins, {"pinched_edges": 1, "debris_triangles": 1}), (doubled, {"double_triangles": 1})]
+)
+@hard_case(
+    "surfaces",
+    "non-manifold edges: a fin, a triangle twice",
+    guard="it is mended",
+    without=unmended,
+    fails=(AssertionError, ValueError),
+)
 def test_an_edge_with_more_than_two_triangles_is_mended(holds, tmp_path, capsys, fault, counts):
     hold_mended(holds, tmp_path, capsys, fault(clean()[0]), **counts)
 
 
-@hard_case("surfaces", "decimated until an edge has four triangles, two sheets welded along it", guard="it is mended",
-           without=unmended, fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "decimated until an edge has four triangles, two sheets welded along it",
+    guard="it is mended",
+    without=unmended,
+    fails=(AssertionError, ValueError),
+)
 def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, capsys):
     cortex = clean()[0]
     faces, n = cortex.faces.copy(), cortex.n_vertices
@@ -198,10 +231,11 @@ def two_links_only(patch):
     patch.setattr(net, "next", counted, raising=False)
 
 
-@hard_case("surfaces", "a crest that comes to an edge with three triangles", guard="it is a junction",
-           without=two_links_only)  # fmt: skip
+@hard_case(
+    "surfaces", "a crest that comes to an edge with three triangles", guard="it is a junction", without=two_links_only
+)
 def test_the_net_of_a_branching_surface_does_not_run_in_circles(holds):
-    i, j = np.array([0, 1, 2, 3, 0]), np.array([1, 2, 3, 0, 4])     # a ring of four, and a way to it
+    i, j = np.array([0, 1, 2, 3, 0]), np.array([1, 2, 3, 0, 4])  # a ring of four, and a way to it
     graph = sparse.csr_array((np.ones(10), (np.r_[i, j], np.r_[j, i])), shape=(5, 5))
     found = [sorted({path[0], path[-1]}) for path in net.paths(graph, np.zeros(0, dtype=np.int64))]
     holds.equal("ends of its chains", sorted(found), [[0], [0, 4]])
@@ -214,8 +248,9 @@ def flipped(cortex, count):
 
 
 @pytest.mark.parametrize("count", [1, 100])
-@hard_case("surfaces", "flipped triangles", guard="they are turned", without=unmended,
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces", "flipped triangles", guard="they are turned", without=unmended, fails=(AssertionError, ValueError)
+)
 def test_flipped_triangles_are_turned(holds, tmp_path, capsys, count):
     hold_mended(holds, tmp_path, capsys, flipped(clean()[0], count), flipped_triangles=count)
 
@@ -225,7 +260,7 @@ def test_flipped_triangles_are_turned(holds, tmp_path, capsys, count):
 def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
     turned = flipped(clean()[0], count)
     run = np.concatenate([turned.faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    same = len(run) - len(np.unique(run, axis=0))                       # edges that both of their triangles run alike
+    same = len(run) - len(np.unique(run, axis=0))  # edges that both of their triangles run alike
     assert same == 3 if count == 1 else same > count
     holds.says("measure", refusal(turned, repair=False), f": {same} ", PLACE, "fix_winding", "[bad-mesh]")
     status, told = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
@@ -233,8 +268,12 @@ def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
     holds.says("analyze", told, f": {same} ", "fix_winding", "[bad-mesh]")
 
 
-@hard_case("surfaces", "a piece that is inside out", guard="the volume of each piece",
-           without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a piece that is inside out",
+    guard="the volume of each piece",
+    without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None),
+)
 def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     cortex = with_island(clean()[0], (0.0, 0.0, 0.0))
     n = clean()[0].n_vertices
@@ -247,8 +286,12 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     holds.says("analyze", told, f" {n} of lh.white ", "[inside-out]")
 
 
-@hard_case("surfaces", "all triangles flipped", guard="the volume of each piece",
-           without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "all triangles flipped",
+    guard="the volume of each piece",
+    without=lambda patch: patch.setattr(checks, "check_sides", lambda cortex: None),
+)
 def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
     holds.says("measure", refusal(turned, repair=False), ": lh.white ", " -", "[inside-out]")
@@ -257,8 +300,9 @@ def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     holds.says("analyze", told, ": lh.white ", " -", "[inside-out]")
 
 
-@hard_case("surfaces", "all triangles flipped", guard="they are turned", without=unmended,
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces", "all triangles flipped", guard="they are turned", without=unmended, fails=(AssertionError, ValueError)
+)
 def test_a_surface_inside_out_is_turned(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
     hold_mended(holds, tmp_path, capsys, turned, flipped_triangles=5120)

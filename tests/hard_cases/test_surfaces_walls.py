@@ -22,7 +22,7 @@ from morphofold.analysis import (
     measuring,
     vertex_areas,
     vertex_normals,
-)  # fmt: skip
+)
 from morphofold.analysis import curvatures as bending
 from morphofold.analysis.graph.depth_potential import Altimeter
 from morphofold.analysis.mesh_quality import checks, defects
@@ -39,8 +39,13 @@ def silent(patch):
     patch.setattr(defects, "remarks", lambda cortex, mask, given=None: {})
 
 
-@hard_case("surfaces", "white crossing pial", guard="the note on crossings", without=silent,
-           peers="FreeSurfer caps thickness at 5 mm (said)")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "white crossing pial",
+    guard="the note on crossings",
+    without=silent,
+    peers="FreeSurfer caps thickness at 5 mm (said)",
+)
 def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     crossed, there = with_white_outside(clean()[0])
     found = measure(crossed)
@@ -72,8 +77,12 @@ def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, ca
     holds.equal("note of the clean one", clean()[1].notes.get("pair"), None)
 
 
-@hard_case("surfaces", "white and pial 1e-6 of their radius apart", guard="the check of the pair",
-           without=lambda patch: patch.setattr(checks, "SAME", 0.0))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "white and pial 1e-6 of their radius apart",
+    guard="the check of the pair",
+    without=lambda patch: patch.setattr(checks, "SAME", 0.0),
+)
 def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
     pial = clean()[0].pial
     twice = replace(clean()[0], white=Surface((1 - 1e-6) * pial.verts, pial.faces, "lh.white"))
@@ -83,9 +92,13 @@ def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, ca
     holds.equal("exit status", status, 2)
 
 
-@hard_case("surfaces", "a cortex label of ten vertices", guard="a label that small is none",
-           without=lambda patch: patch.setattr(checks, "LABELLED", 0.0),
-           fails=(AssertionError, ValueError))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a cortex label of ten vertices",
+    guard="a label that small is none",
+    without=lambda patch: patch.setattr(checks, "LABELLED", 0.0),
+    fails=(AssertionError, ValueError),
+)
 def test_a_cortex_label_of_ten_vertices_is_refused(holds):
     label = np.arange(2562) < 10
     holds.says("measure", refusal(replace(clean()[0], cortex=label)), " 10 of 2562 ")
@@ -96,8 +109,9 @@ def everywhere(patch):
         patch.setattr(where, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
 
 
-@hard_case("surfaces", "zero thickness: white and pial coincide on a patch", guard="that is no cortex",
-           without=everywhere)  # fmt: skip
+@hard_case(
+    "surfaces", "zero thickness: white and pial coincide on a patch", guard="that is no cortex", without=everywhere
+)
 def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     cortex, whole = clean()
     cap = cortex.pial.verts @ np.array([0.0, 0.0, 1.0]) > 35
@@ -112,16 +126,21 @@ def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     holds.says("analyze", told, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
-@hard_case("surfaces", "a medial wall that nothing marks, with noise of 0.1 mm on every coordinate",
-           guard="a large patch where white and pial nearly meet is none",
-           without=lambda patch: patch.setattr(checks, "wall_of_geometry", lambda cortex: np.zeros(2562, dtype=bool)),
-           peers="FreeSurfer takes its cortex label (said)")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a medial wall that nothing marks, with noise of 0.1 mm on every coordinate",
+    guard="a large patch where white and pial nearly meet is none",
+    without=lambda patch: patch.setattr(checks, "wall_of_geometry", lambda cortex: np.zeros(2562, dtype=bool)),
+    peers="FreeSurfer takes its cortex label (said)",
+)
 def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
     cortex, whole = clean()
     cap, noise = cortex.pial.verts[:, 2] > 43, np.random.default_rng(1)
     verts = (np.where(cap[:, None], cortex.pial.verts, cortex.white.verts), cortex.pial.verts)
-    white, pial = (Surface(v + noise.normal(0, 0.1, v.shape), cortex.faces, s.name)
-                   for v, s in zip(verts, (cortex.white, cortex.pial)))  # fmt: skip
+    white, pial = (
+        Surface(v + noise.normal(0, 0.1, v.shape), cortex.faces, s.name)
+        for v, s in zip(verts, (cortex.white, cortex.pial))
+    )
     found = measure(replace(cortex, white=white, pial=pial))
     wall = np.isnan(found.maps["cortical_thickness"])
     holds("vertices of the wall found", np.count_nonzero(wall & cap) / np.count_nonzero(cap), at_least=0.75)
@@ -148,8 +167,12 @@ def as_it_stands(patch):
 
 
 @pytest.mark.slow
-@hard_case("surfaces", "NaN and zero in the thickness that came with the surfaces", guard="no number, no thickness",
-           without=as_it_stands)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "NaN and zero in the thickness that came with the surfaces",
+    guard="no number, no thickness",
+    without=as_it_stands,
+)
 def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds, tmp_path, capsys):
     cortex, unknown = clean()[0], np.zeros(2562, dtype=bool)
     north = cortex.pial.verts[:, 2] > 0
@@ -168,8 +191,11 @@ def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds
     status, told = analyzed(tmp_path, capsys, whole)
     holds.equal("exit status", status, 0)
     holds.says("analyze", told, " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (", "[thickness_file]")
-    holds.equal("note where it is whole", "thickness_file" in measure(replace(cortex, maps={
-        "thickness": np.full(2562, 2.5)})).notes, False)  # fmt: skip
+    holds.equal(
+        "note where it is whole",
+        "thickness_file" in measure(replace(cortex, maps={"thickness": np.full(2562, 2.5)})).notes,
+        False,
+    )
 
 
 def spiked(cortex, vertex=0, by=1.0):
@@ -181,8 +207,12 @@ def spiked(cortex, vertex=0, by=1.0):
     return replace(cortex, pial=Surface(verts, cortex.faces, "lh.pial")), f
 
 
-@hard_case("surfaces", "self-intersections: a spike through a pial surface", guard="edges are held against all faces",
-           without=lambda patch: patch.setattr(defects, "self_crossings", lambda cortex, mask: ({}, 0.0)))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "self-intersections: a spike through a pial surface",
+    guard="edges are held against all faces",
+    without=lambda patch: patch.setattr(defects, "self_crossings", lambda cortex, mask: ({}, 0.0)),
+)
 def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path, capsys):
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked(clean()[0])
@@ -192,7 +222,7 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
     holds.says("analyze", told, "lh.pial ", f": {around + 1} of 5120 ", " 1 mm", "[self_crossing]")
     place = np.array(re.search(r" of 5120 .*?\((.*?)\)", told)[1].split(","), dtype=float)
     off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
-    holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")     # the spike is less than 45° aslant
+    holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")  # the spike is less than 45° aslant
     holds.equal("white is said to cross itself", re.search("^warning: .*lh.white", told, re.M) is not None, False)
     holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
@@ -204,8 +234,12 @@ def wherever(patch):
 
 
 @pytest.mark.slow
-@hard_case("surfaces", "self-intersections off the cortex", guard="those with a vertex in the cortex are told",
-           without=wherever)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "self-intersections off the cortex",
+    guard="those with a vertex in the cortex are told",
+    without=wherever,
+)
 def test_self_intersections_off_the_cortex_are_not_told(holds):
     """The label lacks the spike, and then the face that it goes through, too."""
     cortex, f = spiked(clean()[0])
@@ -218,9 +252,12 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
     holds.equal("note", measure(replace(cortex, cortex=label)).notes.get("self_crossing"), None)
 
 
-@hard_case("surfaces", "white through itself: an offset along the normals of a noisy surface",
-           guard="the net is taken half way to pial",
-           without=lambda patch: patch.setattr(measuring, "CROSSED", 1.0))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "white through itself: an offset along the normals of a noisy surface",
+    guard="the net is taken half way to pial",
+    without=lambda patch: patch.setattr(measuring, "CROSSED", 1.0),
+)
 def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(holds):
     """Ridges 6 mm wide, white 2.5 mm within: crowns are gone from it, and on it alone 33 hinges of 48 are found."""
     net = irregular_net(26, seed=5, shortest=0.1)
@@ -248,9 +285,13 @@ def nearest_of_all(patch):
 
 
 @pytest.mark.slow
-@hard_case("surfaces", "self-intersection: walls of a sulcus that pass through each other", without=nearest_of_all,
-           guard="only the surface around the own partner, facing the same way, is searched",
-           peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "self-intersection: walls of a sulcus that pass through each other",
+    without=nearest_of_all,
+    guard="only the surface around the own partner, facing the same way, is searched",
+    peers="unrestricted closest points jump across sulci: bias -0.06 mm, r 0.975 (measured)",
+)
 def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, capsys):
     """Each passes up to 0.8 beyond the other, whose white is 0.5 behind it: at 0.25 the two are in one place."""
     pial = pressed_sphere(5, press=1.5)
@@ -266,10 +307,14 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
 
 
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
-@hard_case("surfaces", "gyral thickness where the walls of a sulcus pass through each other",
-           guard="a point in two gyri leaves the other one first",
-           without=lambda patch: patch.setattr(
-               rays.Scanner, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "gyral thickness where the walls of a sulcus pass through each other",
+    guard="a point in two gyri leaves the other one first",
+    without=lambda patch: patch.setattr(
+        rays.Scanner, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)
+    ),
+)
 def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
     """Corrugated sheet; the gyri at its ends, whose other half lacks a wall, are left out."""
     sheet, width = bulged(by)
@@ -277,8 +322,9 @@ def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
     inner = (np.abs(found.points[:, 0] - 60) < 45) & np.isfinite(found.width)
     holds("median, of what it is", abs(found.median / width - 1), at_most=0.02)
     holds("least width, of what it is", found.width[inner].min() / width, at_least=0.9)
-    holds("contour measured, without the ends", inner.sum() / (np.abs(found.points[:, 0] - 60) < 45).sum(),
-          at_least=0.8)  # fmt: skip
+    holds(
+        "contour measured, without the ends", inner.sum() / (np.abs(found.points[:, 0] - 60) < 45).sum(), at_least=0.8
+    )
 
 
 def fitted_in_space(patch):
@@ -299,12 +345,16 @@ def fitted_in_space(patch):
 
 
 @pytest.mark.parametrize("press", [1.0, 1.5], ids=["touching", "crossing"])
-@hard_case("surfaces", "curvature of walls that touch, or pass through each other", guard="a fit along the surface",
-           without=fitted_in_space)  # fmt: skip
+@hard_case(
+    "surfaces",
+    "curvature of walls that touch, or pass through each other",
+    guard="a fit along the surface",
+    without=fitted_in_space,
+)
 def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
     """The sphere is cut along the plane that the walls meet in, which on the surface is the bottom of the sulcus."""
     pial, scale = pressed_sphere(5, press=press), 1.2
-    before = pressed_sphere(5, press=0.0).verts[:, 0]                   # 3 mm and more along the surface from the cut
+    before = pressed_sphere(5, press=0.0).verts[:, 0]  # 3 mm and more along the surface from the cut
     pressed = (before > 1.5) & (before < 2.4) & (np.abs(pial.verts[:, 0]) < 0.5) & (np.abs(pial.verts[:, 1]) < 2)
     holds("vertices in contact", pressed.sum(), at_least=5)
     alone = pial.faces[(before[pial.faces] >= 0).all(axis=1)]
@@ -312,8 +362,12 @@ def test_the_other_wall_of_a_sulcus_does_not_change_curvature(holds, press):
     holds("change of H", np.abs(both - one).max(), at_most=1e-9, unit="/mm")
 
 
-@hard_case("surfaces", "a simulated surface with sulcal walls in contact", without=nearest_of_all,
-           guard="only the surface around the own partner, facing the same way, is searched")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a simulated surface with sulcal walls in contact",
+    without=nearest_of_all,
+    guard="only the surface around the own partner, facing the same way, is searched",
+)
 def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
     """Between surfaces a distance t apart the volume is t (A + 4 A' + A'') / 6, of white, midway and pial: areas are
     quadratic in the distance (Steiner), so that Simpson's rule is exact. Between planes that meet at an angle a, at the
@@ -323,7 +377,7 @@ def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
     outward = [vertex_normals(verts, faces) for verts in (white, pial)]
     edge = mean_edge_length(pial, faces)
     i, j = cKDTree(pial).query_pairs(0.2 * edge, output_type="ndarray").T
-    facing = np.sum(outward[1][i] * outward[1][j], axis=1) < -0.5       # contact acts from 0.2 edges on
+    facing = np.sum(outward[1][i] * outward[1][j], axis=1) < -0.5  # contact acts from 0.2 edges on
     holds("vertices of pial in contact with one of another wall", len(np.union1d(i[facing], j[facing])), at_least=100)
     found = cortical_thickness(cortex.white, cortex.pial, cap=None)
     linked = np.linalg.norm(pial - white, axis=1)
@@ -355,7 +409,7 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_pa
     holds("length of crests", abs(length / (53 * NET.lengths.sum()) - 1), at_most=0.03)
     at = np.array([data["position"] for _, data in graph.nodes(data=True)])
     off = cKDTree(53 * NET.nodes).query(at)[0]
-    holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")     # an edge
+    holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")  # an edge
     thicker = Surface(flat.verts * (1 + 2.5 / np.linalg.norm(flat.verts, axis=1, keepdims=True)), flat.faces, "lh.pial")
     status, told = analyzed(tmp_path, capsys, Cortex(flat, thicker), "--json")
     holds.equal("exit status", status, 0)
@@ -368,23 +422,30 @@ def any_extremum(patch):
         patch.setattr(crests, name, -np.inf)
 
 
-UMBILIC = {
-    "sphere": lambda: shapes.sphere(4, rng=1), "torus": lambda: shapes.torus(rng=1), "cylinder": shapes.cylinder,
-}  # fmt: skip
+UMBILIC = {"sphere": lambda: shapes.sphere(4, rng=1), "torus": lambda: shapes.torus(rng=1), "cylinder": shapes.cylinder}
 
 
 @pytest.mark.parametrize("name", UMBILIC)
-@hard_case("surfaces", "umbilics everywhere, and curvature that nowhere has an extremum", without=any_extremum,
-           guard="crests fall away to both sides",
-           peers="CGAL Ridges_3: 6041 segments on the sphere, 7328 on the torus (measured)")  # fmt: skip
+@hard_case(
+    "surfaces",
+    "umbilics everywhere, and curvature that nowhere has an extremum",
+    without=any_extremum,
+    guard="crests fall away to both sides",
+    peers="CGAL Ridges_3: 6041 segments on the sphere, 7328 on the torus (measured)",
+)
 def test_cyclides_have_no_crest_lines(holds, name):
     shape = UMBILIC[name]()
     holds.equal(f"lines on the {name}", len(crest_lines(shape.verts, shape.faces).lines), 0)
 
 
-@hard_case("surfaces", "a plane", guard="no shape without curvature",
-           without=lambda patch: patch.setattr(bending.Curvature, "shape_index", property(
-               lambda c: 2 / np.pi * np.arctan2(c.k1 + c.k2, c.k1 - c.k2))))  # fmt: skip
+@hard_case(
+    "surfaces",
+    "a plane",
+    guard="no shape without curvature",
+    without=lambda patch: patch.setattr(
+        bending.Curvature, "shape_index", property(lambda c: 2 / np.pi * np.arctan2(c.k1 + c.k2, c.k1 - c.k2))
+    ),
+)
 def test_a_plane_has_no_curvature_and_no_shape(holds):
     sheet, _ = shapes.corrugated_sheet(2.0, height=0.0, size=40.0, rng=1)
     found = bending.curvature(sheet.verts, sheet.faces)

@@ -12,16 +12,16 @@ from morphofold.sim.scene.files import load_scene, scene_names
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scene_names())
 def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
-    settings = [] if name in ("mesh", "crease") else ["accuracy.level=draft"]   # a file's mesh, and that of a crease
+    settings = [] if name in ("mesh", "crease") else ["accuracy.level=draft"]  # a file's mesh, and that of a crease
     simulation = mf.simulate(name, tmp_path / name, settings=settings)
     health = simulation.health
-    balance = ("distance_over_T", "unstable_modes")                     # a stage may be about to snap, and says so
+    balance = ("distance_over_T", "unstable_modes")  # a stage may be about to snap, and says so
     assert [told for told in health["warnings"] if not told.startswith(balance)] == []
     assert sum((stage.get("distance_over_T") or 0.0) > 0.25 for stage in health["stages"]) <= 1
     assert [stage["growth"] for stage in health["stages"]] == list(simulation.stages)
     assert all(stage["crossings"] == 0 and stage["min_J"] > 0.1 for stage in health["stages"])
     shape = simulation.scene.geometry.shape
-    if shape in ("patch", "strip"):                                     # open surfaces: nothing is enclosed
+    if shape in ("patch", "strip"):  # open surfaces: nothing is enclosed
         last = simulation.cortex().pial
         assert np.ptp(last.verts[:, 2]) > simulation.scene.geometry.cortex_thickness
         return
@@ -30,7 +30,7 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
     assert scalars["euler_characteristic"] == 2
     if shape == "radial":
         assert scalars["gyrification_index"] == pytest.approx(1, abs=0.01)
-    elif name in ("lissencephaly", "mesh"):                             # hardly folded, the one on purpose
+    elif name in ("lissencephaly", "mesh"):  # hardly folded, the one on purpose
         assert 1.02 < scalars["gyrification_index"] < 1.25
     else:
         assert scalars["gyrification_index"] > 1.3
@@ -56,16 +56,23 @@ def test_the_gyrification_index_at_standard_is_that_of_the_fine_mesh(tmp_path):
 @pytest.mark.parametrize(
     ("name", "thickness", "ratio"),
     [
-        ("fig3", 2, 1), ("fig3-thin", 1, 1), ("fig3-thick", 3, 1), ("fig5", 2, 2), ("fig6-thin", 1, 2),
-        ("fig6-normal", 2, 2), ("fig6-thick", 3, 2), ("fig7-ratio1", 2, 1), ("fig7-ratio2", 2, 2),
+        ("fig3", 2, 1),
+        ("fig3-thin", 1, 1),
+        ("fig3-thick", 3, 1),
+        ("fig5", 2, 2),
+        ("fig6-thin", 1, 2),
+        ("fig6-normal", 2, 2),
+        ("fig6-thick", 3, 2),
+        ("fig7-ratio1", 2, 1),
+        ("fig7-ratio2", 2, 2),
         ("fig7-ratio4", 2, 4),
     ],
-)  # fmt: skip
+)
 def test_the_scenes_of_the_figures_are_what_the_paper_says(name, thickness, ratio):
     for scene in (load_scene(name), *([load_scene(f"{name}-tangential")] if name[3] != "3" else [])):
         geometry = scene.geometry
         assert (geometry.radius, geometry.cortex_thickness, scene.material.mu_ratio) == (50.0, thickness, ratio)
-        assert geometry.hole_radius == 25.0                             # A = C / 2
+        assert geometry.hole_radius == 25.0  # A = C / 2
         assert geometry.shape == ("radial" if name[3] == "3" else "sphere")
         assert getattr(geometry, "portion", "half") == "half"
         assert scene.growth.law == ("tangential" if scene.name != name else "isotropic")

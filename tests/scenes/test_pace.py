@@ -22,8 +22,9 @@ def run_of(scene):
 
 def folds(seed, rate):
     """Gyrification index, wavelength [mm] and distance from rest [T] of each stage of Fig. 6's thick cortex."""
-    scene = load_scene("fig6-thick", ["geometry.portion=octant", f"effects.perturbation.seed={seed}",
-                                      f"growth.rate={rate}"])  # fmt: skip
+    scene = load_scene(
+        "fig6-thick", ["geometry.portion=octant", f"effects.perturbation.seed={seed}", f"growth.rate={rate}"]
+    )
     run = run_of(scene)
     sphere = whole_surfaces(run.body, np.ascontiguousarray(run.body.bilayer.mesh.p.T))[1].verts
     found = []
@@ -32,8 +33,9 @@ def folds(seed, rate):
         run.settle()
         pial = whole_surfaces(run.body, run.state.x)[1]
         waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
-        found.append((analysis.gyrification_index(pial.verts, pial.faces), waves.wavelength,
-                      run.state.record["distance_over_T"]))  # fmt: skip
+        found.append(
+            (analysis.gyrification_index(pial.verts, pial.faces), waves.wavelength, run.state.record["distance_over_T"])
+        )
     return np.array(found).T
 
 
@@ -51,8 +53,17 @@ def test_folds_at_standard_are_those_of_a_quarter_of_the_pace_unless_they_are_to
 @pytest.mark.slow
 def test_a_stiff_patch_wrinkles_in_the_waves_of_theory():
     """Found with waves of 22 mm once. Waves of a square of 80 mm are 160 mm over the root of a sum of two squares."""
-    scene = load_scene("patch", ["geometry.size=[80, 80]", "material.mu_ratio=30", "growth.rate=1.0",
-                                 "growth.final=1.1", "output.stages=[]", "accuracy.edge=1.6"])  # fmt: skip
+    scene = load_scene(
+        "patch",
+        [
+            "geometry.size=[80, 80]",
+            "material.mu_ratio=30",
+            "growth.rate=1.0",
+            "growth.final=1.1",
+            "output.stages=[]",
+            "accuracy.edge=1.6",
+        ],
+    )
     wanted = first_wrinkles(scene)
     run = run_of(scene)
     run.grow_to(wanted.growth + 0.01)

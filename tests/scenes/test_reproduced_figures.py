@@ -18,7 +18,7 @@ def reproduced(tmp_path_factory):
 
     def grow(name, scene, settings):
         coarse = [*settings, "accuracy.level=draft"]
-        if not name.startswith("fig3"):                                 # which is an octant, or radial
+        if not name.startswith("fig3"):  # which is an octant, or radial
             coarse.append("geometry.portion=octant")
         return simulate(scene, folder / "simulations" / name, settings=coarse, resume=True)
 
@@ -31,8 +31,11 @@ def reproduced(tmp_path_factory):
 
 
 def at(rows, scene, growth):
-    return next({**row, **{k: float(v.replace("n/a", "nan")) for k, v in row.items() if k in NUMBERS}} for row in rows
-                if row["scene"] == scene and float(row["growth"]) == growth)  # fmt: skip
+    return next(
+        {**row, **{k: float(v.replace("n/a", "nan")) for k, v in row.items() if k in NUMBERS}}
+        for row in rows
+        if row["scene"] == scene and float(row["growth"]) == growth
+    )
 
 
 NUMBERS = ("sulci", "wavelength_mm", "degree", "height_skewness", "gyral_thickness_mm", "theory_degree")
@@ -47,7 +50,7 @@ def test_the_sphere_of_figure_3_grows_as_theory_says_until_it_folds(reproduced):
             assert abs(float(row["over_1d"])) < 5e-4
             assert abs(float(row["over_theory"])) < 5e-4
         else:
-            assert float(row["over_theory"]) < -1e-3                    # what grows then goes into folds
+            assert float(row["over_theory"]) < -1e-3  # what grows then goes into folds
 
 
 def test_a_thick_cortex_has_fewer_and_larger_folds(reproduced, monkeypatch):

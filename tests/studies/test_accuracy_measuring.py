@@ -54,13 +54,13 @@ def test_curvature_errors_are_those_of_another_calculation_and_fall_with_the_mes
     for quantity in (H, K):
         errors = [p.error for p in by(points, axis="mesh", quantity=quantity)]
         orders = -np.diff(np.log2(errors))
-        assert orders[-1] > 1.5                                             # second once bumps are resolved
+        assert orders[-1] > 1.5  # second once bumps are resolved
         assert (orders > 0).all()
     shape = bumpy(4, 0.0)
     found, corner = curvature(shape.verts, shape.faces), shape.verts[shape.faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
     for quantity, field in ((H, "H"), (K, "K")):
-        got, want = (getattr(x, field)[shape.faces] for x in (found, shape))       # thirds of triangles at corners
+        got, want = (getattr(x, field)[shape.faces] for x in (found, shape))  # thirds of triangles at corners
         expected = math.sqrt((area @ ((got - want) ** 2).sum(axis=1)) / (area @ (want**2).sum(axis=1)))
         (mine,) = by(points, axis="mesh", quantity=quantity, size=2562)
         assert mine.error == pytest.approx(expected, rel=1e-6)
@@ -77,7 +77,7 @@ def test_a_wrong_sign_is_an_error_of_two(alone, monkeypatch):
     points = measuring.curvature_over_scales("torus", lambda level: torus(80, 32), 0)
     assert [p.value for p in by(points, quantity=H)] == list(measuring.SCALES)
     assert all(p.error == pytest.approx(2, abs=0.2) for p in by(points, quantity=H))
-    assert all(p.error < 0.3 for p in by(points, quantity=K))              # of which the sign is none
+    assert all(p.error < 0.3 for p in by(points, quantity=K))  # of which the sign is none
 
 
 def test_the_scale_of_measure_is_three_millimetres_or_two_and_a_half_edges(alone, monkeypatch):
@@ -114,10 +114,10 @@ def test_the_pair_is_parallel_and_its_partners_have_slid():
     apart = np.linalg.norm(inner.verts - outer.verts, axis=1)
     assert np.median(apart) > GAP + 0.1
     directions = inner.verts / np.linalg.norm(inner.verts, axis=1, keepdims=True)
-    many = bumpy_sphere(6)                                                  # no point of the surface is nearer
+    many = bumpy_sphere(6)  # no point of the surface is nearer
     nearest = np.linalg.norm(many.verts[None] - inner.verts[:50, None], axis=2).min(axis=1)
     assert (nearest > GAP - 1e-9).all()
-    assert nearest.max() < math.hypot(GAP + 0.03, 1.1)                      # an edge of the many is 1 to 2 mm
+    assert nearest.max() < math.hypot(GAP + 0.03, 1.1)  # an edge of the many is 1 to 2 mm
     above = bumpy_sphere((directions, outer.faces))
     assert (np.linalg.norm(above.verts - inner.verts, axis=1) >= GAP - 1e-9).all()
 
@@ -148,7 +148,7 @@ def test_a_net_found_exactly_has_no_error_and_a_hinge_too_far_off_is_none():
         {"hinges": 0, "hinge places": 0, "crest lines": 0}, abs=1e-7
     )
     aside = np.cross(net.nodes[0], [0, 0.6, 0.8])
-    graph.nodes[0]["position"] = crown * net.nodes[0] + 6 * aside / np.linalg.norm(aside)   # over half a width of 9
+    graph.nodes[0]["position"] = crown * net.nodes[0] + 6 * aside / np.linalg.norm(aside)  # over half a width of 9
     n = len(net.nodes)
     assert measuring_folds.net_errors(graph, net)["hinges"] == pytest.approx(1 / n)
     assert measuring_folds.net_errors(nx.MultiGraph(), net)["hinges"] == 1
@@ -186,7 +186,7 @@ def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds()
 @pytest.mark.slow
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
     monkeypatch.setitem(resampling.ACCURACIES, "fine", resampling.Accuracy(0, 2501, 12.0))
-    cortex = replace(folded_ball(2500), units="cm")     # has no local index
+    cortex = replace(folded_ball(2500), units="cm")  # has no local index
     points = measuring_person.measures_of_person((2000,), cortex)
     truth, plain = measure(measuring_person.split(cortex)), measure(cortex)
     name = "crest_length_mm"
@@ -198,7 +198,7 @@ def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
     errors = [p.error for p in by(points, preset="standard") if p is not whole]
     assert whole.error == np.median(errors)
     fine = by(points, quantity="crest length", preset="fine")[0]
-    assert fine.error < 1e-9                                                # the split surface is what it measures
+    assert fine.error < 1e-9  # the split surface is what it measures
 
 
 def test_a_crushed_vertex_does_not_make_the_error_of_a_map():

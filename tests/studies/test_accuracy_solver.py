@@ -45,7 +45,7 @@ def where_theory_says(body):
 def test_the_theory_of_the_study_is_that_of_the_paper():
     r = theory_of(np.inf).at(1.0, "cortex").r[0]
     assert r == pytest.approx(47 / 50 * float(theory.deformed_radius(SMOOTH, 50 / 47)), rel=1e-9)
-    assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1               # the cortex pulls at a core that can give way
+    assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1  # the cortex pulls at a core that can give way
 
 
 def test_where_the_nodes_are_right_the_radius_has_no_error(body):
@@ -61,7 +61,7 @@ def test_a_displacement_too_large_by_a_share_has_that_error(body, share):
 def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_another_growth_is_not(body):
     x = where_theory_says(body)
     body.grow(SMOOTH)
-    assert stress_error(body, x, theory_of(50.0)) < 0.02                # of bricks a T long and half as wide
+    assert stress_error(body, x, theory_of(50.0)) < 0.02  # of bricks a T long and half as wide
     body.grow(1.05)
     assert stress_error(body, x, theory_of(50.0)) > 0.5
     body.grow(1.0)
@@ -118,15 +118,15 @@ def sphere(radius, level=4):
 
 def test_the_edge_that_is_built_is_that_of_the_mesh():
     setting = Setting("mesh", "h = 1.00 T", 1.0, edge=1.0)
-    assert setting.built == pytest.approx(setting.bilayer().edge / 3.0, rel=1e-12)           # T = 3
-    assert setting.built == pytest.approx(0.935, abs=5e-4)                                   # 28 cells on 78.5 mm
+    assert setting.built == pytest.approx(setting.bilayer().edge / 3.0, rel=1e-12)  # T = 3
+    assert setting.built == pytest.approx(0.935, abs=5e-4)  # 28 cells on 78.5 mm
     assert [s.value for s in axes()["mesh"]] == [s.built for s in axes()["mesh"]]
 
 
 def test_two_spheres_are_as_far_apart_as_their_radii():
     assert distance(sphere(10.0), sphere(10.5)) == pytest.approx(0.5, rel=0.01)
-    assert distance(sphere(10.0), sphere(10.0)) < 1e-6                  # VTK counts in single precision
-    assert distance(sphere(10.0), sphere(10.0, level=5)) < 0.02         # another mesh of the same
+    assert distance(sphere(10.0), sphere(10.0)) < 1e-6  # VTK counts in single precision
+    assert distance(sphere(10.0), sphere(10.0, level=5)) < 0.02  # another mesh of the same
 
 
 def folds(gi, wavelength, energy, radius=10.0):
@@ -136,16 +136,21 @@ def folds(gi, wavelength, energy, radius=10.0):
 
 def errors(settings, found, finest):
     return {
-        (s.words, against, p.quantity): p.error for s, better, against in pairs(settings, finest)
+        (s.words, against, p.quantity): p.error
+        for s, better, against in pairs(settings, finest)
         for p in fold_points(s, found[s.name], found[better.name], against)
-    }  # fmt: skip
+    }
 
 
 def test_folds_are_held_against_the_finest_mesh_or_against_the_last_of_their_axis():
     few, many = (Setting("layers", f"{n} layers", n, layers=n) for n in (1, 3))
     coarse, finest = (Setting("mesh", f"h = {h}", h, edge=h) for h in (1.0, 0.5))
-    found = {few.name: folds(1.2, 11.0, 90.0), many.name: folds(1.5, 10.0, 100.0), finest.name: folds(2.0, 10.0, 80.0),
-             coarse.name: folds(1.8, 10.5, 90.0)}  # fmt: skip
+    found = {
+        few.name: folds(1.2, 11.0, 90.0),
+        many.name: folds(1.5, 10.0, 100.0),
+        finest.name: folds(2.0, 10.0, 80.0),
+        coarse.name: folds(1.8, 10.5, 90.0),
+    }
     points = errors([few, many, coarse], found, finest)
     assert {key[:2] for key in points} == {("1 layers", "3 layers"), ("h = 1.0", MESH)}
     assert points["h = 1.0", MESH, "gyrification index, g = 2"] == pytest.approx(0.1)
@@ -158,7 +163,7 @@ def test_distance_is_counted_in_thicknesses():
     one, finest = Setting("mesh", "h", 1.0, edge=1.0), Setting("mesh", "finest", 0.5, edge=0.5)
     found = {one.name: folds(1, 1, 1, 10.6), finest.name: folds(1, 1, 1)}
     points = errors([one], found, finest)
-    assert points["h", MESH, "pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)         # T = 3
+    assert points["h", MESH, "pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3
 
 
 def test_folds_are_grown_once_and_read_again(tmp_path):

@@ -27,26 +27,47 @@ PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}
 def solver_point(edge, quantity="radius", against="theory", error=None, axis="mesh", **others):
     seconds = 10 * edge**-4.0
     made = Point(
-        "solver", "fig6-thick, octant", quantity, 0.01 * edge**2.0 if error is None else error, against, axis,
-        f"h = {edge:.2f} T", edge, round(1000 * edge**-2), seconds, seconds, seconds, preset=PRESETS.get(edge, ""),
-    )  # fmt: skip
+        "solver",
+        "fig6-thick, octant",
+        quantity,
+        0.01 * edge**2.0 if error is None else error,
+        against,
+        axis,
+        f"h = {edge:.2f} T",
+        edge,
+        round(1000 * edge**-2),
+        seconds,
+        seconds,
+        seconds,
+        preset=PRESETS.get(edge, ""),
+    )
     return replace(made, **others)
 
 
 def measuring_point(n, method=OURS, seconds=None, error=None, **others):
     seconds = 1e-5 * n if seconds is None else seconds
     made = Point(
-        "measuring", "bumpy sphere", "mean curvature", 50.0 / n if error is None else error, "exact", "mesh",
-        f"{n:,} vertices", n**-0.5, n, seconds, 0.9 * seconds, 1.2 * seconds, 5, method,
-    )  # fmt: skip
+        "measuring",
+        "bumpy sphere",
+        "mean curvature",
+        50.0 / n if error is None else error,
+        "exact",
+        "mesh",
+        f"{n:,} vertices",
+        n**-0.5,
+        n,
+        seconds,
+        0.9 * seconds,
+        1.2 * seconds,
+        5,
+        method,
+    )
     return replace(made, **others)
 
 
 @pytest.fixture
 def points():
-    folded = [
-        solver_point(e, "gyrification index, g = 2", MESH, 0.05 * e**1.5) for e in EDGES
-    ]
+    folded = [solver_point(e, "gyrification index, g = 2", MESH, 0.05 * e**1.5) for e in EDGES]
     layers = [
         solver_point(0.45, f"{what}, g = 2", "6 elements through the cortex", error, axis="layers", value=3)
         for what, error in (("wavelength", 0.02), ("gyrification index", 0.03))
@@ -73,12 +94,21 @@ def test_a_case_is_done_once_and_gives_the_same_points_when_read_again(tmp_path)
     assert len(calls) == 1
 
 
-@pytest.mark.parametrize("text", [
-    "", "[]", '{"points": 5}', '{"points": [{}]}', '{"points": [{"half": 5}]}', '{"points": [{"brain": "x"}]}',
-    json.dumps({"points": [{**measuring_point(1000).as_row(), "size": "many"}]}),
-    json.dumps({"points": [{**measuring_point(1000).as_row(), "seconds": None}]}),
-    json.dumps({"points": [{**measuring_point(1000).as_row(), "half": None}]}), "[" * 10**5,
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"points": 5}',
+        '{"points": [{}]}',
+        '{"points": [{"half": 5}]}',
+        '{"points": [{"brain": "x"}]}',
+        json.dumps({"points": [{**measuring_point(1000).as_row(), "size": "many"}]}),
+        json.dumps({"points": [{**measuring_point(1000).as_row(), "seconds": None}]}),
+        json.dumps({"points": [{**measuring_point(1000).as_row(), "half": None}]}),
+        "[" * 10**5,
+    ],
+)
 def test_a_damaged_case_is_refused_with_its_name(tmp_path, text):
     kept = Kept(tmp_path, {})
     (kept.folder / "one.json").write_text(text)
@@ -95,8 +125,10 @@ def test_damaged_folds_are_refused_with_their_name(tmp_path, content):
 
 def test_a_case_of_another_machine_is_done_anew(tmp_path):
     here, there = {"processor": "a"}, {"processor": "b"}
-    one, other = (Kept(tmp_path, made).points(Case("one", lambda n=n: [measuring_point(n)]))[0]
-                  for made, n in ((here, 1000), (there, 2000)))
+    one, other = (
+        Kept(tmp_path, made).points(Case("one", lambda n=n: [measuring_point(n)]))[0]
+        for made, n in ((here, 1000), (there, 2000))
+    )
     assert (one.size, other.size) == (1000, 2000)
 
 
@@ -128,7 +160,7 @@ def failed(n=10_242, method="a peer", why="did not come to an end"):
 
 
 def test_a_peer_that_failed_is_told_and_takes_no_part(tmp_path, points):
-    again, = Kept(tmp_path, {}).points(Case("one", lambda: [failed()]))
+    (again,) = Kept(tmp_path, {}).points(Case("one", lambda: [failed()]))
     assert again.repeats == 0
     assert np.isnan(again.error)
     rows = peer_rows([*points, again])
@@ -188,7 +220,7 @@ def test_laws_are_those_that_the_points_were_made_by(points):
     assert radius["error_power"] == pytest.approx(2)
     assert radius["half_the_error"] == pytest.approx(4)
     assert gi["error_power"] == pytest.approx(1.5, abs=1e-3)
-    assert curvature["error_power"] == pytest.approx(2)                 # of the edge, for 1/n in vertices
+    assert curvature["error_power"] == pytest.approx(2)  # of the edge, for 1/n in vertices
     assert curvature["half_the_error"] == pytest.approx(2, rel=1e-4)
 
 
@@ -203,7 +235,7 @@ def test_presets_carry_their_measured_error_and_that_of_the_law(points):
     rows = {(row["preset"], row["quantity"]): row for row in preset_rows(points)}
     assert rows["standard", "radius"]["error"] == pytest.approx(0.01 * 0.45**2)
     assert rows["draft", "gyrification index, g = 2"]["error_by_law"] == pytest.approx(0.05 * 0.6**1.5, rel=1e-2)
-    assert ("standard", "wavelength, g = 2") not in rows                # of another axis
+    assert ("standard", "wavelength, g = 2") not in rows  # of another axis
 
 
 def test_the_error_of_standard_is_told_axis_by_axis(points):
@@ -219,7 +251,7 @@ def test_a_forecast_is_given_the_laws(points):
     assert told["radius"]["coefficient"] == pytest.approx(0.01)
     assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
     assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.27, 1.2)
-    assert told["gyrification index"]["other"] == pytest.approx(0.05)   # layers and pace; kappa/mu is the body's own
+    assert told["gyrification index"]["other"] == pytest.approx(0.05)  # layers and pace; kappa/mu is the body's own
     assert told["radius"]["other"] == 0
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
@@ -230,11 +262,17 @@ def test_a_forecast_of_an_analysis_is_given_the_errors_of_the_persons_presets(po
         made, subject=subject, quantity=quantity, error=error, preset=preset, size=n, against="split surface"
     )
     points = [
-        *points, person("draft", "hinges", 0.03), person("standard", "hinges", 0.02), person("fine", "hinges", 0.01),
-        person("standard", "mean curvature", 0.05, "S1, pial"), person("standard", "mean curvature", 0.9, "S1, white"),
-        person("standard", "crest length", 0.01), person("fine", "crest length", 0.02),        # by chance
-        person("", "hinges", 0.8), person("standard", "hinges", 0.4, "S1 at 10,000 vertices", 10_001),
-    ]  # fmt: skip
+        *points,
+        person("draft", "hinges", 0.03),
+        person("standard", "hinges", 0.02),
+        person("fine", "hinges", 0.01),
+        person("standard", "mean curvature", 0.05, "S1, pial"),
+        person("standard", "mean curvature", 0.9, "S1, white"),
+        person("standard", "crest length", 0.01),
+        person("fine", "crest length", 0.02),  # by chance
+        person("", "hinges", 0.8),
+        person("standard", "hinges", 0.4, "S1 at 10,000 vertices", 10_001),
+    ]
     whole, thinned = expected_errors(points)["measuring"]
     assert (whole["subject"], whole["vertices"], thinned["vertices"]) == ("S1", 150_000, 10_001)
     assert whole["quantities"] == {
@@ -259,7 +297,7 @@ def test_a_study_writes_what_its_summary_says(study):
     assert all((study / name).stat().st_size > 0 for name in summary["files"])
     assert {"points.tsv", "figures/overview.png", "figures/solver.png"} <= set(summary["files"])
     assert len(tables["points"]) == 20
-    assert sum(row["front"] for row in tables["points"]) == 17          # the three of the peer are beaten
+    assert sum(row["front"] for row in tables["points"]) == 17  # the three of the peer are beaten
 
 
 def test_a_study_of_one_half_says_what_it_lacks(points, tmp_path):
@@ -295,7 +333,7 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     assert told["errors"]["quantities"].keys() >= {"radius"}
     before = text
     write_page(study, page)
-    assert page.read_text() == before                                   # the same study gives the same page
+    assert page.read_text() == before  # the same study gives the same page
 
 
 def test_a_page_without_a_mark_is_left_alone(study, page, capsys):
@@ -326,8 +364,13 @@ _STUDY: dict[str, object] = {"shows": SHOWS, "made": {}, "halves": [], "files": 
 def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
     assert write([str(tmp_path), str(page)]) == 2
     assert "summary.json" in capsys.readouterr().err
-    for content in ("", "[]", '{"shows": "folds"}', json.dumps({**_STUDY, "shows": "folds"}),
-                    json.dumps({**_STUDY, "files": 5})):  # fmt: skip
+    for content in (
+        "",
+        "[]",
+        '{"shows": "folds"}',
+        json.dumps({**_STUDY, "shows": "folds"}),
+        json.dumps({**_STUDY, "files": 5}),
+    ):
         (tmp_path / "summary.json").write_text(content)
         assert write([str(tmp_path), str(page)]) == 2
         assert "summary.json" in capsys.readouterr().err

@@ -30,7 +30,7 @@ def test_made_up_subjects_are_whole_of_other_sizes_and_stay(tmp_path):
     found = [read_cortex(folder, "lh") for folder in folders]
     assert len({cortex.pial.verts.max() for cortex in found}) == 3
     assert all(len(cortex.regions.names) == REGIONS for cortex in found)
-    (folders[0] / "label" / "lh.aparc.annot").unlink()                  # as if it had been stopped there
+    (folders[0] / "label" / "lh.aparc.annot").unlink()  # as if it had been stopped there
     when = (folders[1] / "surf" / "lh.white").stat().st_mtime_ns
     assert write_subjects(tmp_path, 3) == folders
     assert (folders[0] / "label" / "lh.aparc.annot").is_file()
@@ -38,7 +38,7 @@ def test_made_up_subjects_are_whole_of_other_sizes_and_stay(tmp_path):
 
 
 def test_what_is_counted_is_there(tmp_path, here_fleet):
-    tmp_path /= "group"                                                 # a name that parts of it have, too
+    tmp_path /= "group"  # a name that parts of it have, too
     found = measure_load(tmp_path, 5, 2)
     group = tmp_path / "cohort-5-2" / "group"
     assert found.rows == 5 * (len(SCALARS) + REGIONS * len(REGION_MEASURES))
@@ -48,10 +48,11 @@ def test_what_is_counted_is_there(tmp_path, here_fleet):
     of_one = sum(
         file.stat().st_size
         for name in ("subjects/sub-00000", "logs/sub-00000.log", "records/sub-00000.json")
-        for file in [tmp_path / "cohort-5-2" / name, *(tmp_path / "cohort-5-2" / name).rglob("*")] if file.is_file()
-    )  # fmt: skip
+        for file in [tmp_path / "cohort-5-2" / name, *(tmp_path / "cohort-5-2" / name).rglob("*")]
+        if file.is_file()
+    )
     assert found.subject_bytes == pytest.approx(of_one, rel=0.02)
-    assert measure_load(tmp_path, 5, 2).rows == found.rows              # anew, and not found done
+    assert measure_load(tmp_path, 5, 2).rows == found.rows  # anew, and not found done
     assert any(f"{found.rows:,} rows" in line for line in text_table([found]))
 
 

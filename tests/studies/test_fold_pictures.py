@@ -32,7 +32,7 @@ def test_displacement_is_measured_from_the_stage_before_growth(tmp_path):
 def test_limits_go_from_zero_to_a_round_number_above_nearly_all(rng):
     verts, faces = icosphere(3)
     values = rng.uniform(0, 12.3, len(verts))
-    values[0] = 40.0                                            # one point doesn't set the colours of all
+    values[0] = 40.0  # one point doesn't set the colours of all
     assert row_limits([Panel("", Surface(verts, faces), values), ball(1, 3)]) == (0, 15)
 
 
@@ -40,11 +40,11 @@ def test_all_panels_have_one_scale_and_the_ruler_is_right():
     image = picture([[ball(50, 1), ball(25, 1)]], DISPLACEMENT, [(0, 2)], backend="raster")
     wide = pictures.WIDEST
     sizes = [np.ptp(drawn(image, 20 + k * wide, 20, wide, wide)[1]) + 1 for k in (0, 1)]
-    assert sizes[0] == pytest.approx(wide - 20, abs=3)          # the widest fills its column but for the gap
+    assert sizes[0] == pytest.approx(wide - 20, abs=3)  # the widest fills its column but for the gap
     assert sizes[1] == pytest.approx(sizes[0] / 2, abs=3)
     dark = (image == 60).all(axis=2)
     runs = [np.flatnonzero(row[:wide]) for row in dark if row[:wide].sum() > 50]
-    assert len(runs) == 3                                       # the ruler: three rows of one length
+    assert len(runs) == 3  # the ruler: three rows of one length
     assert len(runs[0]) / sizes[0] == pytest.approx(20 / 100, abs=0.01)
 
 

@@ -50,7 +50,7 @@ def test_outer_radius_is_exact_at_vertices_and_on_faces():
 
 def test_outer_radius_is_the_first_hit_from_outside_however_many_lie_below():
     verts, faces = icosphere(1, radius=10.0)
-    shells = joined(*(verts * (1 + k / 100) for k in range(70)), faces=faces)       # more hits than there is room for
+    shells = joined(*(verts * (1 + k / 100) for k in range(70)), faces=faces)  # more hits than there is room for
     np.testing.assert_allclose(outer_radius(shells, verts / 10), 16.9, rtol=1e-12)
 
 
@@ -65,7 +65,7 @@ def test_a_harmonic_of_order_m_turned_by_an_angle_correlates_at_its_cosine(m, an
     """<Y cos(m phi), Y cos(m (phi - a))> = cos(m a) on the sphere."""
     verts, faces = icosphere(5, radius=50.0)
     c, s = math.cos(angle), math.sin(angle)
-    turned = verts @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])       # meshes that have nothing in common
+    turned = verts @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])  # meshes that have nothing in common
 
     def radius(points):
         surface = Surface(points * (1 + 0.02 * harmonic(verts, 6, m))[:, None], faces)
@@ -95,16 +95,34 @@ def fold(scene="fig5", level="draft", seed=0, growth=1.5, **more):
     """A row of folds; wavelengths are 9 T + 1, in theory 8 T, of a film 5 T."""
     T = {"fig6-thin": 1.0, "fig6-thick": 3.0}.get(scene, 2.0)
     return {
-        "scene": scene, "level": level, "seed": seed, "edge_mm": 1.0, "growth": growth, "thickness_mm": T,
-        "law": "isotropic", "mu_ratio": 2.0, "gyrification_index": 1.5, "gyri": 40, "sulci": 60,
-        "wavelength_mm": 9 * T + 1, "gyral_thickness_mm": 5 * T, "cortical_thickness_mm": 2 * T,
-        "theory_wavelength_mm": 8 * T, "film_wavelength_mm": 5 * T, "note": None, **more,
-    }  # fmt: skip
+        "scene": scene,
+        "level": level,
+        "seed": seed,
+        "edge_mm": 1.0,
+        "growth": growth,
+        "thickness_mm": T,
+        "law": "isotropic",
+        "mu_ratio": 2.0,
+        "gyrification_index": 1.5,
+        "gyri": 40,
+        "sulci": 60,
+        "wavelength_mm": 9 * T + 1,
+        "gyral_thickness_mm": 5 * T,
+        "cortical_thickness_mm": 2 * T,
+        "theory_wavelength_mm": 8 * T,
+        "film_wavelength_mm": 5 * T,
+        "note": None,
+        **more,
+    }
 
 
 def test_meshes_are_compared_in_pairs_at_the_first_seed():
-    rows = [fold(level="draft"), fold(level="standard", gyrification_index=1.56, gyri=50, wavelength_mm=17.1),
-            fold(level="fine", gyri=50, wavelength_mm=None), fold(level="standard", seed=1, gyri=7)]  # fmt: skip
+    rows = [
+        fold(level="draft"),
+        fold(level="standard", gyrification_index=1.56, gyri=50, wavelength_mm=17.1),
+        fold(level="fine", gyri=50, wavelength_mm=None),
+        fold(level="standard", seed=1, gyri=7),
+    ]
     wave = np.cos(np.arange(8) * np.pi / 4)
     radius = {"draft": wave, "standard": 3 - wave, "fine": 2 * wave}
     radii = {("fig5", level, 0, 1.5): values for level, values in radius.items()}
@@ -140,10 +158,13 @@ def test_the_slope_goes_through_three_thicknesses_and_all_seeds():
     rows.append(fold("fig7-ratio1", wavelength_mm=500.0))
     wave, width = statistics.slope_rows(rows)
     assert (wave["number"], width["number"], wave["points"], wave["thicknesses"]) == (
-        "wavelength_mm", "gyral_thickness_mm", 9, 3,
-    )  # fmt: skip
+        "wavelength_mm",
+        "gyral_thickness_mm",
+        9,
+        3,
+    )
     assert (wave["slope"], wave["intercept"]) == (pytest.approx(9), pytest.approx(1))
-    assert wave["standard_error"] == pytest.approx(math.sqrt(1.5 / 7 / 6))      # s^2 = 6 (1/4) / (9 - 2), Sxx = 6
+    assert wave["standard_error"] == pytest.approx(math.sqrt(1.5 / 7 / 6))  # s^2 = 6 (1/4) / (9 - 2), Sxx = 6
     assert (wave["theory_slope"], wave["film_slope"]) == (pytest.approx(8), pytest.approx(5))
     assert width["slope"] == pytest.approx(5)
     assert width["theory_slope"] is None
@@ -363,7 +384,7 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
 
 @pytest.mark.slow
 def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsys, monkeypatch):
-    monkeypatch.setitem(scenes.LEVELS, "draft", 6.0)                    # six edges to a quarter of a great circle
+    monkeypatch.setitem(scenes.LEVELS, "draft", 6.0)  # six edges to a quarter of a great circle
     monkeypatch.setitem(scenes.LEVELS, "standard", 4.5)
     argv = ["bench", "folds", "-o", "out", "--scenes", "fig6-thick", "--levels", "standard,draft", "--seeds", "0,3"]
     argv += ["--growth", "1.05,1.1", "-q"]

@@ -118,10 +118,14 @@ def egg():
         direction = verts / np.linalg.norm(verts, axis=1, keepdims=True)
         pial = direction * (50 + 3 * direction[:, 2:] ** 2 - 1)
         sphere, egg = (
-            Cortex(Surface(0.96 * at, faces), Surface(at, faces), maps={"thickness": np.full(len(at), 2.0)},
-                   info={"reference_thickness": 2.0, "health": {"crossings": 0, "deepest_crossing": 0.0}})
+            Cortex(
+                Surface(0.96 * at, faces),
+                Surface(at, faces),
+                maps={"thickness": np.full(len(at), 2.0)},
+                info={"reference_thickness": 2.0, "health": {"crossings": 0, "deepest_crossing": 0.0}},
+            )
             for at in (50 * direction, pial)
-        )  # fmt: skip
+        )
         return tables.measured(sphere, egg)
 
     return {offset: measured(offset) for offset in (0.0, 0.5)}

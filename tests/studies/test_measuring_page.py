@@ -33,8 +33,18 @@ def made_times(power=1.0):
 
 
 def made_hinges():
-    base = {"length": "", "factor": 1.0, "mm": np.nan, "n_hinges": 20, "n_hinges_3": 19, "n_hinges_4": 1,
-            "n_ends": 0, "crest_length_mm": 812.4, "kept": 1.0, "old": 1.0}  # fmt: skip
+    base = {
+        "length": "",
+        "factor": 1.0,
+        "mm": np.nan,
+        "n_hinges": 20,
+        "n_hinges_3": 19,
+        "n_hinges_4": 1,
+        "n_ends": 0,
+        "crest_length_mm": 812.4,
+        "kept": 1.0,
+        "old": 1.0,
+    }
     return [base] + [
         {**base, "length": length, "factor": factor, "mm": 2 * factor, "n_hinges": round(20 / factor), "kept": 0.75}
         for length in ("persistence", "merge")
@@ -48,7 +58,7 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
     assert cortex.n_vertices == 4000
     assert is_closed(cortex.faces)
     assert ball.scalars["euler_characteristic"] == 2
-    assert ball.scalars["gyrification_index"] > 1.05                    # folded at all
+    assert ball.scalars["gyrification_index"] > 1.05  # folded at all
     assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(THICKNESS, rel=0.05)
     with pytest.raises(ValueError, match=r"\b1,000\b.*\b999\b"):
         folded_ball(999)
@@ -78,7 +88,7 @@ def test_the_exponent_is_that_of_n_log_n(power):
 def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
     assert main(["bench", "measures", "--vertices", sizes]) == 2
     said = capsys.readouterr().err
-    if not sizes:                                                       # argparse's refusal has no code
+    if not sizes:  # argparse's refusal has no code
         assert " --vertices: " in said
         return
     assert f"{sizes!r}" in said
@@ -105,7 +115,7 @@ def test_crest_lines_have_the_colours_of_their_kind(ball):
         assert 0.01 < share < 0.3
     gyral = (row.rgb == [0xD5, 0x5E, 0x00]).all(axis=1)
     height = np.linalg.norm(ball.cortex.pial.verts, axis=1)
-    assert height[gyral].mean() > height.mean() + 2                     # on the crowns
+    assert height[gyral].mean() > height.mean() + 2  # on the crowns
     picture = crest_figure([row])
     assert picture.ndim == 3
 
@@ -113,8 +123,11 @@ def test_crest_lines_have_the_colours_of_their_kind(ball):
 def made_pages(folder, **texts):
     """A folder of pages with marks, and a file of times beside it."""
     folder.mkdir()
-    for name, text in {"index": "# By hand\n<!-- speed -->\n<!-- /speed -->\n",
-                       "gyral_net": "<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n", **texts}.items():  # fmt: skip
+    for name, text in {
+        "index": "# By hand\n<!-- speed -->\n<!-- /speed -->\n",
+        "gyral_net": "<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n",
+        **texts,
+    }.items():
         (folder / f"{name.replace('_', '-')}.md").write_text(text)
     speed = folder.with_suffix(".json")
     speed.write_text(json.dumps(made_times()))
@@ -134,9 +147,21 @@ def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatc
     assert "old" not in text
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
     assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
-    names = {"H", "shape-index", "sulcal-depth", "local-gyrification-index", "cortical-thickness", "gyral-thickness",
-             "crest-lines", "gyral-net", "speed", "sensitivity", "wavelength", "fractal-dimension",
-             "section"}  # fmt: skip
+    names = {
+        "H",
+        "shape-index",
+        "sulcal-depth",
+        "local-gyrification-index",
+        "cortical-thickness",
+        "gyral-thickness",
+        "crest-lines",
+        "gyral-net",
+        "speed",
+        "sensitivity",
+        "wavelength",
+        "fractal-dimension",
+        "section",
+    }
     assert {path.name for path in folder.iterdir()} == {"index.md", "gyral-net.md", *(f"{name}.png" for name in names)}
 
 
@@ -152,11 +177,11 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
     assert len(widths) == len(chords) >= 1
     for width, ends in zip(widths, chords):
         assert ((ends > [low, bottom]) & (ends < [high, top])).all()
-        assert 0.6 < width / np.linalg.norm(ends[1] - ends[0]) < 1.05   # less at slanted walls
+        assert 0.6 < width / np.linalg.norm(ends[1] - ends[0]) < 1.05  # less at slanted walls
         at = np.abs(gyri.points[:, [0, 2]] - ends[0]).sum(axis=1).argmin()
         assert round(gyri.width[at], 1) == width
     pial = ax.lines[0].get_xydata()
-    radius = np.nanmax(np.linalg.norm(pial, axis=1))                    # of a plane cut of a ball about the origin
+    radius = np.nanmax(np.linalg.norm(pial, axis=1))  # of a plane cut of a ball about the origin
     assert 10 < radius <= np.linalg.norm(ball.cortex.pial.verts, axis=1).max()
     with pytest.raises(NoSolution):
         section_plot.section_figure(ball.cortex, replace(gyri, partner=np.full_like(gyri.partner, np.nan)))

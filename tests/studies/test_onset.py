@@ -44,14 +44,14 @@ def test_the_onset_of_a_coarse_octant_is_near_its_bifurcation_and_the_theory():
 
 @pytest.mark.slow
 def test_the_difference_falls_to_the_onset_and_rises_after_it():
-    scene = strip(*COARSE, "effects.inertia={}", 'effects.ramp={shape = "smooth"}')     # both are left out
+    scene = strip(*COARSE, "effects.inertia={}", 'effects.ramp={shape = "smooth"}')  # both are left out
     found = onset.onset(scene, rate=0.5)
     at = int(found.difference.argmin())
     assert (np.diff(found.difference[:at]) < 0).all()
     assert (np.diff(found.difference[at:]) > 0).all()
     assert abs(found.growth[at] - found.g) < 3 * np.diff(found.growth).max()
     assert found.difference[-1] > onset.RISE * found.difference[at] >= found.difference[-2]
-    assert found.difference[0] < onset.KICK * scene.geometry.cortex_thickness           # it was kicked by as much
+    assert found.difference[0] < onset.KICK * scene.geometry.cortex_thickness  # it was kicked by as much
     assert np.array_equal(found.growth, onset.onset(strip(*COARSE), rate=0.5).growth)
 
 
@@ -59,7 +59,7 @@ def test_the_least_of_a_difference_is_found_between_the_growths_that_were_looked
     growth = np.linspace(1.1, 1.3, 60)
     parabola = np.exp(900 * (growth - 1.2034) ** 2 - 7)
     assert _least(growth, parabola) == pytest.approx(1.2034, abs=1e-12)
-    far = np.where(abs(growth - 1.2034) > 0.05, 1.0, parabola)                          # what is far doesn't count
+    far = np.where(abs(growth - 1.2034) > 0.05, 1.0, parabola)  # what is far doesn't count
     assert _least(growth, far) == pytest.approx(1.2034, abs=1e-12)
     cosh = np.cosh(60 * (growth - 1.2034))
     assert _least(growth, cosh) == pytest.approx(1.2034, abs=2e-4)

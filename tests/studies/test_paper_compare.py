@@ -41,7 +41,7 @@ def ball():
 
 
 def test_lines_are_those_of_points_on_lines():
-    brain = made_measures(regions=True)                                 # gyral = 1 + 3 cortical thickness
+    brain = made_measures(regions=True)  # gyral = 1 + 3 cortical thickness
     for row, t in zip(brain.regions, (2.0, 2.5, 3.5)):
         row["thickness_file_mm"] = 2 * t
     crests = [{"cortical_thickness_mm": t, "gyral_thickness_mm": 5 - t} for t in (1.0, 2.0, 2.5)]
@@ -60,7 +60,7 @@ def test_lines_are_those_of_points_on_lines():
     assert (rows["S", "crests"]["slope"], rows["S", "crests"]["n"]) == pytest.approx((-1, 3))
     bodies = rows["models", "bodies"]
     assert (bodies["slope"], bodies["intercept_mm"], bodies["gyral_over_cortical"]) == pytest.approx((2.5, 0, 2.5))
-    assert rows["T = 2", "crests"]["slope"] is None                     # it has no crests
+    assert rows["T = 2", "crests"]["slope"] is None  # it has no crests
 
 
 @pytest.mark.slow
@@ -80,19 +80,19 @@ def test_a_patch_lies_in_the_frame_of_its_hinge(ball):
     width = ball.graph.graph["scales"].width
     for pose in range(6):
         patch = hinge_patch(ball, hinge.node, pose)
-        verts = patch.surface.verts[:-2]                                # the last two belong to no face
-        assert np.linalg.norm(verts, axis=1).min() < 0.2                # the hinge is the origin
+        verts = patch.surface.verts[:-2]  # the last two belong to no face
+        assert np.linalg.norm(verts, axis=1).min() < 0.2  # the hinge is the origin
         assert np.linalg.norm(verts, axis=1).max() < 1.15 * REACH
         back = np.radians(TILT)
         flat = verts @ np.array([[1, 0, 0], [0, np.cos(back), np.sin(back)], [0, -np.sin(back), np.cos(back)]])
-        arm = np.array(hinge.arms[pose % 3].direction) * width          # a width along the arm, in the patch: (1, 0, 0)
+        arm = np.array(hinge.arms[pose % 3].direction) * width  # a width along the arm, in the patch: (1, 0, 0)
         pial = ball.cortex.pial.verts - ball.cortex.pial.verts[hinge.vertex]
         tip = pial[np.argmin(np.linalg.norm(pial - arm, axis=1))]
         lengths = np.linalg.norm(flat, axis=1), np.linalg.norm(flat - [1, 0, 0], axis=1)
         same = np.hypot(lengths[0] - np.linalg.norm(tip) / width, lengths[1] - np.linalg.norm(tip - arm) / width)
-        assert same.min() < 1e-6                                        # as far from the hinge, and from that place
+        assert same.min() < 1e-6  # as far from the hinge, and from that place
     one, other = (hinge_patch(ball, hinge.node, pose).surface for pose in (0, 3))
-    assert np.abs(one.verts[:-2, 0] - other.verts[:-2, 0]).max() < 1e-9     # mirrored across the first arm
+    assert np.abs(one.verts[:-2, 0] - other.verts[:-2, 0]).max() < 1e-9  # mirrored across the first arm
     np.testing.assert_array_equal(one.faces, other.faces[:, ::-1])
 
 
@@ -107,9 +107,9 @@ def test_a_hinge_that_is_not_there_is_refused(ball):
 def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
     (hinge, *_) = (h for h in hinges(ball.graph) if h.degree == 3)
     patch = hinge_patch(ball, hinge.node)
-    assert in_sight(patch) > 0.9                                        # on a ridge
+    assert in_sight(patch) > 0.9  # on a ridge
     n, surface = len(patch.surface.verts), patch.surface
-    verts = np.concatenate([surface.verts, [[-3, -3, 5], [3, -3, 5], [0, 6, 5]]])                    # a lid
+    verts = np.concatenate([surface.verts, [[-3, -3, 5], [3, -3, 5], [0, 6, 5]]])  # a lid
     behind = replace(surface, verts=verts, faces=np.concatenate([surface.faces, [[n, n + 1, n + 2]]]))
     rgb = np.concatenate([patch.rgb, np.full((3, 3), 9, dtype=np.uint8)])
     assert in_sight(replace(patch, surface=behind, rgb=rgb)) < 0.3
@@ -130,7 +130,7 @@ def test_pairs_are_drawn_in_columns(ball):
     half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL * len(pairs)
     upper, lower = picture[16 : 16 + half - 30, left:], picture[16 + half : 16 + 2 * half - 30, left:]
     assert (upper != 255).mean() > 0.1
-    np.testing.assert_array_equal(upper, lower)                         # each hinge is its own match
+    np.testing.assert_array_equal(upper, lower)  # each hinge is its own match
 
 
 @pytest.mark.parametrize(("group", "others"), [("ball", "B"), ("fsaverage5 lh", "a group"), ("N" * 60, "M" * 60)])

@@ -93,7 +93,7 @@ def test_no_curve_of_the_paper_leaves_its_axes_unannounced(draw):
         for label, line in lines(ax).items():
             y = np.asarray(line.get_ydata())
             assert np.nanmin(y) >= low
-            assert np.nanmax(y) <= high or "Eq. (12)" in label          # which has no bound
+            assert np.nanmax(y) <= high or "Eq. (12)" in label  # which has no bound
 
 
 def test_curves_differ_in_colour_and_in_dashes_too():
@@ -116,7 +116,7 @@ def test_every_axis_is_labelled(cases):
 
 def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
     figure = theory_plots.bifurcation_curves(cases)
-    assert len(figure.axes) == 4                                        # two laws, two mu ratios
+    assert len(figure.axes) == 4  # two laws, two mu ratios
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     for case in cases:
         ax = next(a for a, t in zip(figure.axes, titles) if case.law in t and t.endswith(f"= {case.mu_ratio:g}"))
@@ -237,9 +237,14 @@ def test_what_is_not_found_has_its_reason(cases):
 
 @pytest.mark.parametrize(
     ("wrinkle", "crease", "first"),
-    [(1.2, 1.4, "wrinkle"), (1.4, 1.2, "crease"), (1.2, np.nan, "wrinkle"), (np.nan, 1.2, "crease"),
-     (np.nan, np.nan, None)],
-)  # fmt: skip
+    [
+        (1.2, 1.4, "wrinkle"),
+        (1.4, 1.2, "crease"),
+        (1.2, np.nan, "wrinkle"),
+        (np.nan, 1.2, "crease"),
+        (np.nan, np.nan, None),
+    ],
+)
 def test_a_row_says_what_needs_the_least_growth(cases, wrinkle, crease, first):
     found = replace(cases[0].bifurcation, g_crit=wrinkle, g_crease=crease)
     assert replace(cases[0], bifurcation=found).row()["first"] == first
@@ -315,10 +320,14 @@ def rows_of(path):
         return list(csv.DictReader(file, delimiter="\t"))
 
 
-@pytest.mark.parametrize(("table", "draw", "panel", "y"), [
-    ("fig3a", paper_theory.fig3, 0, "c_over_B"), ("fig3b", paper_theory.fig3, 1, "sigma_theta_over_mu_cortex"),
-    ("fig4", paper_theory.fig4, 0, "g_crease"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("table", "draw", "panel", "y"),
+    [
+        ("fig3a", paper_theory.fig3, 0, "c_over_B"),
+        ("fig3b", paper_theory.fig3, 1, "sigma_theta_over_mu_cortex"),
+        ("fig4", paper_theory.fig4, 0, "g_crease"),
+    ],
+)
 def test_the_table_holds_the_points_of_the_panel(reproduced, table, draw, panel, y):
     rows = [row for row in rows_of(reproduced[0] / f"{table}.tsv") if row["source"] == "theory"]
     drawn = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
@@ -364,7 +373,7 @@ def test_a_radius_in_three_dimensions_is_a_mean_and_says_if_the_sphere_is_folded
     assert [row["folded"] for row in rows] == ["0"] * 8 + ["1"]
     for row in rows:
         assert float(row["over_theory"]) == pytest.approx(1e-3, abs=2e-5)
-    assert float(rows[5]["over_1d"]) == pytest.approx(1e-3 + 2.87e-4, abs=3e-5)     # kappa/mu 50 gives way by 0.0287 %
+    assert float(rows[5]["over_1d"]) == pytest.approx(1e-3 + 2.87e-4, abs=3e-5)  # kappa/mu 50 gives way by 0.0287 %
 
 
 def test_elements_of_figure_3_are_drawn_where_the_table_says():

@@ -24,8 +24,17 @@ def fold(scene, g, T=2.0, **more):
     """A row of a table of folds whose wavelength is 9 T, and at g = 2 10 T + 1 mm."""
     numbers = dict.fromkeys(tables.COLUMNS, 1.0)
     wavelength = 10 * T + 1 if g == 2 else 9 * T
-    return {"scene": scene, "level": "draft", "growth": g, "thickness_mm": T, **numbers, "wavelength_mm": wavelength,
-            "theory_wavelength_mm": 8 * T, "note": None, **more}  # fmt: skip
+    return {
+        "scene": scene,
+        "level": "draft",
+        "growth": g,
+        "thickness_mm": T,
+        **numbers,
+        "wavelength_mm": wavelength,
+        "theory_wavelength_mm": 8 * T,
+        "note": None,
+        **more,
+    }
 
 
 @pytest.fixture
@@ -43,11 +52,12 @@ def out(tmp_path):
         (folder / f"{name}.png").write_bytes(png_bytes(np.full((40, 60, 3), 90, dtype=np.uint8)))
     figures = {
         name: {
-            "shows": "", "files": [f"{name}.png", f"{name}.tsv"],
+            "shows": "",
+            "files": [f"{name}.png", f"{name}.tsv"],
             "simulations": [{**TOLD, "healthy": True, "warnings": []}],
         }
         for name in rows
-    }  # fmt: skip
+    }
     figures["fig4"] = {"shows": "", "files": []}
     (folder / "summary.json").write_text(json.dumps({"figures": figures}))
     return folder
@@ -115,7 +125,7 @@ def test_a_run_that_is_not_healthy_is_told(out, page):
 
 def test_pictures_are_halved(out, page):
     image = np.zeros((41, 60, 3), dtype=np.uint8)
-    image[::2, ::2] = 208                                               # a mean of 52, which is a step of four
+    image[::2, ::2] = 208  # a mean of 52, which is a step of four
     (out / "fig5.png").write_bytes(png_bytes(image))
     paper_page.write_page(out, page)
     small = np.round(255 * imread(page.parent / "fig5.png"))
@@ -139,7 +149,7 @@ def test_the_page_of_the_docs_has_a_place_for_every_figure():
     text = PAGE.read_text(encoding="utf-8")
     for name in set(figures.PARTS) - {"fig4"}:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
-        assert any(PAGE.parent.glob(f"{name}*.png"))                    # test_docs.py follows each link
+        assert any(PAGE.parent.glob(f"{name}*.png"))  # test_docs.py follows each link
 
 
 def test_the_tables_of_the_docs_have_the_columns_of_the_code():

@@ -17,11 +17,26 @@ FIRST = {column.scene: column.growth[0] for column in FIG7}
 
 
 def fold(T=2.0, mu=2.0, g=2.0, **more):
-    numbers = {"scene": "x", "T_over_C": T / 50, "law": "isotropic", "height_rms_mm": 1.8,
-               "thickness_mm": T, "mu_ratio": mu, "growth": g, "wavelength_mm": 9 * T, "theory_wavelength_mm": 8 * T,
-               "film_wavelength_mm": 5 * T, "theory_g": 1.2, "theory_degree": 17.0, "degree": 18.0, "sulci": 100 / T,
-               "gyral_thickness_mm": 5 * T, "gyrification_index": g, "height_skewness": -1 / mu,
-               "first_contact_g": 1.25}  # fmt: skip
+    numbers = {
+        "scene": "x",
+        "T_over_C": T / 50,
+        "law": "isotropic",
+        "height_rms_mm": 1.8,
+        "thickness_mm": T,
+        "mu_ratio": mu,
+        "growth": g,
+        "wavelength_mm": 9 * T,
+        "theory_wavelength_mm": 8 * T,
+        "film_wavelength_mm": 5 * T,
+        "theory_g": 1.2,
+        "theory_degree": 17.0,
+        "degree": 18.0,
+        "sulci": 100 / T,
+        "gyral_thickness_mm": 5 * T,
+        "gyrification_index": g,
+        "height_skewness": -1 / mu,
+        "first_contact_g": 1.25,
+    }
     return {**numbers, **more}
 
 
@@ -31,8 +46,16 @@ def soft_to_stiff(skewness, **more):
 
 
 def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust=-1.0):
-    return {"surface": surface, "points": points, "slope": slope, "slope_low": low, "intercept_mm": -0.2,
-            "gyral_over_cortical": ratio, "gyral_over_cortical_at_crests": crests, "robust_slope": robust}  # fmt: skip
+    return {
+        "surface": surface,
+        "points": points,
+        "slope": slope,
+        "slope_low": low,
+        "intercept_mm": -0.2,
+        "gyral_over_cortical": ratio,
+        "gyral_over_cortical_at_crests": crests,
+        "robust_slope": robust,
+    }
 
 
 def bodies(**more):
@@ -40,16 +63,20 @@ def bodies(**more):
 
 
 def hinges(model, itself, chance, p):
-    numbers = [{"number": "shape", "energy": 0.05, "p": p, "median": None, "other_median": None},
-               {"number": "largest angle, degrees", "energy": None, "p": p, "median": 190.0, "other_median": 170.0}]
+    numbers = [
+        {"number": "shape", "energy": 0.05, "p": p, "median": None, "other_median": None},
+        {"number": "largest angle, degrees", "energy": None, "p": p, "median": 190.0, "other_median": 170.0},
+    ]
     sources = {"model": model, "MRI itself": itself, "net at chance": chance}
     nearest = [{"source": name, "median": m, "n": 9.0, "p": p} for name, m in sources.items()]
-    return {"fig9-numbers.tsv": numbers, "fig9-nearest.tsv": nearest}  # fmt: skip
+    return {"fig9-numbers.tsv": numbers, "fig9-nearest.tsv": nearest}
 
 
 def radius(off):
-    rows = [{"source": "finite elements, 3-D", "over_theory": off, "folded": 0.0},
-            {"source": "finite elements, 3-D", "over_theory": -0.04, "folded": 1.0}]  # fmt: skip
+    rows = [
+        {"source": "finite elements, 3-D", "over_theory": off, "folded": 0.0},
+        {"source": "finite elements, 3-D", "over_theory": -0.04, "folded": 1.0},
+    ]
     return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "finite elements, 1-D", "over_theory": 0.003}]}
 
 
@@ -72,16 +99,37 @@ SAID = [
     ("fig7", soft_to_stiff((-1, -0.5, -0.2), theory_g=1.5), ["not all before the creases of Eq. (12) at 1.43"]),
     ("fig7", soft_to_stiff((-1, -1.5, -0.2)), ["Not as in the paper"]),
     ("fig7", {"fig7.tsv": [fold(mu=2.0, scene="fig5", g=FIRST["fig5"])]}, [UNFOLDED]),
-    ("fig8", {"fig8.tsv": [line("regions, x", low=0.5), line("regions, y"), line("bodies", slope=2.5),
-                           line("crests", "T = 1 mm"), line("crests", "S1 lh", ratio=3.9, crests=2.8)]},
-     ["As in the paper", "W = 2.50 t − 0.2 mm", "in 2 of 2 fits", "in 0 by medians", "confidence in 1",
-      "2.9 times as wide", "2.8 times in a person", "2.5 and 3.9 times"]),
-    ("fig8", {"fig8.tsv": [line("bodies", slope=-1), line("crests", "T = 1 mm"), line("crests", "S1 lh")]},
-     ["Not as in the paper"]),
+    (
+        "fig8",
+        {
+            "fig8.tsv": [
+                line("regions, x", low=0.5),
+                line("regions, y"),
+                line("bodies", slope=2.5),
+                line("crests", "T = 1 mm"),
+                line("crests", "S1 lh", ratio=3.9, crests=2.8),
+            ]
+        },
+        [
+            "As in the paper",
+            "W = 2.50 t − 0.2 mm",
+            "in 2 of 2 fits",
+            "in 0 by medians",
+            "confidence in 1",
+            "2.9 times as wide",
+            "2.8 times in a person",
+            "2.5 and 3.9 times",
+        ],
+    ),
+    (
+        "fig8",
+        {"fig8.tsv": [line("bodies", slope=-1), line("crests", "T = 1 mm"), line("crests", "S1 lh")]},
+        ["Not as in the paper"],
+    ),
     ("fig8", {"fig8.tsv": [line("bodies"), line("crests", "T = 1 mm", crests=None)]}, [UNFOLDED]),
     ("fig9", hinges(0.18, 0.19, 0.20, 0.001), ["10 % nearer", "(p = 0.001)", "MRI itself has 0.190", "shapes differ"]),
     ("fig9", hinges(0.3, 0.19, 0.20, 0.4), ["50 % farther", "are not told apart", "190°", "170°"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("figure", "tables", "words"), SAID)
@@ -106,8 +154,16 @@ def test_a_page_has_each_figure_with_its_sentence_picture_and_time(tmp_path):
     rows = [{"source": "theory", "law": law, "T_over_C": T, "g_crease": g, "reason": None} for law, T, g in points]
     write_table(tmp_path / "fig4.tsv", list(rows[0]), rows)
     (tmp_path / "fig4.png").write_bytes(png_bytes(np.full((40, 60, 3), 90, dtype=np.uint8)))
-    told = {"folder": "simulations/x", "level": "draft", "elements": 8250, "steps": 600, "seconds": 300.0,
-            "healthy": False, "warnings": ["<hot>"], "scene": "x"}  # fmt: skip
+    told = {
+        "folder": "simulations/x",
+        "level": "draft",
+        "elements": 8250,
+        "steps": 600,
+        "seconds": 300.0,
+        "healthy": False,
+        "warnings": ["<hot>"],
+        "scene": "x",
+    }
     entry = {"files": ["fig4.png", "fig4.tsv"], "shows": "<b>creases", "seconds": 3.4, "simulations": [told, told]}
     index = {"morphofold": "1", "lengths": "mm", "figures": {"fig4": json.loads(json.dumps(entry))}}
     text = write_paper_report(tmp_path, index).read_text(encoding="utf-8")
@@ -115,7 +171,7 @@ def test_a_page_has_each_figure_with_its_sentence_picture_and_time(tmp_path):
     assert "A thin cortex can crease from g = 1.34 on" in text
     assert "from 1.43 if growth is isotropic, from 1.38 if tangential" in text
     assert "Measured and drawn in 3 s" in text
-    assert "1 simulation, 5 min" in text                                # the same one twice
+    assert "1 simulation, 5 min" in text  # the same one twice
     assert "not healthy: &lt;hot&gt;" in text
     assert "<b>creases" not in text
     (picture,) = [attrs for tag, attrs in tags if tag == "img"]

@@ -8,7 +8,7 @@ import pytest
 from morphofold.shapes import icosphere, sphere
 from morphofold.studies.accuracy import peers
 
-EDGE = 0.0752               # of the regular sphere of 2,562 vertices, in radii
+EDGE = 0.0752  # of the regular sphere of 2,562 vertices, in radii
 #: largest relative error: trimesh cuts edges off at the ball and takes them whole; VTK has a ring; LaPy's unit is for
 #: equilateral triangles
 TOLERANCE = {"trimesh": 0.05, "pyvista": 0.012, "LaPy": 0.08}
@@ -19,7 +19,7 @@ TOLERANCE = {"trimesh": 0.05, "pyvista": 0.012, "LaPy": 0.08}
 def test_a_peer_gives_a_sphere_its_curvature(peer, radius):
     shape = sphere(4, radius)
     found = peer.call(shape.verts, shape.faces)
-    reach = EDGE * peer.reach      # of a fitted quadric, which is off by a share of its square
+    reach = EDGE * peer.reach  # of a fitted quadric, which is off by a share of its square
     tolerance = TOLERANCE.get(peer.name.split()[0], 0.25 * reach**2 + 1e-3)
     assert np.mean(found[peers.H]) == pytest.approx(1 / radius, rel=tolerance)
     assert np.std(found[peers.H]) < tolerance / radius
@@ -34,7 +34,7 @@ def test_a_peer_finds_the_closest_point_of_a_sphere(peer, rng):
     points = 12.5 * away / np.linalg.norm(away, axis=1, keepdims=True)
     distance = peer.call(points, verts, faces)
     longest = np.linalg.norm(verts[faces] - np.roll(verts[faces], 1, axis=1), axis=2).max()
-    beside = longest / 3**0.5                               # no direction is farther from a vertex: a circumradius
+    beside = longest / 3**0.5  # no direction is farther from a vertex: a circumradius
     sag = beside**2 / 2 / 10
     most = np.hypot(2.5 + sag, beside) if "vertices" in peer.name else 2.5 + 1.05 * sag
     assert (distance >= 2.5 - 1e-6).all()

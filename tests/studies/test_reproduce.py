@@ -87,7 +87,7 @@ def test_reproduce_writes_the_same_bytes_again(here, grown, capsys):
     for file in (here / "a").glob("*.*"):
         if file.name == "summary.json":
             assert settle(file) == settle(here / "b" / file.name)
-        elif file.is_file() and file.name != "report.html":             # it says how long each took
+        elif file.is_file() and file.name != "report.html":  # it says how long each took
             assert file.read_bytes() == (here / "b" / file.name).read_bytes()
 
 
@@ -129,7 +129,7 @@ def test_an_interrupt_keeps_simulations_and_figures_that_were_there(here, grown,
     (here / "new" / "simulations" / "fig5" / "part").rmdir()
     monkeypatch.undo()
     monkeypatch.chdir(here)
-    assert main(["reproduce", "fig4", "-o", "new"]) == 0                # a marked folder may be written
+    assert main(["reproduce", "fig4", "-o", "new"]) == 0  # a marked folder may be written
 
 
 def test_simulations_are_copied_where_files_cannot_have_two_names(here, grown, monkeypatch):
@@ -164,7 +164,7 @@ def test_reproduce_keeps_the_figures_that_are_there(here, grown, capsys):
         assert main(["reproduce", figure, "-o", "out", "-q"]) == 0
     assert "fig3: kept from an earlier run" in capsys.readouterr().out
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
-    assert "fig4: kept" not in capsys.readouterr().out                  # drawn again
+    assert "fig4: kept" not in capsys.readouterr().out  # drawn again
     assert main(["reproduce", "fig3", "fig4", "-o", "both", "-q"]) == 0
     for file in (here / "both").glob("fig*"):
         assert file.read_bytes() == (here / "out" / file.name).read_bytes()

@@ -114,14 +114,14 @@ def test_the_quoted_speeds_and_times_per_step_agree_on_the_tetrahedra_of_their_s
     assert "35,497 tet4" in PEERS_SOURCE
     for peer in PEERS:
         ms, millions = ([float(word.lstrip("~")) for word in text.split(" to ")] for text in (peer.ms, peer.millions))
-        assert sorted(35.497 / t for t in ms) == pytest.approx(millions, rel=0.02)       # as rounded there
+        assert sorted(35.497 / t for t in ms) == pytest.approx(millions, rel=0.02)  # as rounded there
 
 
 def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, monkeypatch):
     monkeypatch.setattr(solver, "SIZES", {"brick": (4,), "tet": (4,)})
     assert main(["bench", "speed", "--seconds", "0.001", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert {row["element"] for row in rows} == {"brick", "tet"}                         # and nothing that is quoted
+    assert {row["element"] for row in rows} == {"brick", "tet"}  # and nothing that is quoted
     assert {row["threads"] for row in rows} == {1, numba.get_num_threads()}
     assert main(["bench", "speed", "--seconds", "0.001"]) == 0
     measured, quoted = capsys.readouterr().out.split("quoted, not measured here; ")
@@ -133,7 +133,7 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
 def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
     scene = solver.effect_scene([name])
     assert tuple(scene.effects) == (name,)
-    assert name in {effect.name for effect in build_effects(scene)}             # and is not refused
+    assert name in {effect.name for effect in build_effects(scene)}  # and is not refused
 
 
 # the page ---------------------------------------------------------------------------------------------------
@@ -176,9 +176,9 @@ def test_the_numbers_of_a_whole_run_follow_from_its_health_and_log(here):
     row = whole_run(here / "run")
     assert (row["scene"], row["portion"], row["elements"], row["kind"]) == ("demo", "half", 1000, "bricks")
     assert row["level"] == "edge 1.97 mm"
-    assert row["millions"] == pytest.approx(0.5)                        # 1,000 x 5,000 / 10 s
+    assert row["millions"] == pytest.approx(0.5)  # 1,000 x 5,000 / 10 s
     assert row["shares"] == pytest.approx({"elements": 0.6, "contact": 0.1, "symmetry": 0.05, "rest": 0.25})
-    assert row["last_contact"] == pytest.approx(1 / 3)                  # steps 2,000 to 5,000: 1 s of 3 s
+    assert row["last_contact"] == pytest.approx(1 / 3)  # steps 2,000 to 5,000: 1 s of 3 s
     assert (row["threads"], row["memory"], row["healthy"]) == (2, 0.75, True)
 
 

@@ -19,24 +19,45 @@ from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
 
 REGION_COLUMNS = (
-    "region", "n_vertices", "area_mm2", "cortical_thickness_mm", "cortical_thickness_sd_mm", "gyral_thickness_mm",
-    "gray_volume_mm3", "mean_H_per_mm",
-)  # fmt: skip
-HINGE_COLUMNS = (
-    "hinge", "confidence", "degree", "shape", "min_angle_deg", "max_angle_deg", "mean_arm_length_mm", "region", "x",
-    "y", "z",
-)  # fmt: skip
-CREST_COLUMNS = (
-    "crest", "from_hinge", "to_hinge", "length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "mean_H_per_mm",
     "region",
-)  # fmt: skip
-WARNING = "simulation"                         # the note that speaks of a simulation's health
-OF_INPUT = ("average", "cortex_mask")          # notes that say what the surfaces are not: a person's, or marked out
+    "n_vertices",
+    "area_mm2",
+    "cortical_thickness_mm",
+    "cortical_thickness_sd_mm",
+    "gyral_thickness_mm",
+    "gray_volume_mm3",
+    "mean_H_per_mm",
+)
+HINGE_COLUMNS = (
+    "hinge",
+    "confidence",
+    "degree",
+    "shape",
+    "min_angle_deg",
+    "max_angle_deg",
+    "mean_arm_length_mm",
+    "region",
+    "x",
+    "y",
+    "z",
+)
+CREST_COLUMNS = (
+    "crest",
+    "from_hinge",
+    "to_hinge",
+    "length_mm",
+    "gyral_thickness_mm",
+    "cortical_thickness_mm",
+    "mean_H_per_mm",
+    "region",
+)
+WARNING = "simulation"  # the note that speaks of a simulation's health
+OF_INPUT = ("average", "cortex_mask")  # notes that say what the surfaces are not: a person's, or marked out
 #: notes about a surface rather than about one number
 REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
-Numbers = Mapping[str, Sequence[Any]]             # of each surface, as comparison.side_by_side.numbers has them
+Numbers = Mapping[str, Sequence[Any]]  # of each surface, as comparison.side_by_side.numbers has them
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +86,7 @@ class Entry:
         side = "" if cortex.origin == "simulation" else cortex.hemi
         facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
         g = cortex.info.get("g")
-        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):   # said once
+        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):  # said once
             facts.append(f"growth {_word(g)}")
         return " · ".join(f for f in facts if f)
 
@@ -123,9 +144,7 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 def definitions(entries: Sequence[Entry]) -> Rows:
     """What the measures' notes say of the numbers that were had."""
     apart = (WARNING, *OF_INPUT, *REMARKS)
-    return _notes(
-        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
-    )
+    return _notes(entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None))
 
 
 def warnings(entries: Sequence[Entry]) -> list[str]:
@@ -190,17 +209,23 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
 def tables(entries: Sequence[Entry]) -> Rows:
     """Tables of regions, hinges and crests of every surface that has them: what they are called, heads, values."""
     found = []
-    for title, name, columns in (("Regions", "regions", REGION_COLUMNS), ("Hinges", "hinges", HINGE_COLUMNS),
-                                 ("Crests", "crests", CREST_COLUMNS)):  # fmt: skip
+    for title, name, columns in (
+        ("Regions", "regions", REGION_COLUMNS),
+        ("Hinges", "hinges", HINGE_COLUMNS),
+        ("Crests", "crests", CREST_COLUMNS),
+    ):
         for e in entries:
             rows = getattr(e.measures, name)
             if rows:
-                found.append({
-                    "title": title, "entry": e,
-                    "name": safe_name(f"{e.measures.cortex.name}-{e.measures.cortex.hemi}-{name}"),
-                    "heads": [(key, *scalar_words(key)) for key in columns],
-                    "rows": [[row.get(key) for key in columns] for row in rows],
-                })  # fmt: skip
+                found.append(
+                    {
+                        "title": title,
+                        "entry": e,
+                        "name": safe_name(f"{e.measures.cortex.name}-{e.measures.cortex.hemi}-{name}"),
+                        "heads": [(key, *scalar_words(key)) for key in columns],
+                        "rows": [[row.get(key) for key in columns] for row in rows],
+                    }
+                )
     return found
 
 

@@ -49,10 +49,14 @@ def _of_run(name: str, cost: Cost) -> dict[str, Any]:
         for name, e in cost.errors.items()
     ]
     return {
-        "title": f"The simulation of {name}", "said": _said(cost, parts), "what": "Phase or effect", "times": times,
-        "errors": errors, "range": "Two of three runs",
+        "title": f"The simulation of {name}",
+        "said": _said(cost, parts),
+        "what": "Phase or effect",
+        "times": times,
+        "errors": errors,
+        "range": "Two of three runs",
         "doubts": (f"Errors: {cost.how}.",) if cost.not_studied else cost.doubts,
-    }  # fmt: skip
+    }
 
 
 def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
@@ -60,10 +64,14 @@ def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
     sizes = [f"{hemi} of {n:,} vertices" for hemi, n in cost.vertices.items()]
     how = f"Errors: {cost.how}."
     return {
-        "title": "The measuring", "said": _said(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
-        "what": "Stage", "times": _times(cost.stages, STAGES), "errors": errors, "range": "",
+        "title": "The measuring",
+        "said": _said(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
+        "what": "Stage",
+        "times": _times(cost.stages, STAGES),
+        "errors": errors,
+        "range": "",
         "doubts": (how, *cost.doubts),
-    }  # fmt: skip
+    }
 
 
 def _said(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
@@ -86,11 +94,21 @@ def _beside(expected: Expected) -> str:
 def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
     """Errors from a coarser twin below those of the table, what the pace changes, and what they leave open."""
     if estimate is not None:
-        said["errors"] = [*said["errors"], *(
-            (called(name), percent(e.error), "", f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})")
-            for name, e in estimate.errors.items() if e.error is not None
-        ), *(
-            (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser twin at half the pace")
-            for name, change in (estimate.pace or {}).items()
-        )]  # fmt: skip
+        said["errors"] = [
+            *said["errors"],
+            *(
+                (
+                    called(name),
+                    percent(e.error),
+                    "",
+                    f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})",
+                )
+                for name, e in estimate.errors.items()
+                if e.error is not None
+            ),
+            *(
+                (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser twin at half the pace")
+                for name, change in (estimate.pace or {}).items()
+            ),
+        ]
         said["doubts"] = (*said["doubts"], *estimate.doubts)

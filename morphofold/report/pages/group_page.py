@@ -49,25 +49,31 @@ if TYPE_CHECKING:
     from morphofold.cohort.tables import Group
 
 HEADLINES = (
-    "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm", RATIO, "mean_sulcal_depth_mm",
+    "gyrification_index",
+    "mean_cortical_thickness_mm",
+    "median_gyral_thickness_mm",
+    RATIO,
+    "mean_sulcal_depth_mm",
     "area_pial_mm2",
-)  # fmt: skip
-CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")      # in sight; those of the other measures are folded away
+)
+CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")  # in sight; those of the other measures are folded away
 PICTURES = 12
-ROWS = 200              # of failures, and of outliers
-REMARKS = 50            # subjects with remarks, and subjects under several names
-BEYOND = 10.0           # robust z of values that charts leave out
-FEWEST_DRAWN = 3        # values of a side of which a chart is drawn
-LISTED = 5              # measures that a sentence names
-POINTS = {"subject": "subjects", "region": "the means of regions"}      # of a plot, as methods call them
-STRIP, EDGE = 260.0, 12.0       # width of a line of the chart of asymmetry, and of its edges
+ROWS = 200  # of failures, and of outliers
+REMARKS = 50  # subjects with remarks, and subjects under several names
+BEYOND = 10.0  # robust z of values that charts leave out
+FEWEST_DRAWN = 3  # values of a side of which a chart is drawn
+LISTED = 5  # measures that a sentence names
+POINTS = {"subject": "subjects", "region": "the means of regions"}  # of a plot, as methods call them
+STRIP, EDGE = 260.0, 12.0  # width of a line of the chart of asymmetry, and of its edges
 FILES = (
     ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
-    ("distributions.tsv", "the distributions of this page"), ("asymmetry.tsv", "left against right"),
-    ("outliers.tsv", "all outliers"), ("hemispheres.tsv", "how each hemisphere was measured, and what FreeSurfer's "
-     "aseg.stats says of it"), ("failures.tsv", "who has no measures, and why"),
+    ("distributions.tsv", "the distributions of this page"),
+    ("asymmetry.tsv", "left against right"),
+    ("outliers.tsv", "all outliers"),
+    ("hemispheres.tsv", "how each hemisphere was measured, and what FreeSurfer's aseg.stats says of it"),
+    ("failures.tsv", "who has no measures, and why"),
     ("remarks.tsv", "what the measures of each subject warn of"),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -87,9 +93,7 @@ class Side:
 BOTH = (Side("lh", CATEGORICAL[0], "circle", ""), Side("rh", CATEGORICAL[1], "square", "7 3"))
 
 
-def group_report(
-    group: Group, folder: Path, progress: Progress = silent
-) -> Path:
+def group_report(group: Group, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html``, ``folder/figures/`` with outliers, and the tables of its statistics.
 
     ``progress`` is told the share done and what is being done. The same group and results give the same bytes.
@@ -113,23 +117,50 @@ def group_report(
     lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
     said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     path = write_page(
-        folder / "report.html", "group.html", ["tables.js"],
-        title=f"A group of {plural(len(group.subjects), 'subject')}", told=told_number, percent=percent, beside=beside,
-        p_told=p_told, words=scalar_words, sides=SIDES, there=there, verdict=verdict(group), warnings=warnings(group),
-        headlines=headlines(scalars, there), unlike=unlike(group), pooling=group.pooling,
+        folder / "report.html",
+        "group.html",
+        ["tables.js"],
+        title=f"A group of {plural(len(group.subjects), 'subject')}",
+        told=told_number,
+        percent=percent,
+        beside=beside,
+        p_told=p_told,
+        words=scalar_words,
+        sides=SIDES,
+        there=there,
+        verdict=verdict(group),
+        warnings=warnings(group),
+        headlines=headlines(scalars, there),
+        unlike=unlike(group),
+        pooling=group.pooling,
         charts=[charts[name] for name in CHARTS if name in charts],
-        other_charts=[chart for name, chart in charts.items() if name not in CHARTS], spread=spread,
+        other_charts=[chart for name, chart in charts.items() if name not in CHARTS],
+        spread=spread,
         alike=alike(scalars),
-        strips=strips(sides), sided=sided(sides), scatters=[cloud for cloud in clouds if cloud["plot"]],
+        strips=strips(sides),
+        sided=sided(sides),
+        scatters=[cloud for cloud in clouds if cloud["plot"]],
         fitted=bool(lined),
-        outliers=far.found[:ROWS], more_outliers=len(far.found) - ROWS, outlying=outlying(far, len(by_subject)),
-        pictures=[one for one in pictures if one.data], others=[one for one in pictures if not one.data],
-        rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]}, far=FAR,
-        failures=group.failures[:ROWS], more_failures=len(group.failures) - ROWS,
-        remarks=list(group.remarks.items())[:REMARKS], n_remarks=len(group.remarks), most_remarks=REMARKS,
-        same=group.same[:REMARKS], n_same=len(group.same), methods=said, references=references,
-        files=FILES, renderer=renderer(), bootstrapped=BOOTSTRAPPED,
-    )  # fmt: skip
+        outliers=far.found[:ROWS],
+        more_outliers=len(far.found) - ROWS,
+        outlying=outlying(far, len(by_subject)),
+        pictures=[one for one in pictures if one.data],
+        others=[one for one in pictures if not one.data],
+        rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]},
+        far=FAR,
+        failures=group.failures[:ROWS],
+        more_failures=len(group.failures) - ROWS,
+        remarks=list(group.remarks.items())[:REMARKS],
+        n_remarks=len(group.remarks),
+        most_remarks=REMARKS,
+        same=group.same[:REMARKS],
+        n_same=len(group.same),
+        methods=said,
+        references=references,
+        files=FILES,
+        renderer=renderer(),
+        bootstrapped=BOOTSTRAPPED,
+    )
     progress(1.0, "done")
     return path
 
@@ -196,8 +227,9 @@ def outlying(far: Outliers, subjects: int) -> list[str]:
     """What was looked for, and what would have been found by chance."""
     said = []
     if far.looked_at or far.found:
-        said.append(f"Far from the median of their side: {plural(len(far.found), 'value')} of "
-                    f"{plural(subjects, 'subject')}.")
+        said.append(
+            f"Far from the median of their side: {plural(len(far.found), 'value')} of {plural(subjects, 'subject')}."
+        )
     if far.looked_at:
         chance = number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
         said.append(
@@ -228,17 +260,16 @@ def sided(sides: Sequence[Asymmetry]) -> str:
         return "Too few subjects with both sides, or all alike: no test."
     found = [
         f"{scalar_words(row.measure)[0]} ({'left' if row.asymmetry > 0 else 'right'} greater)"
-        for row in tested if row.sided
-    ]  # fmt: skip
+        for row in tested
+        if row.sided
+    ]
     what = f"The sides differ in {'; '.join(found)}" if found else "No measure is told apart between the sides"
     if len(found) > LISTED:
         what = f"The sides differ in {len(found)} measures (filled dots)"
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
 
-def methods(
-    version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()
-) -> tuple[str, list[str]]:
+def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()) -> tuple[str, list[str]]:
     """A paragraph for a paper, and the references that it cites, of what the page has: ``sides`` against each other,
     values ``far`` out, and lines through ``clouds`` of gyral against cortical thickness."""
     said = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
@@ -326,9 +357,7 @@ def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
     def place(x: float) -> float | None:
         return EDGE + (x + top) / (2 * top) * (STRIP - 2 * EDGE) if np.isfinite(x) else None
 
-    rows = [
-        {"row": row, "at": place(row.asymmetry), "low": place(row.low), "high": place(row.high)} for row in sides
-    ]
+    rows = [{"row": row, "at": place(row.asymmetry), "low": place(row.low), "high": place(row.high)} for row in sides]
     marks = [(place(x), percent(x) if x else "0") for x in ticks(-top, top, about=5)]
     return {"rows": rows, "ticks": marks, "zero": place(0.0), "width": STRIP}
 
@@ -351,7 +380,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
     told = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
-    told = told if len(set(numbers)) > 1 else []                        # else the caption below all charts says it
+    told = told if len(set(numbers)) > 1 else []  # else the caption below all charts says it
     told += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and told:
         chart += Markup("<figcaption>{}</figcaption>").format(" ".join(told))
@@ -396,8 +425,9 @@ def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
         else:
             drawn.append((side, replace(cloud, points=()) if cloud.bins else cloud))
     return {
-        "kind": kind, "title": "Subjects" if kind == "subject" else "Regions, means over subjects",
+        "kind": kind,
+        "title": "Subjects" if kind == "subject" else "Regions, means over subjects",
         "plot": plots.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),
         "binned": any(c.bins for _, c in clouds),
         "fits": [{"side": side, "fit": cloud.fit, "n": len(cloud.points)} for side, cloud in clouds],
-    }  # fmt: skip
+    }

@@ -42,16 +42,20 @@ def net_of(measures: Measures, ids: Ids) -> Net | None:
     crests = []
     for _, _, crest in measures.graph.edges(data=True):
         near: Ids = tree.query(crest["polyline"])[1].astype(np.int64)
-        near = near[np.flatnonzero(np.diff(near, prepend=-1))]              # each vertex once in a row
+        near = near[np.flatnonzero(np.diff(near, prepend=-1))]  # each vertex once in a row
         crests.append(near)
     arms: dict[int, list[dict[str, Any]]] = {}
     for row in measures.arms:
         arms.setdefault(row["hinge"], []).append(row)
     hinges = [
-        {"at": int(tree.query((row["x"], row["y"], row["z"]))[1]), "degree": row["degree"],
-         "doubtful": not counts(row), "lines": _lines(row, arms.get(row["hinge"], []))}
+        {
+            "at": int(tree.query((row["x"], row["y"], row["z"]))[1]),
+            "degree": row["degree"],
+            "doubtful": not counts(row),
+            "lines": _lines(row, arms.get(row["hinge"], [])),
+        }
         for row in measures.hinges
-    ]  # fmt: skip
+    ]
     return Net(crests, hinges)
 
 

@@ -95,10 +95,13 @@ def _copied(measures: Sequence[Measures]) -> list[str]:
     """Which surfaces were measured on a copy with more or fewer vertices, and which in coarser or finer voxels."""
     said = []
     for kind, how in (("draft", "thinned"), ("fine", "finer")):
-        counts = sorted({
-            int(m.parameters["accuracy_vertices"]) for m in measures
-            if m.parameters.get("accuracy") == kind and m.parameters["accuracy_vertices"] != m.cortex.n_vertices
-        })  # fmt: skip
+        counts = sorted(
+            {
+                int(m.parameters["accuracy_vertices"])
+                for m in measures
+                if m.parameters.get("accuracy") == kind and m.parameters["accuracy_vertices"] != m.cortex.n_vertices
+            }
+        )
         if counts:
             sizes = " or ".join(f"{n:,}" for n in counts)
             said.append(

@@ -22,7 +22,7 @@ from morphofold.report.pages.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
 DISPLAY_VERTICES = 60_000
-STAGED_VERTICES = 15_000        # of a body that is drawn at every stage of growth
+STAGED_VERTICES = 15_000  # of a body that is drawn at every stage of growth
 NAN16 = 65535
 
 
@@ -72,11 +72,16 @@ def pack(
         writer.add("crest-ids", np.concatenate([np.empty(0, np.uint32), *net.crests]).astype(np.uint32))
         writer.add("crest-ends", np.cumsum([len(line) for line in net.crests]).astype(np.uint32))
     meta = {
-        "vertices": len(shown.ids), "triangles": len(shown.faces), "all_vertices": cortex.n_vertices,
-        "thinned": shown.thinned, "surfaces": boxes, "maps": ranges, "arrays": writer.arrays,
+        "vertices": len(shown.ids),
+        "triangles": len(shown.faces),
+        "all_vertices": cortex.n_vertices,
+        "thinned": shown.thinned,
+        "surfaces": boxes,
+        "maps": ranges,
+        "arrays": writer.arrays,
         "net": None if net is None else {"hinges": net.hinges},
         "regions": ["no region", *cortex.regions.names] if cortex.regions is not None else None,
-    }  # fmt: skip
+    }
     return Packed(meta, writer.text())
 
 

@@ -55,9 +55,14 @@ Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
 def analysis_report(
-    measures: Sequence[Measures], path: str | Path, *, failed: Mapping[str, str] = {}, inputs: Inputs = (),
-    stages: Sequence[Measures] = (), clock: Stages | None = None,
-) -> Path:  # fmt: skip
+    measures: Sequence[Measures],
+    path: str | Path,
+    *,
+    failed: Mapping[str, str] = {},
+    inputs: Inputs = (),
+    stages: Sequence[Measures] = (),
+    clock: Stages | None = None,
+) -> Path:
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
 
     ``failed`` are hemispheres that could not be measured, and why. ``inputs`` are rows with ``path`` and ``sha256``;
@@ -81,15 +86,22 @@ def analysis_report(
     title = ", ".join(dict.fromkeys(names))
     missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
     return _write(
-        Path(path), ANALYSIS, title, lede, entries, theory_lines(named),
-        compare_hinges(shapes, {name: [name] for name in named}), inputs=inputs, missing=missing, clock=clock,
-    )  # fmt: skip
+        Path(path),
+        ANALYSIS,
+        title,
+        lede,
+        entries,
+        theory_lines(named),
+        compare_hinges(shapes, {name: [name] for name in named}),
+        inputs=inputs,
+        missing=missing,
+        clock=clock,
+    )
 
 
 def comparison_report(
-    comparison: Comparison, folder: str | Path, *, inputs: Inputs = (),
-    progress: Progress = silent,
-) -> Path:  # fmt: skip
+    comparison: Comparison, folder: str | Path, *, inputs: Inputs = (), progress: Progress = silent
+) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told the share and what."""
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
@@ -97,16 +109,33 @@ def comparison_report(
     named = dict(zip(comparison.names, comparison.measures))
     entries = _entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
     return _write(
-        Path(folder) / "report.html", "Comparison", title, lede, entries, comparison.theory, comparison.hinges,
-        comparison.growth, inputs, progress=progress,
-    )  # fmt: skip
+        Path(folder) / "report.html",
+        "Comparison",
+        title,
+        lede,
+        entries,
+        comparison.theory,
+        comparison.hinges,
+        comparison.growth,
+        inputs,
+        progress=progress,
+    )
 
 
 def _write(
-    path: Path, kind: str, title: str, lede: str, entries: Sequence[Entry], theory: Sequence[Theory],
-    hinges: Sequence[HingeComparison], growth: Sequence[GrowthCurve] = (), inputs: Inputs = (),
-    missing: Sequence[str] = (), progress: Progress = silent, clock: Stages | None = None,
-) -> Path:  # fmt: skip
+    path: Path,
+    kind: str,
+    title: str,
+    lede: str,
+    entries: Sequence[Entry],
+    theory: Sequence[Theory],
+    hinges: Sequence[HingeComparison],
+    growth: Sequence[GrowthCurve] = (),
+    inputs: Inputs = (),
+    missing: Sequence[str] = (),
+    progress: Progress = silent,
+    clock: Stages | None = None,
+) -> Path:
     named = {e.name: e.measures for e in entries}
     table = numbers(list(named.values()))
     shown = _shown(entries)
@@ -122,42 +151,70 @@ def _write(
     progress(0.75, "drawing charts and hinges")
     paragraph, references = methods(entries, versions()[0][1], theory=bool(theory))
     return write_page(
-        path, "report.html", SCRIPTS, kind=kind, title=title, lede=lede, entries=entries, theory=theory,
-        headlines=contents.scalars(table, HEADLINES), verdict=contents.verdict(table, theory),
-        scalars=contents.scalars(table), fits=contents.fits(entries),
-        left_out=contents.left_out(entries), definitions=contents.definitions(entries),
+        path,
+        "report.html",
+        SCRIPTS,
+        kind=kind,
+        title=title,
+        lede=lede,
+        entries=entries,
+        theory=theory,
+        headlines=contents.scalars(table, HEADLINES),
+        verdict=contents.verdict(table, theory),
+        scalars=contents.scalars(table),
+        fits=contents.fits(entries),
+        left_out=contents.left_out(entries),
+        definitions=contents.definitions(entries),
         warnings=[*missing, *contents.warnings(entries)],
         cautions=[*contents.cautions(entries), *cautions(named)],
         plot_notes=plot_notes(named, [e.cloud for e in entries]),
-        bins=any(e.cloud.bins for e in entries), remarks=contents.remarks(entries, viewer["surfaces"]),
-        tables=contents.tables(entries), methods=paragraph, references=references,
+        bins=any(e.cloud.bins for e in entries),
+        remarks=contents.remarks(entries, viewer["surfaces"]),
+        tables=contents.tables(entries),
+        methods=paragraph,
+        references=references,
         parameters=contents.parameters(entries),
-        facts=contents.facts(entries), inputs=list(inputs) or _inputs(entries),
-        charts=_charts(entries, shown), scatter=_scatter(entries, theory), pictures=pictures, renderer=renderer(),
-        maps=[what for what, _ in shown.values()], main=MAIN, viewer=viewer, blocks=blocks,
+        facts=contents.facts(entries),
+        inputs=list(inputs) or _inputs(entries),
+        charts=_charts(entries, shown),
+        scatter=_scatter(entries, theory),
+        pictures=pictures,
+        renderer=renderer(),
+        maps=[what for what, _ in shown.values()],
+        main=MAIN,
+        viewer=viewer,
+        blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3),
-        hinges=hinges, pairs=_pairs(path.parent / "figures", hinges, named),
-        growth=growth, growth_charts=_growth_charts(entries, growth),
-        met=contents.met(entries, growth), law=_law(entries, growth), ratio=_ratio(entries),
+        hinges=hinges,
+        pairs=_pairs(path.parent / "figures", hinges, named),
+        growth=growth,
+        growth_charts=_growth_charts(entries, growth),
+        met=contents.met(entries, growth),
+        law=_law(entries, growth),
+        ratio=_ratio(entries),
         folding=[(e, t) for e in entries if (t := e.folding) is not None],
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
-        slider=any(e.stages for e in entries), nets=any(e.measures.graph is not None for e in entries),
+        slider=any(e.stages for e in entries),
+        nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
         costs=costs(entries, clock) if kind == ANALYSIS else [],
-    )  # fmt: skip
+    )
 
 
 def _entries(
-    named: Mapping[str, Measures], colours: Mapping[str, str], clouds: Sequence[Cloud],
-    groups: Mapping[str, Sequence[str]] = {}, stages: Mapping[str, Sequence[Measures]] = {},
-) -> list[Entry]:  # fmt: skip
+    named: Mapping[str, Measures],
+    colours: Mapping[str, str],
+    clouds: Sequence[Cloud],
+    groups: Mapping[str, Sequence[str]] = {},
+    stages: Mapping[str, Sequence[Measures]] = {},
+) -> list[Entry]:
     """What each surface is called and drawn like; a group that is one subject says nothing new."""
     held = {name: group for group, names in groups.items() for name in names}
     entries = []
     for k, ((name, m), cloud) in enumerate(zip(named.items(), clouds)):
         group = held.get(name, "")
         told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
-        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]     # sixteen before one comes again
+        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one comes again
         grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
         entries.append(Entry(name, m, colours[name], marker, dash, cloud, told, grown))
     return entries
@@ -204,11 +261,17 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
             pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)
             for m in e.stages
         ]
-        surfaces.append({
-            **packed.meta, "name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation",
-            "g": cortex.info.get("g"), "stages": [stage.meta for stage in grown],
-        })  # fmt: skip
-        for k, stage in enumerate([packed, *grown]):            # base64: nothing in it to escape
+        surfaces.append(
+            {
+                **packed.meta,
+                "name": e.name,
+                "hemi": cortex.hemi,
+                "sided": cortex.origin != "simulation",
+                "g": cortex.info.get("g"),
+                "stages": [stage.meta for stage in grown],
+            }
+        )
+        for k, stage in enumerate([packed, *grown]):  # base64: nothing in it to escape
             blocks.append({"id": f"{len(surfaces) - 1}" + (f"-{k - 1}" if k else ""), "data": Markup(stage.data)})
     maps_shown = [
         {
@@ -238,7 +301,7 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
     looks: Looks = {}
-    with ThreadPoolExecutor(1) as writer:                               # packs one picture while the next is drawn
+    with ThreadPoolExecutor(1) as writer:  # packs one picture while the next is drawn
         for key in (k for k in MAIN if k in shown):
             what, limits = shown[key]
             rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
@@ -250,9 +313,7 @@ def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display]
     return [picture.result() for picture in pictures]
 
 
-def _pairs(
-    folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]
-) -> list[dict[str, Any]]:
+def _pairs(folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]) -> list[dict[str, Any]]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges of every two groups whose surfaces have their graph."""
     pictures = []
     for k, found in enumerate(hinges, start=1):
@@ -301,7 +362,7 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
     for e in entries:
         cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
         if cortical is not None and gyral is not None and np.isfinite(cortical).any():
-            cortex = cortical > 0.5 * np.nanmedian(cortical)            # not the rim of a medial wall without a label
+            cortex = cortical > 0.5 * np.nanmedian(cortical)  # not the rim of a medial wall without a label
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
             series.append((e, ratio, areas))

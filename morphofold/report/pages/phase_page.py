@@ -37,15 +37,13 @@ from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 from morphofold.words import number
 
-MOST_ROWS = 400         # of the table of numbers, and of that of failures
-MOST_PIXELS = 190       # of a thumbnail
-WIDTH = 1520            # [px] of a picture of thumbnails
+MOST_ROWS = 400  # of the table of numbers, and of that of failures
+MOST_PIXELS = 190  # of a thumbnail
+WIDTH = 1520  # [px] of a picture of thumbnails
 SURFACES, SECTIONS = "Pial surfaces", "Sections"
 
 
-def phase_report(
-    phases: Phases, folder: Path, progress: Progress = silent
-) -> Path:
+def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; the path of the page."""
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     measures, diagrams = shown_of(phases), []
@@ -58,17 +56,33 @@ def phase_report(
     failed = [run for run in phases.runs if run.reason]
     unhealthy = [run for run in phases.runs if run.warnings]
     path = write_page(
-        folder / "report.html", "phases.html", title=f"Sweep of {phases.grid.name}", axes=phases.grid.axes,
-        seeds=_seeds(phases), seeds_n=len(phases.grid.seeds),
-        places=phases.grid.places, runs=phases.runs, done=len(phases.runs) - len(failed),
-        diagrams=diagrams, pictures=pictures, surfaces=_what(phases), shown=measures,
+        folder / "report.html",
+        "phases.html",
+        title=f"Sweep of {phases.grid.name}",
+        axes=phases.grid.axes,
+        seeds=_seeds(phases),
+        seeds_n=len(phases.grid.seeds),
+        places=phases.grid.places,
+        runs=phases.runs,
+        done=len(phases.runs) - len(failed),
+        diagrams=diagrams,
+        pictures=pictures,
+        surfaces=_what(phases),
+        shown=measures,
         rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
         more=max(0, len(phases.grid.places) - MOST_ROWS),
-        titles=[axis_title(phases, axis) for axis in phases.grid.axes], missing=missing(phases),
-        theory=theory_words(phases), verdict=verdict(phases), failed=failed, unhealthy=unhealthy, most=MOST_ROWS,
-        levels=_levels(phases), shape=_shape(phases), known=_known(phases),
+        titles=[axis_title(phases, axis) for axis in phases.grid.axes],
+        missing=missing(phases),
+        theory=theory_words(phases),
+        verdict=verdict(phases),
+        failed=failed,
+        unhealthy=unhealthy,
+        most=MOST_ROWS,
+        levels=_levels(phases),
+        shape=_shape(phases),
+        known=_known(phases),
         final=all(axis.key != "growth.final" for axis in phases.grid.axes),
-    )  # fmt: skip
+    )
     progress(1.0, "done")
     return path
 
@@ -163,7 +177,7 @@ def section(pial: Surface, white: Surface) -> Surface:
     verts[:, 2] = 0.0
     one, other = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
     below = one[:, 0] * other[:, 1] < one[:, 1] * other[:, 0]
-    faces[below] = faces[below][:, [0, 2, 1]]                           # all are seen from above
+    faces[below] = faces[below][:, [0, 2, 1]]  # all are seen from above
     return Surface(*geometry.in_use(verts, faces)[1:])
 
 
@@ -219,10 +233,12 @@ def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     return {
         "values": [axis.words[i] for axis, i in zip(phases.grid.axes, at)] or ["the scene"],
         "cells": [" ".join(one.words) for one in cells],
-        "final": number(final), "g_crit": number(theory.g_crit),
-        "wavelength": number(theory.wavelength), "state": _state(beyond(phases, at)),
+        "final": number(final),
+        "g_crit": number(theory.g_crit),
+        "wavelength": number(theory.wavelength),
+        "state": _state(beyond(phases, at)),
         "runs": f"{cells[0].runs - cells[0].failed} of {cells[0].runs}",
-    }  # fmt: skip
+    }
 
 
 def _state(above: float) -> str:

@@ -16,9 +16,9 @@ from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
 from morphofold.results import read_pial
 
 SIDES = {"lh": "left", "rh": "right"}
-FOLDS = "H"             # the map of measures that are of none
-WIDTH = 860             # [pixels]
-EMBEDDED = 1_500_000    # letters of pictures that a page holds at most; further ones lie beside it
+FOLDS = "H"  # the map of measures that are of none
+WIDTH = 860  # [pixels]
+EMBEDDED = 1_500_000  # letters of pictures that a page holds at most; further ones lie beside it
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,12 @@ def _picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture
     rows = [
         Row(
             fitted(name, 17, WIDTH - 60) if name == one.subject else fitted(f"{name}, at the median", 17, WIDTH - 60),
-            surface, np.full(len(surface.verts), np.nan) if values is None else values, one.hemi,
+            surface,
+            np.full(len(surface.verts), np.nan) if values is None else values,
+            one.hemi,
         )
         for name, (surface, values) in pairs.items()
-    ]  # fmt: skip
+    ]
     known = [row.values for row in rows]
     what = quantity(key, known)
     return figure(rows, what, common_limits(what, known), ("lateral", "medial"), WIDTH)

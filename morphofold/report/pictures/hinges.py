@@ -21,14 +21,14 @@ from morphofold.report.pictures.raster import look
 from morphofold.report.pictures.surfaces import Picture, Row, draw, fitted, write
 from morphofold.surface import Faces, Surface
 
-OWN, OTHERS = "#c8102e", "#e8a5a0"      # crests of the hinge, and the others
-REACH = 2.0                             # radius of a patch, in gyral widths
-LINE = 0.16                             # breadth of a crest, in gyral widths
-FINER = 2                               # halvings of edges, so that lines are smooth
-TILT = 25.0                             # degrees by which a patch is tipped back, so that its height is seen
-PANEL, WORDS = 330, 30                  # pixels
-LABEL, EDGE = 260, 10                   # pixels that the name of a row may take, and around it
-CLEAR = 0.7                             # share of the crests of a hinge that a picture must show to be an example
+OWN, OTHERS = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
+REACH = 2.0  # radius of a patch, in gyral widths
+LINE = 0.16  # breadth of a crest, in gyral widths
+FINER = 2  # halvings of edges, so that lines are smooth
+TILT = 25.0  # degrees by which a patch is tipped back, so that its height is seen
+PANEL, WORDS = 330, 30  # pixels
+LABEL, EDGE = 260, 10  # pixels that the name of a row may take, and around it
+CLEAR = 0.7  # share of the crests of a hinge that a picture must show to be an example
 NOTHING = Quantity("patch", "Patch")
 
 
@@ -88,7 +88,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     paint_lines(rgb, fine, carried(None), LINE, OTHERS)
     paint_lines(rgb, fine, carried(number), LINE, OWN)
     faces = faces[:, ::-1] if pose >= 3 else faces
-    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])              # of no face: they put the hinge into the middle
+    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])  # of no face: they put the hinge into the middle
     fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
     return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
 
@@ -153,9 +153,7 @@ def in_sight(patch: Row) -> float:
     return float(shown[own].mean()) if own.any() else 0.0
 
 
-def hinge_pairs(
-    pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], backend: str | None = None
-) -> Picture:  # fmt: skip
+def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], backend: str | None = None) -> Picture:
     """Pairs of hinges in columns, the first group above the second.
 
     Parameters

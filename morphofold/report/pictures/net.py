@@ -20,15 +20,19 @@ from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.surface import PerVertex, Verts
 
 CREST = "#333333"
-DISC = 0.27             # radius of a hinge, in gyral widths
+DISC = 0.27  # radius of a hinge, in gyral widths
 #: hinges by the number of their arms, five or more being one kind
 ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
-CREST_EDGES = 4.0       # of the scale of crest lines, at least: a surface is never without noise
+CREST_EDGES = 4.0  # of the scale of crest lines, at least: a surface is never without noise
 KINDS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-DOUBT = "#8c8c8c"         # hinges that do not count, however many arms they have
+DOUBT = "#8c8c8c"  # hinges that do not count, however many arms they have
 LEGEND = (
-    ("crest", CREST), ("hinge, 3 arms", ARMS[3]), ("4 arms", ARMS[4]), ("5 or more", ARMS[5]), ("doubtful", DOUBT),
-)  # fmt: skip
+    ("crest", CREST),
+    ("hinge, 3 arms", ARMS[3]),
+    ("4 arms", ARMS[4]),
+    ("5 or more", ARMS[5]),
+    ("doubtful", DOUBT),
+)
 
 
 def net_row(measures: Measures, name: str) -> Row:
@@ -40,7 +44,7 @@ def net_row(measures: Measures, name: str) -> Row:
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
     paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST)
-    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])         # a dot is never less than a vertex
+    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])  # a dot is never less than a vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
             near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
@@ -68,9 +72,7 @@ def shaded(depth: PerVertex) -> colours.RGB:
     return np.round(np.array(colours.BARE) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
-def paint_lines(
-    rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str
-) -> None:
+def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
     """Colour the vertices that lines (P, 3) pass within about half an ``edge`` [mm]."""
     if lines:
         points = np.concatenate([resampled(line, 0.3 * edge) for line in lines])

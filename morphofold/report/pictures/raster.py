@@ -103,9 +103,12 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
 
 
 def look(
-    points: NDArray[np.float64], faces: NDArray[np.int64], size: tuple[int, int], half_height: float,
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    size: tuple[int, int],
+    half_height: float,
     oversample: int = 2,
-) -> Seen:  # fmt: skip
+) -> Seen:
     """What is seen of a surface from +z, x to the right, y up, no perspective.
 
     Parameters

@@ -105,9 +105,15 @@ Looks = dict[tuple[Any, ...], Any]  # what was seen of which surface, from where
 
 
 def draw(
-    row: Row, views: Sequence[str], what: Quantity, limits: tuple[float, float], size: tuple[int, int],
-    half_height: float, backend: str | None = None, looks: Looks | None = None,
-) -> list[Picture]:  # fmt: skip
+    row: Row,
+    views: Sequence[str],
+    what: Quantity,
+    limits: tuple[float, float],
+    size: tuple[int, int],
+    half_height: float,
+    backend: str | None = None,
+    looks: Looks | None = None,
+) -> list[Picture]:
     """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
 
     ``looks`` keeps what is seen of a surface; a next picture of the same surface that gets it only has to be coloured.
@@ -116,7 +122,7 @@ def draw(
     verts, faces = row.surface.verts, row.surface.faces
     points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
     rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
-    mine = (row.surface,)                                               # as a key it also keeps the surface alive
+    mine = (row.surface,)  # as a key it also keeps the surface alive
     if mine not in looks:
         looks[mine] = vertex_normals(points, faces)
     normals = looks[mine]
@@ -131,7 +137,7 @@ def draw(
         seen: raster.Seen = looks[place]
         return seen.coloured(normals @ turned.T, rgb)
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:           # the kernels let go of the interpreter
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:  # the kernels let go of the interpreter
         return list(pool.map(picture, cameras))
 
 
@@ -173,9 +179,15 @@ def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Pi
 
 
 def figure(
-    rows: Sequence[Row], what: Quantity, limits: tuple[float, float], views: Sequence[str] = VIEWS,
-    width: int = 1520, backend: str | None = None, legend: Sequence[tuple[str, str]] = (), looks: Looks | None = None,
-) -> Picture:  # fmt: skip
+    rows: Sequence[Row],
+    what: Quantity,
+    limits: tuple[float, float],
+    views: Sequence[str] = VIEWS,
+    width: int = 1520,
+    backend: str | None = None,
+    legend: Sequence[tuple[str, str]] = (),
+    looks: Looks | None = None,
+) -> Picture:
     """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``:
     words and the colour ("#d55e00") of each. ``looks`` is that of :func:`draw`."""
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
@@ -240,9 +252,14 @@ _ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # g
 
 
 def write(
-    canvas: Picture, text: str, at: tuple[float, float], size: int, bold: bool = False, anchor: str = "start",
+    canvas: Picture,
+    text: str,
+    at: tuple[float, float],
+    size: int,
+    bold: bool = False,
+    anchor: str = "start",
     grey: int = 20,
-) -> None:  # fmt: skip
+) -> None:
     """Put a line of text on a picture, its top left (or top middle) at ``at``; the rest is cut off."""
     ink = lettering(text.translate(_ASCII), size, bold)
     x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}       # as pages call them and matplotlib does
+MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # as pages call them and matplotlib does
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
 DASHED = (0, (8, 5))
-SIZE = (430.0, 250.0)                   # [px], of a chart of two beside each other
+SIZE = (430.0, 250.0)  # [px], of a chart of two beside each other
 WIDE = (880.0, 430.0)
-MARGINS = (56.0, 14.0, 12.0, 38.0)      # [px] left, right, top, bottom
+MARGINS = (56.0, 14.0, 12.0, 38.0)  # [px] left, right, top, bottom
 #: what pages need beside the style of all plots: text that a browser sets, and lengths in pixels
 IN_PAGES = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -70,20 +70,32 @@ class _Chart:
 
     def points(self, x: Sequence[float], y: Sequence[float], words: Sequence[str], look: Look, *, big: bool) -> None:
         self.ax.scatter(
-            x, y, s=(14 if big else 7) ** 2, color=look.colour, marker=MARKERS[look.marker], alpha=0.72,
-            edgecolors="white", linewidths=0.6, zorder=3, clip_on=False, gid="point", urls=list(map(self.reads, words)),
-        )  # fmt: skip
+            x,
+            y,
+            s=(14 if big else 7) ** 2,
+            color=look.colour,
+            marker=MARKERS[look.marker],
+            alpha=0.72,
+            edgecolors="white",
+            linewidths=0.6,
+            zorder=3,
+            clip_on=False,
+            gid="point",
+            urls=list(map(self.reads, words)),
+        )
 
     def svg(self) -> Markup:
         """The drawing, to be put into a page as it is."""
         file = io.StringIO()
         self.figure.savefig(file, format="svg", metadata=NO_METADATA)
-        drawn = file.getvalue().partition("</defs>")[2]                 # the first are a style for the whole page
-        drawn = drawn.replace('<g id="', '<g class="')                  # alike in all charts
+        drawn = file.getvalue().partition("</defs>")[2]  # the first are a style for the whole page
+        drawn = drawn.replace('<g id="', '<g class="')  # alike in all charts
         drawn = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
-            lambda mark: f"<g><title>{escape(self.said[int(mark[1])])}</title>{mark[2]}</g>", drawn, flags=re.DOTALL,
-        )  # fmt: skip
+            lambda mark: f"<g><title>{escape(self.said[int(mark[1])])}</title>{mark[2]}</g>",
+            drawn,
+            flags=re.DOTALL,
+        )
         return Markup(
             '<svg class="chart" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}" xmlns="http://www.w3.org/2000/svg">'
             "<title>{}</title>{}"
@@ -92,13 +104,18 @@ class _Chart:
 
 @contextmanager
 def _chart(
-    title: str, x_label: str, y_label: str, x: tuple[float, float], y: tuple[float, float],
-    size: tuple[float, float] = SIZE, right: float = MARGINS[1],
-) -> Iterator[_Chart]:  # fmt: skip
+    title: str,
+    x_label: str,
+    y_label: str,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    size: tuple[float, float] = SIZE,
+    right: float = MARGINS[1],
+) -> Iterator[_Chart]:
     """A chart of fixed margins between limits, with room at its right."""
-    inches = 72.0                                                       # of an SVG, in which a point is a pixel
+    inches = 72.0  # of an SVG, in which a point is a pixel
     (width, height), (left, _, top, bottom) = size, MARGINS
-    style = {**IN_PAGES, "svg.hashsalt": title}                         # no two charts share the names of their parts
+    style = {**IN_PAGES, "svg.hashsalt": title}  # no two charts share the names of their parts
     with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         figure.patch.set_visible(False)
@@ -118,9 +135,12 @@ def line_of(look: Look) -> dict[str, Any]:
 
 
 def histograms(
-    series: Sequence[tuple[Look, np.ndarray, np.ndarray]], label: str, unit: str, bins: int | np.ndarray = 48,
+    series: Sequence[tuple[Look, np.ndarray, np.ndarray]],
+    label: str,
+    unit: str,
+    bins: int | np.ndarray = 48,
     counted: str = "",
-) -> Markup | None:  # fmt: skip
+) -> Markup | None:
     """Distributions over each other, in the same bins: area-weighted, or counts.
 
     Parameters
@@ -143,7 +163,7 @@ def histograms(
         return None
     if isinstance(bins, int):
         low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
-        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5     # bins wider than round-off
+        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
         edges = np.linspace(low - wide, high + wide, bins + 1)
     else:
         edges = bins
@@ -165,11 +185,19 @@ def histograms(
         for look, density, median in curves:
             words = f"{look.name}: median {number(median)} {unit}".strip()
             chart.ax.stairs(
-                density, edges, fill=True, facecolor=(look.colour, 0.12), edgecolor=look.colour, linewidth=1.7,
-                linestyle=line_of(look)["linestyle"], gid="curve", url=chart.reads(words), clip_on=False,
-            )  # fmt: skip
+                density,
+                edges,
+                fill=True,
+                facecolor=(look.colour, 0.12),
+                edgecolor=look.colour,
+                linewidth=1.7,
+                linestyle=line_of(look)["linestyle"],
+                gid="curve",
+                url=chart.reads(words),
+                clip_on=False,
+            )
             if edges[0] <= median <= edges[-1]:
-                chart.line([median], [0], "median", color=look.colour, marker=10, markersize=8)     # a caret
+                chart.line([median], [0], "median", color=look.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
 
 
@@ -181,9 +209,12 @@ def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 
 def thickness_plot(
-    clouds: Sequence[tuple[Look, Cloud]], lines: Sequence[tuple[float, str]], *, from_zero: bool = True,
+    clouds: Sequence[tuple[Look, Cloud]],
+    lines: Sequence[tuple[float, str]],
+    *,
+    from_zero: bool = True,
     size: tuple[float, float] = WIDE,
-) -> Markup | None:  # fmt: skip
+) -> Markup | None:
     """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
 
     Parameters
@@ -243,9 +274,7 @@ def _draw_cloud(chart: _Chart, look: Look, cloud: Cloud) -> None:
         chart.points(x, y, words, look, big=len(cloud.points) == 1)
 
 
-def folding_plot(
-    surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]
-) -> Markup | None:
+def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
     """The law of folding: decimal logarithms of total area times root thickness over exposed area, lines of equal k.
 
     Parameters

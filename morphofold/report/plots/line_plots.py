@@ -12,7 +12,7 @@ import numpy as np
 from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL
 
-if TYPE_CHECKING:                                           # matplotlib takes a second to import
+if TYPE_CHECKING:  # matplotlib takes a second to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -23,12 +23,24 @@ FORMATS: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 STYLE = {
-    "font.size": 11, "axes.labelsize": 11, "axes.titlesize": 11, "legend.fontsize": 10,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e4e4e0",
-    "grid.linewidth": 0.7, "axes.axisbelow": True, "lines.linewidth": 1.9, "legend.frameon": False,
-    "legend.handlelength": 2.8, "svg.hashsalt": "morphofold", "pdf.fonttype": 42, "savefig.dpi": 160,
-}  # fmt: skip
-NO_FORMULAS = {"text.parse_math": False}     # in names, where $ is a letter
+    "font.size": 11,
+    "axes.labelsize": 11,
+    "axes.titlesize": 11,
+    "legend.fontsize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e0",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.9,
+    "legend.frameon": False,
+    "legend.handlelength": 2.8,
+    "svg.hashsalt": "morphofold",
+    "pdf.fonttype": 42,
+    "savefig.dpi": 160,
+}
+NO_FORMULAS = {"text.parse_math": False}  # in names, where $ is a letter
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
@@ -68,7 +80,7 @@ def around(values: Sequence[float], low: float, high: float, step: float) -> tup
 
 def round_step(size: float) -> float:
     """A round step, 1, 2 or 5 times a power of ten, that goes into a size 3 to 8 times."""
-    if size < 1e-9:                                         # rounding, of nothing
+    if size < 1e-9:  # rounding, of nothing
         return 1.0
     decade = 10.0 ** np.floor(np.log10(size / 3))
     return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
@@ -108,9 +120,15 @@ def _style(more: Mapping[str, Any] = {}) -> Iterator[None]:
 
 @contextmanager
 def new_figure(
-    width: float, height: float, rows: int, columns: int, *, layout: Literal["constrained"] | None = "constrained",
-    style: Mapping[str, Any] = {}, **shared: Any,
-) -> Iterator[tuple[Figure, Any]]:  # fmt: skip
+    width: float,
+    height: float,
+    rows: int,
+    columns: int,
+    *,
+    layout: Literal["constrained"] | None = "constrained",
+    style: Mapping[str, Any] = {},
+    **shared: Any,
+) -> Iterator[tuple[Figure, Any]]:
     """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style``: beside the house's."""
     from matplotlib.figure import Figure
 

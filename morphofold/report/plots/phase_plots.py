@@ -43,8 +43,9 @@ class Shown:
     def title(self) -> str:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
+
 WAVELENGTH = "wavelength_mm"
-ROUND_OFF = 1e-3        # of the measures that are shown, in their units
+ROUND_OFF = 1e-3  # of the measures that are shown, in their units
 SHOWN = (
     Shown("gyrification_index", "Gyrification index", "", 1.0),
     Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
@@ -70,10 +71,10 @@ class Cell:
         """The cell in at most three short lines."""
         if self.n == 0:
             return ["failed" if self.failed == self.runs else "–"]
-        mean = number(float(f"{self.mean:.3g}"))                        # 0.99999 is 1.00, as 1.00001 is
+        mean = number(float(f"{self.mean:.3g}"))  # 0.99999 is 1.00, as 1.00001 is
         lines = [mean + "*" * bool(self.unhealthy)]
         if self.n > 1:
-            places = len(mean.partition(".")[2])                        # as many as the mean has
+            places = len(mean.partition(".")[2])  # as many as the mean has
             sd = f"{self.sd:.{places}f}"
             lines.append(f"± {number(self.sd, 1) if self.sd > ROUND_OFF and not float(sd) else sd}")
         if self.n < self.runs:
@@ -124,6 +125,7 @@ def beyond(phases: Phases, at: Place) -> float:
     """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
     return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
 
+
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
@@ -134,8 +136,11 @@ def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
     have no order, there is none.
     """
     across, up = phases.grid.axes[:2]
-    cells = {(i, j): cell(phases, (i, j, *others), shown.key)
-             for i in range(len(across.values)) for j in range(len(up.values))}  # fmt: skip
+    cells = {
+        (i, j): cell(phases, (i, j, *others), shown.key)
+        for i in range(len(across.values))
+        for j in range(len(up.values))
+    }
     means = np.full((len(up.values), len(across.values)), np.nan)
     for (i, j), one in cells.items():
         means[j, i] = one.mean
@@ -163,7 +168,7 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
     if one.failed:
         corner = (at[0] - 0.5, at[1] - 0.5)
         ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
-    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}     # over hatches and the line of theory
+    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}  # over hatches and the line of theory
     words = "\n".join(lines)
     ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
 
@@ -184,7 +189,7 @@ def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
     across, up = len(first.values), len(second.values)
     above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
     x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
-    pieces = []                                                         # (x, y, values at them), each with a line
+    pieces = []  # (x, y, values at them), each with a line
     if first.numeric and second.numeric and min(across, up) > 1:
         pieces = [(x, y, above)]
     elif second.numeric and up > 1:
@@ -216,6 +221,7 @@ def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, flo
     bar.set_label(shown.title)
     bar.outline.set_visible(False)  # type: ignore[operator]
 
+
 # curves ------------------------------------------------------------------------------------------------------
 
 
@@ -236,9 +242,15 @@ def curve(phases: Phases, shown: Shown) -> Figure:
             ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
             if failed := sum(bool(run.reason) for run in phases.at[i,]):
                 ax.annotate(
-                    f"{failed} failed", (at, 0), xycoords=("data", "axes fraction"), xytext=(0, 4),
-                    textcoords="offset points", ha="center", color=GREY, fontsize=9,
-                )  # fmt: skip
+                    f"{failed} failed",
+                    (at, 0),
+                    xycoords=("data", "axes fraction"),
+                    xytext=(0, 4),
+                    textcoords="offset points",
+                    ha="center",
+                    color=GREY,
+                    fontsize=9,
+                )
         means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
         if np.isfinite(means).any():
             label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
@@ -267,9 +279,10 @@ def curve(phases: Phases, shown: Shown) -> Figure:
 def crossings(x: Array, y: Array) -> list[float]:
     """Where a curve, straight between its points (N,), passes through zero from one side to the other."""
     return [
-        float(a + (b - a) * u / (u - v)) for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
+        float(a + (b - a) * u / (u - v))
+        for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
         if u * v < 0
-    ]  # fmt: skip
+    ]
 
 
 def _title(phases: Phases, shown: Shown, others: Place) -> str:

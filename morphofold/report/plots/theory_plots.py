@@ -24,15 +24,7 @@ from morphofold.report.plots.line_plots import (
     set_limits,
 )
 from morphofold.sim import theory
-from morphofold.sim.theory_tables import (
-    G_MAX,
-    Case,
-    Row,
-    bifurcation_cases,
-    critical_rows,
-    radius_rows,
-    stress_rows,
-)
+from morphofold.sim.theory_tables import G_MAX, Case, Row, bifurcation_cases, critical_rows, radius_rows, stress_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,9 +38,12 @@ LAWS = ("isotropic", "tangential")
 MU_RATIO = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
 #: parameters of the paper's sphere, which titles leave out, and how they say others
 PAPER = {
-    "radius": (50.0, "$C$ = {:g} mm"), "A_over_C": (0.5, "$A/C$ = {:g}"), "mu_ratio": (1.0, MU_RATIO),
-    "g_core": (1.0, "$g_\\mathrm{{core}}$ = {:g}"), "kappa_ratio": (np.inf, "$\\kappa/\\mu$ = {:g}"),
-}  # fmt: skip
+    "radius": (50.0, "$C$ = {:g} mm"),
+    "A_over_C": (0.5, "$A/C$ = {:g}"),
+    "mu_ratio": (1.0, MU_RATIO),
+    "g_core": (1.0, "$g_\\mathrm{{core}}$ = {:g}"),
+    "kappa_ratio": (np.inf, "$\\kappa/\\mu$ = {:g}"),
+}
 #: asked points beyond which dots would cover the curve
 MOST_DOTS = 40
 
@@ -101,7 +96,7 @@ def critical_figure(
 
     The ratios asked for are dots.
     """
-    right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)       # the hole lies inside B
+    right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
     rows = critical_rows(np.linspace(1 + 1e-6, right, 801), laws, **options)
     with new_figure(7.6, 4.8, 1, 1) as (figure, ((ax,),)):
         draw_critical(ax, rows, laws, biot=biot, limits=options.get("g_core", 1.0) == 1)
@@ -136,8 +131,9 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
                 ax.xaxis.set_major_formatter("{x:g}")
                 ax.set(xlabel="degree of the spherical harmonic  $l$" if k == len(ratios) - 1 else "")
                 ax.set(ylabel=CRITICAL_LABEL if law == laws[0] else "")
-        entries: dict[str, Any] = {f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i)
-                                   for i, T in enumerate(thicknesses)}  # fmt: skip
+        entries: dict[str, Any] = {
+            f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i) for i, T in enumerate(thicknesses)
+        }
         entries |= {"first wrinkles": {**MARK, "marker": "o"}, "crease criterion": {"color": GREY, "linewidth": 1.0}}
         _legend_of_cases(figure, axes[0][0], cases, entries, ">", columns=3 if len(laws) > 1 else 2)
     return figure
@@ -170,8 +166,9 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
             _say_none(ax, here)
             ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL if law == laws[0] else "")
             ax.locator_params(axis="x", nbins=5)
-        entries: dict[str, Any] = {f"wrinkles (theory), {MU_RATIO.format(mu)}": {**line_style(i + 1), **dots}
-                                   for i, mu in enumerate(ratios)}  # fmt: skip
+        entries: dict[str, Any] = {
+            f"wrinkles (theory), {MU_RATIO.format(mu)}": {**line_style(i + 1), **dots} for i, mu in enumerate(ratios)
+        }
         if incompressible:
             entries = {"creases (theory), Eqs. (12) and (13)": {"color": BLACK, "linewidth": 2.4}, **entries}
         else:
@@ -196,9 +193,7 @@ def draw_stress(ax: Axes, rows: list[Row]) -> None:
     )
 
 
-def draw_critical(
-    ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool = False, limits: bool = True
-) -> None:
+def draw_critical(ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool = False, limits: bool = True) -> None:
     for law, line, mine in _curves([row for row in rows if row["law"] in laws], "law"):
         equation = "Eq. (12)" if law == "isotropic" else "Eq. (13)"
         ax.plot(*_columns(mine, "C_over_B", "g_crease"), label=f"theory, {equation}, {law}", **line)
@@ -214,13 +209,29 @@ def _mark_limits(ax: Axes, laws: Sequence[str]) -> None:
     """The two limits that the text of the paper names: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin = theory.CREASE ** (1 / 3)
     ax.axhline(thin, color=GREY, linewidth=0.9, zorder=1)
-    ax.text(0.995, thin - 0.03, f"thin cortex: $g$ = {thin:.2f}", transform=ax.get_yaxis_transform(),
-            color=GREY, ha="right", va="top", fontsize=10)  # fmt: skip
+    ax.text(
+        0.995,
+        thin - 0.03,
+        f"thin cortex: $g$ = {thin:.2f}",
+        transform=ax.get_yaxis_transform(),
+        color=GREY,
+        ha="right",
+        va="top",
+        fontsize=10,
+    )
     if "isotropic" in laws:
         last = theory.thickest_creasing()
         ax.axvline(last, color=GREY, linewidth=0.9, zorder=1)
-        ax.text(last, 0.97, f"  $C/B$ = {last:.2f}: no crease\n  beyond, if isotropic", color=GREY, va="top",
-                transform=ax.get_xaxis_transform(), fontsize=10, clip_on=True)  # fmt: skip
+        ax.text(
+            last,
+            0.97,
+            f"  $C/B$ = {last:.2f}: no crease\n  beyond, if isotropic",
+            color=GREY,
+            va="top",
+            transform=ax.get_xaxis_transform(),
+            fontsize=10,
+            clip_on=True,
+        )
 
 
 def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
@@ -229,7 +240,7 @@ def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
         b = case.bifurcation
         ax.plot(b.curve.degree, b.curve.g, **line_style(index))
         ax.axhline(b.g_crease, **{**line_style(index), "linewidth": 1.0})
-        shortest_first = np.isinf(b.mode)                   # the minimum lies beyond every axis: an arrow at its end
+        shortest_first = np.isinf(b.mode)  # the minimum lies beyond every axis: an arrow at its end
         at = ax.get_xlim()[1] if shortest_first else b.mode
         mark = ">" if shortest_first else "o"
         ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=line_style(index)["color"], clip_on=False, zorder=3)
@@ -251,7 +262,7 @@ def _mark(ax: Axes, rows: list[Row], x: str, y: str) -> None:
     """Dots on numbers that were asked for, within the limits, as long as there is room between them."""
     for _, line, mine in _curves(rows, "law"):
         at = [row for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
-        if at:                                              # not clipped: dots at the ends stay whole
+        if at:  # not clipped: dots at the ends stay whole
             ax.plot(*_columns(at, x, y), linestyle="none", marker="o", color=line["color"], clip_on=False, zorder=3)
 
 
