@@ -17,7 +17,7 @@ from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
-CALM = 0.6  # scales over which extremality is smoothed
+SMOOTHING = 0.6  # scales over which extremality is smoothed
 SHARP = 1.0  # times the cube of its curvature by which a crest falls away at its median,
 BESIDE, LESS = 1.0, 0.3  # or the share of it that it lacks so many scales to either side
 ROUND = 0.15  # share of k1 by which k2 is less on a crest
@@ -115,7 +115,7 @@ def crest_lines(
         k, other, along, e = (
             (curv.k1, curv.k2, curv.d1, curv.e1) if kind == "gyral" else (-curv.k2, -curv.k1, curv.d2, -curv.e2)
         )
-        flow = np.nan_to_num(diffused(verts, faces, np.nan_to_num(e[:, None] * along), CALM * curv.scale))
+        flow = np.nan_to_num(diffused(verts, faces, np.nan_to_num(e[:, None] * along), SMOOTHING * curv.scale))
         found += [
             CrestLine(kind, points, length, float(strength), sign * float(bent))
             for points, length, strength, bent in _trace(verts, faces, k, other, along, flow, sign * beside)

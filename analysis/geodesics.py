@@ -14,7 +14,7 @@ from morphofold.arrays import Ints
 from morphofold.surface import Faces, PerVertex, Verts
 
 
-def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
+def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     """Symmetric (N, N) lengths [mm] of the edges, and of the straight lines between the far corners of two triangles.
 
     Lines that leave their two triangles are left out. Shortest ways come out about 4 % too long on even meshes,
@@ -23,8 +23,8 @@ def way_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
     key = geometry.edges_of_faces(faces).T.ravel()
     order = np.argsort(key, kind="stable")
-    twin = key[order[1:]] == key[order[:-1]]
-    one, two = half[order[:-1][twin]], half[order[1:][twin]]
+    paired = key[order[1:]] == key[order[:-1]]
+    one, two = half[order[:-1][paired]], half[order[1:][paired]]
     base = verts[one[:, 0]]
     along = verts[one[:, 1]] - base
     length = np.linalg.norm(along, axis=1)

@@ -11,7 +11,7 @@ from morphofold.surface import Cortex, PerVertex
 if TYPE_CHECKING:
     import networkx as nx
 
-LINE = (
+SLOPES = (
     "gyral_to_cortical_slope",
     "gyral_to_cortical_r",
     "gyral_to_cortical_slope_robust",
@@ -37,7 +37,7 @@ SCALARS = (
     "n_hinges_high",
     "n_crests",
     "crest_length_mm",
-    *LINE,
+    *SLOPES,
     "mean_local_gyrification_index",
     "spectral_wavelength_mm",
     "gray_volume_mm3",
@@ -91,7 +91,7 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
         ),
         _NET,
     ),
-    **dict.fromkeys(LINE, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
+    **dict.fromkeys(SLOPES, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
 }
 
 

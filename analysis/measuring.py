@@ -16,7 +16,7 @@ from morphofold.analysis.gyrification import hull
 from morphofold.analysis.gyrification.folding import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING, local_gyrification_index
 from morphofold.analysis.maps import each_map
-from morphofold.analysis.measures import LINE, SCALARS, Measures
+from morphofold.analysis.measures import SCALARS, SLOPES, Measures
 from morphofold.analysis.mesh_quality import checks, defects, plausibility
 from morphofold.analysis.mesh_quality import repair as mending
 from morphofold.analysis.thickness.gyral import GyralThickness
@@ -178,7 +178,7 @@ class _Measuring:
 
     def cortical_thickness(self, cap: float | None) -> None:
         cortex = self.cortex
-        self.copy = resampling.copied(cortex, self._chosen)
+        self.copy = resampling.resampled(cortex, self._chosen)
         thickness = self._put("cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
         self.scalars["mean_cortical_thickness_mm"] = _mean(thickness)
         weights = self.area_white + self.area_pial
@@ -230,11 +230,11 @@ class _Measuring:
         rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
         tables = gyral_tables(self.cortex, self.graph, self.maps)
         fitted, why = through_regions(rows)
-        scalars = {**self.scalars, **tables.scalars, **dict(zip(LINE, _line_numbers(fitted)))}
+        scalars = {**self.scalars, **tables.scalars, **dict(zip(SLOPES, _slope_numbers(fitted)))}
         said = {
             **self.notes,
             **(notes.of_regions() if rows else {}),
-            **dict.fromkeys(LINE, why if rows else notes.NO_REGIONS),
+            **dict.fromkeys(SLOPES, why if rows else notes.NO_REGIONS),
         }
         parameters = _parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
         parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
@@ -337,10 +337,10 @@ def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     return float(np.average(values[known], weights=None if weights is None else weights[known]))
 
 
-def _line_numbers(fitted: Line | None) -> list[float | None]:
-    """Of the scalars in ``LINE``; bounds are missing where there are too few regions for them."""
+def _slope_numbers(fitted: Line | None) -> list[float | None]:
+    """Of the scalars in ``SLOPES``; bounds are missing where there are too few regions for them."""
     if fitted is None:
-        return [None] * len(LINE)
+        return [None] * len(SLOPES)
     return [_number(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
 
 

@@ -36,7 +36,7 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
     is of gyri of another size than those that ``across`` has measured."""
     scales, surface = graph.graph["scales"], graph.graph["surface"]
     if scales is None:
-        why = f"{surface} has no gyri: no crest parts two basins of its altitude."
+        why = f"{surface} has no gyri: no crest parts two basins of its depth potential."
         return dict.fromkeys((*GRAPH, "spectral_wavelength_mm"), why)
     text = (
         f"Net of crests on {surface}, gyral width {scales.width:.2f} mm (inflection to inflection); pits that persist "
@@ -70,7 +70,7 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
         | dict.fromkeys(GRAPH, text)
         | dict.fromkeys(HINGES, text + counted)
         | {
-            "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the altitude along "
+            "spectral_wavelength_mm": "2 pi over the root mean square wavenumber of the depth potential along "
             "the white surface."
         }
     )

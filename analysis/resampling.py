@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold import geometry
-from morphofold.analysis.graph.gyral_graph import Feet, gyral_graph
+from morphofold.analysis.graph.gyral_graph import ClosestPoints, gyral_graph
 from morphofold.analysis.mesh_quality import checks
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Accuracy:
+class Preset:
     """One setting of the measuring room.
 
     Attributes
@@ -44,18 +44,18 @@ class Accuracy:
 
 
 #: docs/accuracy.md has their errors and times, and where they are on the fronts of both
-ACCURACIES = {"draft": Accuracy(50_000, 0, 6.0), "standard": Accuracy(0, 0, 12.0), "fine": Accuracy(0, 40_000, 20.0)}
+PRESETS = {"draft": Preset(50_000, 0, 6.0), "standard": Preset(0, 0, 12.0), "fine": Preset(0, 40_000, 20.0)}
 
 
-def accuracy_of(name: str) -> Accuracy:
-    """Raises ``UnknownName`` for a name that is none of ``ACCURACIES``."""
-    if name not in ACCURACIES:
-        raise UnknownName(f"accuracy must be one of {', '.join(ACCURACIES)}, got {name!r}.")
-    return ACCURACIES[name]
+def accuracy_of(name: str) -> Preset:
+    """Raises ``UnknownName`` for a name that is none of ``PRESETS``."""
+    if name not in PRESETS:
+        raise UnknownName(f"accuracy must be one of {', '.join(PRESETS)}, got {name!r}.")
+    return PRESETS[name]
 
 
 @dataclass(frozen=True, eq=False)
-class Copy:
+class Resampled:
     """The cortex that thicknesses and the net are measured on, and where its parts lie in the original.
 
     Attributes
@@ -64,7 +64,7 @@ class Copy:
         The original, of N vertices, and the copy, of n.
     place : (N,) int64
         Vertex of the copy that each of the original became; -1 where no face used it.
-    twin : (n,) int64
+    source : (n,) int64
         Vertex of the original that each of the copy stands for.
     triangle : (m,) int64
         Triangle of the original beside each of the copy.
@@ -73,7 +73,7 @@ class Copy:
     of: Cortex
     cortex: Cortex
     place: Ints = field(repr=False)
-    twin: Ints = field(repr=False)
+    source: Ints = field(repr=False)
     triangle: Ints = field(repr=False)
 
     @property
@@ -87,7 +87,7 @@ class Copy:
     def gyral_thickness(self, **options: Any) -> GyralThickness:
         """As :func:`morphofold.analysis.gyral_thickness`; ``triangle``, maps and relief are of the original."""
         if self.changed and options.get("mask") is not None:
-            options["mask"] = np.asarray(options["mask"])[self.twin]
+            options["mask"] = np.asarray(options["mask"])[self.source]
         found = gyral_thickness(self.cortex, **options)
         if not self.changed:
             return found
@@ -110,29 +110,29 @@ class Copy:
         graph = gyral_graph(_midway(self.cortex) if midway else self.cortex, width=width)
         if self.changed:
             white = (_midway(self.of) if midway else self.of).white
-            feet = Feet(white.verts, white.faces, cKDTree(white.verts))
+            closest = ClosestPoints(white.verts, white.faces, cKDTree(white.verts))
             for _, node in graph.nodes(data=True):
-                place, vertex = feet.of(node["position"][None])
+                place, vertex = closest.of(node["position"][None])
                 node.update(position=place[0], vertex=int(vertex[0]))
             for *_, crest in graph.edges(data=True):
-                crest["polyline"], crest["vertices"] = feet.of(crest["polyline"])
+                crest["polyline"], crest["vertices"] = closest.of(crest["polyline"])
         return graph
 
     def _back(self, values: PerVertex) -> PerVertex:
         return np.where(self.place < 0, np.nan, values[self.place]) if self.changed else values
 
 
-def copied(cortex: Cortex, accuracy: Accuracy) -> Copy:
+def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
     """The cortex thinned or split as ``accuracy`` says; itself where it has vertices enough and not too many."""
     n = len(np.unique(cortex.faces))
     if accuracy.most and n > accuracy.most:
         return _thinned(cortex, accuracy.most / n)
     every = np.arange(cortex.n_vertices)
-    same = Copy(cortex, cortex, every, every, np.arange(len(cortex.faces)))
+    same = Resampled(cortex, cortex, every, every, np.arange(len(cortex.faces)))
     return _split(same) if n < accuracy.least else same
 
 
-def parameters(name: str, copy: Copy) -> dict[str, Any]:
+def parameters(name: str, copy: Resampled) -> dict[str, Any]:
     """What to record of an accuracy by its name, and of the copy that it led to."""
     from morphofold.analysis.gyrification.local_gyrification import CLOSING
 
@@ -143,7 +143,7 @@ def parameters(name: str, copy: Copy) -> dict[str, Any]:
     }
 
 
-def _thinned(cortex: Cortex, keep: float) -> Copy:
+def _thinned(cortex: Cortex, keep: float) -> Resampled:
     """A share of the vertices, by quadric errors of the surface midway, the same edges collapsed on white and pial.
 
     Collapses may pinch the surface at a few places, so that it is no longer closed there: what is measured on the copy
@@ -158,21 +158,21 @@ def _thinned(cortex: Cortex, keep: float) -> Copy:
     place = place.astype(np.int64)
     used = np.flatnonzero(place >= 0)
     away = np.linalg.norm(((white + pial) - (inner + outer)[place])[used], axis=1)
-    order = np.lexsort((away, place[used]))  # of each copied vertex the nearest one first
+    order = np.lexsort((away, place[used]))  # of each resampled vertex the nearest one first
     _, first = np.unique(place[used][order], return_index=True)
-    twin = used[order][first]
+    source = used[order][first]
     ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
-    triangle = ring.indices[ring.indptr[twin[fewer[:, 0]]]].astype(np.int64)
-    return Copy(cortex, _on(cortex, inner + middle, outer + middle, fewer, twin), place, twin, triangle)
+    triangle = ring.indices[ring.indptr[source[fewer[:, 0]]]].astype(np.int64)
+    return Resampled(cortex, _on(cortex, inner + middle, outer + middle, fewer, source), place, source, triangle)
 
 
-def _split(same: Copy) -> Copy:
+def _split(same: Resampled) -> Resampled:
     """Every triangle cut in four, in the surface as it is; the original's vertices come first."""
     cortex, faces = same.of, same.of.faces
-    twin = np.concatenate([same.twin, geometry.edges(faces)[:, 0]])
+    source = np.concatenate([same.source, geometry.edges(faces)[:, 0]])
     (white, finer), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
-    copy = _on(cortex, white, pial, finer, twin)
-    return replace(same, cortex=copy, twin=twin, triangle=np.tile(same.triangle, 4))
+    copy = _on(cortex, white, pial, finer, source)
+    return replace(same, cortex=copy, source=source, triangle=np.tile(same.triangle, 4))
 
 
 def _midway(cortex: Cortex) -> Cortex:
@@ -182,14 +182,14 @@ def _midway(cortex: Cortex) -> Cortex:
     return replace(cortex, white=Surface((white.verts + pial.verts) / 2, cortex.faces, name))
 
 
-def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, twin: Ints) -> Cortex:
+def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, source: Ints) -> Cortex:
     """The cortex with other surfaces and the mask of its own."""
     return replace(
         cortex,
         white=Surface(white, faces, cortex.white.name),
         pial=Surface(pial, faces, cortex.pial.name),
         maps={},
-        cortex=checks.cortex_mask(cortex)[twin],
+        cortex=checks.cortex_mask(cortex)[source],
         regions=None,
         inflated=None,
     )

@@ -39,7 +39,7 @@ EARLY = 0.2  # below this growth strain the kinetic energy is held against what 
 SOFT_START = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring,
 FIRST_PACE = 0.1  # and what it starts from
 NEAR = 0.05  # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
-CALM, PATIENCE = 2.0, 60.0  # once it lasted so long, or after so long in all [ticks],
+STILL_FOR, PATIENCE = 2.0, 60.0  # once it lasted so long, or after so long in all [ticks],
 BRIEF, SHARE = 10.0, 4 / 3  # or sooner where growth took less since the last rest: that share of it, or so long,
 AWAY = 0.25  # but not beyond such a distance, on the way to other folds,
 SLOW = 6.0  # nor where the body is slow: then after so many times as long
@@ -179,7 +179,7 @@ class Dynamics:
             self._hold(after)
 
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
-        """Hold the growth until the body is at rest: within ``NEAR`` for ``CALM``.
+        """Hold the growth until the body is at rest: within ``NEAR`` for ``STILL_FOR``.
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
         one that rings, since growth has stopped at once. A body that does not rest goes on after its :func:`patience`:
@@ -194,7 +194,7 @@ class Dynamics:
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
-        while self.waits_for_balance and balance.calm < CALM * tick:
+        while self.waits_for_balance and balance.calm < STILL_FOR * tick:
             longest = patience(None if balance.slender or not state.rested else grown)
             longest *= min(SOFT / balance.soft, SLOW)
             if balance.distance >= AWAY * self.body.thickness:
@@ -207,7 +207,7 @@ class Dynamics:
             self._hold(after)
             self.damping = full
         state.rested = state.step
-        return balance.calm >= CALM * tick
+        return balance.calm >= STILL_FOR * tick
 
     def _hold(self, after: Callable[[State], None]) -> None:
         self._run(REFRESH)
@@ -258,24 +258,24 @@ class Dynamics:
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
         start = state.growth
-        clock = _Clock(seconds)
+        watch = _Stopwatch(seconds)
         for k in range(steps):
-            clock.start()
+            watch.start()
             if growth is not None and k % INCREMENT == 0:
                 share = min(k + INCREMENT, steps) / steps
                 state.growth = growth if share == 1 else start + share * (growth - start)
                 body.grow(state.growth)
-                clock.lap("grow")
+                watch.lap("grow")
             body.elements.compute_forces(state.x)
-            clock.lap("elements")
+            watch.lap("elements")
             for effect in self._with["add_element_forces"]:
                 effect.add_element_forces(body, state.x, state.v)
-                clock.lap(effect.name)
+                watch.lap(effect.name)
             body.filter.forces(state.x, self._extra)
-            clock.lap("filter")
+            watch.lap("filter")
             for effect in self._with["add_forces"]:
                 effect.add_forces(body, state.x, state.v, self._extra)
-                clock.lap(effect.name)
+                watch.lap(effect.name)
             before = state.v.copy() if k == steps - 1 else state.v
             lost = brick_kernels.advance(
                 state.x,
@@ -289,16 +289,16 @@ class Dynamics:
                 body.free,
                 1.0 - self.damping,
             )
-            clock.lap("advance")
+            watch.lap("advance")
             if lost:
                 self._lost(state.step + k + 1)
             for effect in self._with["after_step"]:
                 effect.after_step(state.x, state.v)
-                clock.lap(effect.name)
+                watch.lap(effect.name)
         state.step += steps
         pull = state.v - (1.0 - self.damping) * before  # of the last step; its positions are x - v
         self.balance.look(state.step, state.x - state.v, pull, body.mass, self.damping)
-        clock.lap("balance")
+        watch.lap("balance")
         self._measure(steps)
 
     def _lost(self, step: int) -> None:
@@ -328,8 +328,8 @@ class Dynamics:
     def _measure(self, steps: int = 0) -> None:
         """Of the state, ``steps`` after the last measurement: mass, energies, volume ratios."""
         body, state = self.body, self.state
-        clock = _Clock(self.seconds)
-        clock.start()
+        watch = _Stopwatch(self.seconds)
+        watch.start()
         if not np.isfinite(state.x).all():
             self._lost(state.step)
         body.update_state(state.x)
@@ -339,10 +339,10 @@ class Dynamics:
         min_J = float(element["J_min"].min())
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)
-        clock.lap("measure")
+        watch.lap("measure")
         for effect in self._with["refresh"]:
             effect.refresh(self)
-            clock.lap(effect.name)
+            watch.lap(effect.name)
         kinetic = 0.5 * float(np.sum(body.mass * np.einsum("ij,ij->i", state.v, state.v)))
         state.dissipated += 2 * self.damping * kinetic * steps
         state.record = {
@@ -360,10 +360,10 @@ class Dynamics:
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
         self._sound = self.save(gauge=False)
-        clock.lap("measure")
+        watch.lap("measure")
 
 
-class _Clock:
+class _Stopwatch:
     """Laps added to a table of seconds."""
 
     def __init__(self, seconds: dict[str, float]):

@@ -6,7 +6,7 @@ import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.cohort.participant import Participant
-from morphofold.cohort.tasks import Place
+from morphofold.cohort.tasks import TaskFolder
 from morphofold.io import write_annotation, write_morph, write_surface
 from morphofold.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
@@ -56,7 +56,7 @@ def quick_measure(cortex, *, progress=None, **options):
 
 
 def participants(folders, out, run="1", **options):
-    return [Participant(f.name, str(f), Place(str(out), f.name, run), **options) for f in folders]
+    return [Participant(f.name, str(f), TaskFolder(str(out), f.name, run), **options) for f in folders]
 
 
 class HereFleet:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis.gyrification.folding_law import shape_terms
-from morphofold.comparison import Cloud, Point, fit_line
+from morphofold.comparison import Cloud, ThicknessPoint, fit_line
 from morphofold.report.plots import charts
 from morphofold.report.plots.line_plots import ticks
 from morphofold.words import number
@@ -92,7 +92,7 @@ def beside(ends, x):
 
 
 def cloud_of(*pairs):
-    points = tuple(Point(x, y, "p") for x, y in pairs)
+    points = tuple(ThicknessPoint(x, y, "p") for x, y in pairs)
     return Cloud("region", points, fit=fit_line(points))
 
 
@@ -128,7 +128,7 @@ def test_surfaces_lie_on_the_line_of_their_k_and_bodies_move_towards_larger_ones
 
 def test_every_mark_reads_its_own_words_and_no_name_is_markup_or_a_formula():
     nasty = '<b>&"$x_1$'
-    cloud = replace(cloud_of((1, 2), (2, 3.5), (3, 5)), bins=(Point(2, 3, nasty, 1, 4),))
+    cloud = replace(cloud_of((1, 2), (2, 3.5), (3, 5)), bins=(ThicknessPoint(2, 3, nasty, 1, 4),))
     svg = charts.thickness_plot([(Look(nasty), cloud)], [(1.0, nasty)])
     histogram = charts.histograms([(Look(nasty), np.arange(9.0), np.ones(9))], nasty, "$m$")
     for text in map(str, (svg, histogram)):

@@ -8,7 +8,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import measure
-from morphofold.comparison import Point, compare, fit_line, thickness_cloud, wrinkling_wavelength
+from morphofold.comparison import ThicknessPoint, compare, fit_line, thickness_cloud, wrinkling_wavelength
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.shapes.folded_ball import folded_ball
 
@@ -93,7 +93,7 @@ def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
     x, inside = np.linspace(2, 3, 12), 0
     for _ in range(500):
         y = 3 * x + rng.normal(0, 0.5, len(x))
-        fit = fit_line([Point(a, b, "") for a, b in zip(x, y)])
+        fit = fit_line([ThicknessPoint(a, b, "") for a, b in zip(x, y)])
         inside += fit.slope_low <= 3 <= fit.slope_high
     assert abs(inside - 475) < 20
 
@@ -101,10 +101,10 @@ def test_the_interval_of_a_slope_holds_the_truth_as_often_as_it_says(rng):
 def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
     y = {True: (1.0, 2.1, 2.9, 4.0), False: (1.0, 3.0, 0.5, 2.0)}
     for sloped, values in y.items():
-        fit = fit_line([Point(x, v, "") for x, v in enumerate(values)])
+        fit = fit_line([ThicknessPoint(x, v, "") for x, v in enumerate(values)])
         assert fit.sloped is sloped
         assert (fit.slope_low * fit.slope_high > 0) is sloped
-    assert fit_line([Point(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
+    assert fit_line([ThicknessPoint(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
 
 
 def test_differing_scales_are_said_once_with_their_values():
@@ -127,8 +127,8 @@ def test_differing_scales_are_said_once_with_their_values():
 
 
 def test_no_line_through_two_points_or_through_one_thickness():
-    assert fit_line([Point(1, 2, ""), Point(2, 3, "")]) is None
-    assert fit_line([Point(1, 2, ""), Point(1, 3, ""), Point(1, 4, "")]) is None
+    assert fit_line([ThicknessPoint(1, 2, ""), ThicknessPoint(2, 3, "")]) is None
+    assert fit_line([ThicknessPoint(1, 2, ""), ThicknessPoint(1, 3, ""), ThicknessPoint(1, 4, "")]) is None
 
 
 def test_the_theoretical_line_has_its_known_values():

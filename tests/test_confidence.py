@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from test_hinges import WIDTH, star
 
 from morphofold.analysis.graph.confidence import label_hinges
-from morphofold.analysis.graph.crest_net import Ground
+from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.graph.hinges import DOUBTFUL, SURE, counts, hinges
@@ -122,7 +122,7 @@ def turned(surface, rotation, shift, order):
 
 
 def test_where_a_surface_lies_and_how_it_is_numbered_changes_no_hinge(rng):
-    """A law, up to the tolerance to which the altitude is solved for."""
+    """A law, up to the tolerance to which the depth potential is solved for."""
     surface = ridged_net(irregular_net(20, seed=5, shortest=0.12), 5, 6.0, noise=0.1, rng=3)
     rotation, shift = Rotation.random(random_state=2).as_matrix(), np.array([90.0, -30.0, 20.0])
     one = hinges(gyral_graph(surface))
@@ -174,10 +174,10 @@ def test_confidence_says_which_hinges_of_a_brain_are_found_again(rng):
     scales, found = graph.graph["scales"], hinges(graph)
     noisy = Surface(white.verts + 0.1 * rng.standard_normal(white.verts.shape), white.faces)
     nets = [np.array([hinge.position for hinge in hinges(gyral_graph(noisy, width=scales.width))])]
-    ground = Ground(white)
-    fields = ground.fields(scales)
+    builder = CrestNetBuilder(white)
+    fields = builder.fields(scales)
     for name in ("persistence", "prune", "tip"):
-        net = ground.net(fields, type(scales)(**{**vars(scales), name: 1.2 * getattr(scales, name)}))
+        net = builder.net(fields, type(scales)(**{**vars(scales), name: 1.2 * getattr(scales, name)}))
         nets.append(np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]))
     share = np.mean([found_again(found, net, 0.5 * scales.width) for net in nets], axis=0)
     doubtful = np.array([hinge.confidence < DOUBTFUL for hinge in found])

@@ -1,11 +1,11 @@
-"""Altitude, its scales, and the width of gyri."""
+"""Depth potential, its scales, and the width of gyri."""
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from morphofold.analysis.graph.depth_potential import RELATIVE, Altimeter, persistence, wavelength
+from morphofold.analysis.graph.depth_potential import RELATIVE, SurfaceOperators, persistence, wavelength
 from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import bumpy_sphere, icosphere, sphere
@@ -23,10 +23,10 @@ def test_altitude_of_a_small_wave_is_what_the_equation_says():
     """To first order H = 1/R + (l - 1)(l + 2) / (2 R^2) h, and the Laplacian is l (l + 1) / R^2."""
     radius, degree, reach = 50.0, 6, 20.0
     verts, faces, wave = bumpy(0.5, degree, radius)
-    meter = Altimeter(verts, faces)
-    D = meter.altitude(reach, 1e-9)  # smoothed over one edge
+    operators = SurfaceOperators(verts, faces)
+    D = operators.depth_potential(reach, 1e-9)  # smoothed over one edge
     share = (degree - 1) * (degree + 2) / (degree * (degree + 1) + (radius / reach) ** 2)
-    share *= (1 + degree * (degree + 1) / radius**2 * meter.edge**2 / 6) ** -3
+    share *= (1 + degree * (degree + 1) / radius**2 * operators.edge**2 / 6) ** -3
     assert np.corrcoef(D, wave)[0, 1] > 0.999
     assert np.polyfit(wave, D, 1)[0] == pytest.approx(share, rel=0.01)
     assert abs(np.average(D, weights=vertex_areas(verts, faces))) < 1e-4
@@ -34,19 +34,19 @@ def test_altitude_of_a_small_wave_is_what_the_equation_says():
 
 def test_a_sphere_has_no_altitude_and_noise_comes_in_as_so_many_mm(rng):
     ball = sphere(5, rng=1)
-    assert np.abs(Altimeter(ball.verts, ball.faces).altitude(15.0, 3.0)).max() < 0.02
-    meter = Altimeter(ball.verts, ball.faces)
-    noisy = ball.verts + 0.1 * meter.edge * rng.standard_normal(ball.verts.shape)
-    D = Altimeter(noisy, ball.faces).altitude(15.0, 2 * meter.edge)
-    assert D.std() < 0.1 * meter.edge
+    assert np.abs(SurfaceOperators(ball.verts, ball.faces).depth_potential(15.0, 3.0)).max() < 0.02
+    operators = SurfaceOperators(ball.verts, ball.faces)
+    noisy = ball.verts + 0.1 * operators.edge * rng.standard_normal(ball.verts.shape)
+    D = SurfaceOperators(noisy, ball.faces).depth_potential(15.0, 2 * operators.edge)
+    assert D.std() < 0.1 * operators.edge
 
 
 def test_altitude_turns_with_the_surface_and_scales_with_it():
     verts, faces, _ = bumpy(2.0)
-    D = Altimeter(verts, faces).altitude(10.0, 3.0)
+    D = SurfaceOperators(verts, faces).depth_potential(10.0, 3.0)
     turned = verts @ Rotation.random(random_state=1).as_matrix().T + [10.0, -20.0, 30.0]
-    np.testing.assert_allclose(Altimeter(turned, faces).altitude(10.0, 3.0), D, atol=1e-4)
-    np.testing.assert_allclose(Altimeter(1e3 * verts, faces).altitude(1e4, 3e3), 1e3 * D, atol=0.1)
+    np.testing.assert_allclose(SurfaceOperators(turned, faces).depth_potential(10.0, 3.0), D, atol=1e-4)
+    np.testing.assert_allclose(SurfaceOperators(1e3 * verts, faces).depth_potential(1e4, 3e3), 1e3 * D, atol=0.1)
 
 
 def test_smoothing_damps_waves_as_heat_does():
@@ -55,14 +55,14 @@ def test_smoothing_damps_waves_as_heat_does():
     verts, faces = icosphere(5, radius)
     wave = np.polynomial.legendre.legval(verts[:, 2] / radius, [0] * degree + [1])
     rate = degree * (degree + 1) / radius**2
-    found = np.polyfit(wave, Altimeter(verts, faces).smooth(wave, scale), 1)[0]
+    found = np.polyfit(wave, SurfaceOperators(verts, faces).smooth(wave, scale), 1)[0]
     assert found == pytest.approx((1 + rate * scale**2 / 6) ** -3, rel=0.005)
     assert found == pytest.approx(np.exp(-rate * scale**2 / 2), rel=0.02)
 
 
 def test_mean_curvature_is_positive_on_crowns():
     ball = sphere(5, rng=1)
-    H = Altimeter(ball.verts, ball.faces).mean_curvature(5.0)
+    H = SurfaceOperators(ball.verts, ball.faces).mean_curvature(5.0)
     np.testing.assert_allclose(H, 1 / 50, rtol=0.05)
 
 
@@ -70,13 +70,13 @@ def test_mean_curvature_is_positive_on_crowns():
 def test_the_width_is_that_between_inflections(width):
     """Where the mean curvature of a Gaussian ridge on a sphere, smoothed, is 0: along it 1/R, across it 1/R and h''."""
     surface = ridged_net(regular_net("octahedron"), 6, width)
-    meter = Altimeter(surface.verts, surface.faces)
-    own, smooth = width / (8 * np.log(2)) ** 0.5, 0.007 * meter.area**0.5
+    operators = SurfaceOperators(surface.verts, surface.faces)
+    own, smooth = width / (8 * np.log(2)) ** 0.5, 0.007 * operators.area**0.5
     spread = np.hypot(own, smooth)
     top = 4.0 * own / spread
     bend = lambda s: top / spread**2 * (1 - (s / spread) ** 2) * np.exp(-0.5 * (s / spread) ** 2)
     turn = brentq(lambda s: bend(s) + 2 / 52, 0.1, 1.7 * spread)
-    assert meter.gyral_width() == pytest.approx(2 * turn * 52 / 50, rel=0.1)
+    assert operators.gyral_width() == pytest.approx(2 * turn * 52 / 50, rel=0.1)
 
 
 def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
@@ -84,7 +84,7 @@ def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
     width = {}
     for level, noise in ((5, 0.0), (6, 0.0), (6, 0.1)):
         surface = ridged_net(net, level, 8.0, noise=noise, rng=3)
-        width[level, noise] = Altimeter(surface.verts, surface.faces).gyral_width()
+        width[level, noise] = SurfaceOperators(surface.verts, surface.faces).gyral_width()
     assert width[5, 0.0] == pytest.approx(width[6, 0.0], rel=0.1)
     assert width[6, 0.1] == pytest.approx(width[6, 0.0], rel=0.25)
 

@@ -9,7 +9,7 @@ import pytest
 from commands import refused
 
 from morphofold.analysis.measuring import scale_of_curvature
-from morphofold.analysis.resampling import ACCURACIES, copied
+from morphofold.analysis.resampling import PRESETS, copied
 from morphofold.cli import main
 from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis
@@ -47,7 +47,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     assert found["seconds"] == pytest.approx(sum(found["seconds_by_stage"].values()))
     assert found["fastest"] < found["seconds"] < found["slowest"]
     (lh,) = found["hemispheres"]
-    assert (lh["vertices"], lh["measured_on"]) == (7000, copied(ball, ACCURACIES["fine"]).cortex.n_vertices)
+    assert (lh["vertices"], lh["measured_on"]) == (7000, copied(ball, PRESETS["fine"]).cortex.n_vertices)
     assert [path.name for path in here.iterdir()] == ["in"]
 
 
@@ -64,7 +64,7 @@ def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second)
 
 
 def test_times_follow_the_power_laws_of_the_table(second):
-    n, draft = costs()["analysis"]["ball"], ACCURACIES["draft"]
+    n, draft = costs()["analysis"]["ball"], PRESETS["draft"]
     timed = dict.fromkeys(MEASURING, 1.0)
     here, there = (before._measuring(k * n, k * n, draft, timed) for k in (1, 10))
     for name, law in costs()["analysis"]["stages"].items():
@@ -76,7 +76,7 @@ def test_times_follow_the_power_laws_of_the_table(second):
     assert on_copy["gyral thickness"] == here["gyral thickness"]
     assert on_copy["curvature"] == there["curvature"]
     assert on_copy["cortical thickness"] > here["cortical thickness"]  # thinning comes with it
-    assert before._measuring(n, n, ACCURACIES["fine"], timed)["local gyrification"] > 10 * here["local gyrification"]
+    assert before._measuring(n, n, PRESETS["fine"], timed)["local gyrification"] > 10 * here["local gyrification"]
 
 
 def test_an_uneven_machine_widens_the_range_and_is_said(monkeypatch):
@@ -91,13 +91,13 @@ def test_an_uneven_machine_widens_the_range_and_is_said(monkeypatch):
     assert not any("other work" in doubt for doubt in quiet.doubts)
 
 
-@pytest.mark.parametrize("accuracy", ACCURACIES)
+@pytest.mark.parametrize("accuracy", PRESETS)
 def test_a_vertex_that_no_face_uses_is_counted_as_the_copy_has_it(accuracy):
     ball, more = folded_ball(1000), [[0.0, 0.0, 99.0]]
     loose = {
         name: Surface(np.vstack([getattr(ball, name).verts, more]), ball.faces, name=name) for name in ("white", "pial")
     }
-    cortex, chosen = replace(ball, **loose, maps={}, cortex=None, regions=None), ACCURACIES[accuracy]
+    cortex, chosen = replace(ball, **loose, maps={}, cortex=None, regions=None), PRESETS[accuracy]
     n = copied(cortex, chosen).cortex.n_vertices
     assert before._copied(cortex, chosen) == n
     assert (n == 1001) == (accuracy != "fine")

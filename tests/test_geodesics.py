@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from morphofold.analysis.geodesics import cheapest_path, shorten, way_graph
+from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten
 from morphofold.shapes import icosphere
 
 
 def test_ways_on_a_sphere_are_a_few_percent_long():
     verts, faces = icosphere(5, radius=10.0)
     way = np.full(len(verts), np.inf)
-    shorten(way_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
+    shorten(path_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
     true = 10 * np.arccos(np.clip(verts @ verts[0] / 100, -1, 1))
     far = true > 2
     assert (way[far] >= true[far] * (1 - 1e-3)).all()  # chords: a little shorter than the sphere
@@ -20,7 +20,7 @@ def test_ways_on_a_sphere_are_a_few_percent_long():
 
 def test_ways_are_dijkstras_and_stay_within(rng):
     verts, faces = icosphere(3)
-    graph = way_graph(verts, faces)
+    graph = path_graph(verts, faces)
     np.testing.assert_allclose((graph - graph.T).toarray(), 0)
     way = np.full(len(verts), np.inf)
     shorten(graph, way, np.array([3, 77]), np.ones(len(verts), dtype=bool))
@@ -37,7 +37,7 @@ def test_ways_are_dijkstras_and_stay_within(rng):
 
 def test_the_cheapest_path_keeps_to_the_cheap_side():
     verts, faces = icosphere(4)
-    graph = way_graph(verts, faces)
+    graph = path_graph(verts, faces)
     start, end = int(np.argmax(verts[:, 0])), int(np.argmin(verts[:, 0]))
     goals = np.zeros(len(verts), dtype=bool)
     goals[end] = True

@@ -10,12 +10,12 @@ from made_folds import bulged
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import cortical_thickness, gyral_thickness
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.mesh_quality.checks import cortex_mask
 from morphofold.analysis.thickness import gyral as chords
 from morphofold.analysis.thickness.gyral import weighted_quantile
 from morphofold.analysis.thickness.mid_height import mid_height_contour
-from morphofold.analysis.thickness.rays import Scanner
+from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
@@ -74,7 +74,7 @@ def narrowest(found):
 
 def displaced(surface, by, scale, seed):
     """Along its normals by noise of a standard deviation [mm], smoothed over a scale [mm]."""
-    noise = Altimeter(surface.verts, surface.faces)
+    noise = SurfaceOperators(surface.verts, surface.faces)
     field = noise.smooth(np.random.default_rng(seed).standard_normal(len(surface.verts)), scale)
     return replace(surface, verts=surface.verts + (by * field / field.std())[:, None] * noise.normals)
 
@@ -237,7 +237,7 @@ def test_a_bare_surface_is_measured_without_white(ridged):
 
 def test_a_ray_may_leave_white_for_less_than_the_slack_only():
     verts, faces = icosphere(3, radius=3.0)  # two balls of white, 2 apart
-    scan = Scanner(Surface(np.r_[verts, verts + [8, 0, 0]], np.r_[faces, faces + len(verts)]))
+    scan = RayCaster(Surface(np.r_[verts, verts + [8, 0, 0]], np.r_[faces, faces + len(verts)]))
     origins, directions = np.tile([-5.0, 0.01, 0.02], (4, 1)), np.tile([1.0, 0, 0], (4, 1))
     lengths = np.array([20.0, 20.0, 9.0, 1.0])  # through both, both, the first, none
     assert scan.stays_white(origins, directions, lengths, 1.5).tolist() == [False, False, True, True]

@@ -8,7 +8,7 @@ from commands import refused
 from morphofold.cli import main
 from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.forecasts import calibration, forecast
-from morphofold.forecasts.mesh_choice import budget_seconds, error_share, pick
+from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
 from morphofold.forecasts.table import STUDIED, headline, studied
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.files import load_scene
@@ -60,7 +60,7 @@ def test_any_other_error_is_refused(text):
 @pytest.mark.slow
 def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
-    picks = [pick(scene, budget=seconds, threads=1) for seconds in (8, 15, 30, 60)]
+    picks = [choose_mesh(scene, budget=seconds, threads=1) for seconds in (8, 15, 30, 60)]
     edges = [p.scene.accuracy.edge for p in picks]
     assert edges == sorted(edges, reverse=True)
     assert len(set(edges)) == len(edges)
@@ -74,12 +74,12 @@ def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
 def test_edges_with_too_many_bricks_are_left_out_whatever_the_level(clockwork):
     scene = load_scene("fig6-thin", ["geometry.portion=full", "accuracy.level=draft"])
     assert scene.elements_through_cortex == 2  # edges up to T/2 take three
-    assert pick(scene, budget=1e9, threads=1).scene.bricks <= MOST_BRICKS
+    assert choose_mesh(scene, budget=1e9, threads=1).scene.bricks <= MOST_BRICKS
 
 
 def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
-    picks = [pick(scene, error=error, threads=1) for error in ERRORS]
+    picks = [choose_mesh(scene, error=error, threads=1) for error in ERRORS]
     edges = [p.forecast.edge_over_T for p in picks]
     assert edges == sorted(edges, reverse=True)
     for error, p in zip(ERRORS, picks):
@@ -91,22 +91,22 @@ def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork)
 
 def test_an_error_within_a_budget_takes_the_least_time(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
-    alone = pick(scene, error=ERRORS[0], threads=1)
-    assert pick(scene, error=ERRORS[0], budget=3600, threads=1).scene == alone.scene
+    alone = choose_mesh(scene, error=ERRORS[0], threads=1)
+    assert choose_mesh(scene, error=ERRORS[0], budget=3600, threads=1).scene == alone.scene
     with pytest.raises(OptionsClash, match=r"--error [\d.]+ %.*\bfig6-thick\b.*--budget 2\.0 s\b"):
-        pick(scene, error=ERRORS[0], budget=2, threads=1)
+        choose_mesh(scene, error=ERRORS[0], budget=2, threads=1)
 
 
 def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
     with pytest.raises(NoSolution, match=r"--budget 1\.0 s: fig6-thick\b.* \d.* \(\d\.\d\d T\)"):
-        pick(scene, budget=1, threads=1)
+        choose_mesh(scene, budget=1, threads=1)
     with pytest.raises(NoSolution, match=r"--error 1 %: .*\(0\.2\d T\).*\bfig6-thick\b") as refusal:
-        pick(scene, error=0.01, threads=1)
+        choose_mesh(scene, error=0.01, threads=1)
     least = re.search(r"fig6-thick\b.* ([\d.]+) %", str(refusal.value))[1]
-    assert pick(scene, error=float(least) / 100, threads=1).forecast.edge_over_T < 0.3
+    assert choose_mesh(scene, error=float(least) / 100, threads=1).forecast.edge_over_T < 0.3
     with pytest.raises(OptionsClash):
-        pick(scene)
+        choose_mesh(scene)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_options_that_exclude_each_other_are_refused(here, capsys):
 
 
 def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.forecasts.mesh_choice.pick", lambda *asked, **more: pytest.fail("timed"))
+    monkeypatch.setattr("morphofold.forecasts.mesh_choice.choose_mesh", lambda *asked, **more: pytest.fail("timed"))
     (here / "busy").mkdir()
     (here / "busy" / "notes.txt").write_text("mine")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")
@@ -144,7 +144,7 @@ def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, ca
     refused(capsys, ["simulate", source, *words, "--error", "9%"], "--error", "--budget", "[not-studied]")
     both = ["simulate", source, *words, "--error", "9%", "--budget", "1h"]
     refused(capsys, both, "--error", "--estimate", "[not-studied]")
-    chosen = pick(load_scene(source, settings), budget=1e4, threads=1)
+    chosen = choose_mesh(load_scene(source, settings), budget=1e4, threads=1)
     assert chosen.forecast.not_studied
     assert chosen.forecast.headline is None
     assert chosen.forecast.how["errors"] in chosen.words
@@ -178,5 +178,5 @@ def test_what_is_picked_lies_where_errors_were_studied(clockwork):
     finest, coarsest = studied()
     scene = load_scene("fig6-thick", OCTANT)
     for budget in (5, 1e6):
-        edge = pick(scene, budget=budget, threads=1).forecast.edge_over_T
+        edge = choose_mesh(scene, budget=budget, threads=1).forecast.edge_over_T
         assert 0.95 * finest <= edge <= coarsest * 1.001

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from morphofold.cohort.grid import make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, Found, Phases, Theory, write_tables
+from morphofold.cohort.phases import HINGES_PER_AREA, Phases, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
 from morphofold.report.pages.phase_page import _drawn, _mosaic, missing, phase_report, section, theory_words, verdict
 from morphofold.report.plots.phase_plots import (
-    FLAT,
+    AREA_RATIO,
     SHOWN,
     WAVELENGTH,
     cell,
@@ -43,12 +43,16 @@ def made(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="demo",
     runs = []
     for point in grid.points:
         if (point.at, point.seed) in broken:
-            runs.append(Found(point, "left its bounds <at once>"))
+            runs.append(RunResult(point, "left its bounds <at once>"))
             continue
         values = {GI.key: gi(point.at, point.seed), WAVELENGTH: 20.0, HINGES_PER_AREA: 3.0, **numbers}
         known = {key: value for key, value in values.items() if value is not None}
-        runs.append(Found(point, "", known, {WAVELENGTH: "no folds"}, pial=pial))
-    given = {at: Theory(1.5, 1.6, 10.0) for at in grid.places} if theory is None else dict.fromkeys(grid.places, theory)
+        runs.append(RunResult(point, "", known, {WAVELENGTH: "no folds"}, pial=pial))
+    given = (
+        {at: SphereTheory(1.5, 1.6, 10.0) for at in grid.places}
+        if theory is None
+        else dict.fromkeys(grid.places, theory)
+    )
     return Phases(grid, tuple(runs), given)
 
 
@@ -111,12 +115,14 @@ def lines_of(drawn):
 def test_the_line_of_theory_lies_where_final_growth_is_critical():
     """Critical growth 1.5 lies half way from 1.2 to 1.8, and 1.35 at a quarter."""
     np.testing.assert_allclose(lines_of(diagram(made(), GI))[:, 1], 0.5, atol=1e-9)
-    quarter = lines_of(diagram(made(theory=Theory(1.35, 1.6, 10.0)), GI))
+    quarter = lines_of(diagram(made(theory=SphereTheory(1.35, 1.6, 10.0)), GI))
     np.testing.assert_allclose(quarter[:, 1], 0.25, atol=1e-9)
     np.testing.assert_allclose([quarter[:, 0].min(), quarter[:, 0].max()], [-0.5, 2.5])
 
 
-@pytest.mark.parametrize("theory", [Theory(1.1, 1.6, 10.0), Theory(2.5, math.nan, 10.0), Theory(reason="none")])
+@pytest.mark.parametrize(
+    "theory", [SphereTheory(1.1, 1.6, 10.0), SphereTheory(2.5, math.nan, 10.0), SphereTheory(reason="none")]
+)
 def test_no_line_is_drawn_where_all_is_folded_or_smooth_or_unknown(theory):
     drawn = diagram(made(theory=theory), GI)
     assert lines_of(drawn) is None
@@ -147,7 +153,7 @@ def test_words_on_an_axis_stand_in_a_row():
 def test_between_words_which_have_no_order_nothing_is_joined():
     phases = made(["law=isotropic,tangential", "growth.final=1.2,1.8"])
     critical = {(0, 0): 1.35, (0, 1): 1.35, (1, 0): 1.5, (1, 1): 1.5}
-    phases = replace(phases, theory={at: Theory(g, 1.6, 10.0) for at, g in critical.items()})
+    phases = replace(phases, theory={at: SphereTheory(g, 1.6, 10.0) for at, g in critical.items()})
     drawn = diagram(phases, GI).axes[0]
     ends = [path.vertices for c in drawn.collections for path in c.get_paths()]
     levels = {(float(v[:, 0].min()), float(v[:, 0].max()), round(float(v[:, 1].mean()), 6)) for v in ends if len(v)}
@@ -223,7 +229,7 @@ def ball(tmp_path):
 
 
 def test_what_no_run_has_has_no_diagram(tmp_path):
-    nothing = made(**{WAVELENGTH: None}, theory=Theory(reason="of spheres"))
+    nothing = made(**{WAVELENGTH: None}, theory=SphereTheory(reason="of spheres"))
     page = phase_report(nothing, tmp_path).read_text()
     assert not (tmp_path / "figures" / f"{WAVELENGTH}.png").exists()
     assert (tmp_path / "figures" / f"{GI.key}.png").exists()
@@ -237,12 +243,12 @@ def test_what_no_run_has_has_no_diagram(tmp_path):
     ("scene", "measures", "says"),
     [
         ("demo", [GI.key, WAVELENGTH, HINGES_PER_AREA], "the whole closed surface"),
-        ("patch", [FLAT.key, WAVELENGTH, HINGES_PER_AREA], "crests end at its border"),
-        ("strip", [FLAT.key], "no gyrification index and no hinges"),
+        ("patch", [AREA_RATIO.key, WAVELENGTH, HINGES_PER_AREA], "crests end at its border"),
+        ("strip", [AREA_RATIO.key], "no gyrification index and no hinges"),
     ],
 )
 def test_a_page_shows_what_means_something_of_its_shape(tmp_path, scene, measures, says):
-    phases = made(["growth.final=1.2,1.5"], scene=scene, **{FLAT.key: 1.7})
+    phases = made(["growth.final=1.2,1.5"], scene=scene, **{AREA_RATIO.key: 1.7})
     assert [one.key for one in shown_of(phases)] == measures
     page = phase_report(phases, tmp_path).read_text()
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(measures)
@@ -273,7 +279,7 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
     for name, surface in (("lh.pial", pial), ("lh.white", white)):
         write_surface(tmp_path / name, surface)
     (point,) = make_grid("strip", ["growth.final=1.2"]).points
-    drawn = _drawn(Found(point, pial=tmp_path / "lh.pial"))
+    drawn = _drawn(RunResult(point, pial=tmp_path / "lh.pial"))
     np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(found.verts, axis=0), atol=1e-4)
 
 
@@ -281,7 +287,7 @@ def test_surfaces_stand_in_the_order_of_the_cells(ball):
     """One surface is there: the others' places are grey, and its own is dark in the middle."""
     phases = made()
     first = {at: phases.at[at][0] for at in phases.grid.places}
-    first[1, 0] = Found(first[1, 0].point, pial=ball)
+    first[1, 0] = RunResult(first[1, 0].point, pial=ball)
     canvas = _mosaic(phases, first, (), "lateral", 60.0)
     side, left, head, gap = 190, 110, 44, 10
     for i in range(3):
@@ -302,7 +308,9 @@ def test_a_surface_is_as_large_as_the_ruler_says(ball):
 
 
 def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
-    phases = made(broken=[((0, 0), 0)], theory=Theory(reason="the smooth sphere <is> stable"), **{WAVELENGTH: None})
+    phases = made(
+        broken=[((0, 0), 0)], theory=SphereTheory(reason="the smooth sphere <is> stable"), **{WAVELENGTH: None}
+    )
     phases = replace(phases, grid=replace(phases.grid, name="<script>alert(1)</script>"))
     page = phase_report(phases, tmp_path).read_text()
     plain = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
@@ -340,7 +348,7 @@ def test_measured_waves_are_laid_beside_those_of_theory():
 
 def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():
     assert "the core not growing" in theory_words(made())[0]
-    assert theory_words(made(theory=Theory(reason="of spheres"))) == ["Theory says nothing here: of spheres."]
+    assert theory_words(made(theory=SphereTheory(reason="of spheres"))) == ["Theory says nothing here: of spheres."]
     assert "stays a sphere" in theory_words(made(["mu_ratio=1,2"], scene="radial", seeds=None))[2]
 
 

@@ -1,4 +1,4 @@
-"""Accuracy of the measuring room: copies of a cortex, thinned and split, and what is carried back from them."""
+"""Preset of the measuring room: copies of a cortex, thinned and split, and what is carried back from them."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import measure, resampling
-from morphofold.analysis.resampling import Accuracy, copied
+from morphofold.analysis.resampling import Preset, resampled
 from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere, ridged_sphere
@@ -17,7 +17,7 @@ from morphofold.shapes.folded_ball import HEIGHT, RADIUS, THICKNESS, WIDTH, fold
 from morphofold.shapes.ridges import irregular_net
 from morphofold.surface import Cortex, Regions, Surface
 
-THIN, SPLIT = Accuracy(4000, 0, 6.0), Accuracy(0, 2600, 12.0)
+THIN, SPLIT = Preset(4000, 0, 6.0), Preset(0, 2600, 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def thinned(ball):
-    return copied(ball, THIN)
+    return resampled(ball, THIN)
 
 
 def shell(level=4, gap=3.0, **more):
@@ -51,12 +51,12 @@ def test_splitting_keeps_the_surface_its_vertices_and_which_triangle_came_from_w
 
 def test_a_mesh_that_is_fine_enough_and_not_too_fine_is_no_copy_at_all():
     cortex = shell()
-    for accuracy in (Accuracy(2562, 2562, 12.0), *resampling.ACCURACIES.values()):
-        copy = copied(cortex, replace(accuracy, least=min(accuracy.least, 2562)))
+    for accuracy in (Preset(2562, 2562, 12.0), *resampling.PRESETS.values()):
+        copy = resampled(cortex, replace(accuracy, least=min(accuracy.least, 2562)))
         assert copy.cortex is cortex
         assert not copy.changed
-    assert copied(cortex, Accuracy(2561, 0, 12.0)).changed
-    assert copied(cortex, Accuracy(0, 2563, 12.0)).cortex.n_vertices == 10242
+    assert resampled(cortex, Preset(2561, 0, 12.0)).changed
+    assert resampled(cortex, Preset(0, 2563, 12.0)).cortex.n_vertices == 10242
 
 
 def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_original_does(ball, thinned):
@@ -76,7 +76,7 @@ def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_o
 @pytest.mark.parametrize("accuracy", [THIN, SPLIT])
 def test_thickness_of_a_shell_comes_back_from_its_copy(accuracy):
     cortex = shell(5) if accuracy is THIN else shell(4)
-    copy = copied(cortex, accuracy)
+    copy = resampled(cortex, accuracy)
     assert copy.changed
     thickness = copy.cortical_thickness(cap=None)
     edge = max(geometry.mean_edge_length(c.pial.verts, c.faces) for c in (cortex, copy.cortex))
@@ -87,7 +87,7 @@ def test_thickness_of_a_shell_comes_back_from_its_copy(accuracy):
 @pytest.mark.parametrize(("level", "accuracy"), [(5, THIN), (4, SPLIT)])
 def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
     cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
-    found = copied(cortex, accuracy).gyral_thickness()
+    found = resampled(cortex, accuracy).gyral_thickness()
     assert found.median == pytest.approx(chord, rel=0.03)  # 0.02 is that of the measure itself
     assert found.per_vertex.shape == found.relief.height.shape == (cortex.n_vertices,)
     assert np.nanmedian(found.per_vertex) == pytest.approx(chord, rel=0.05)
@@ -96,7 +96,7 @@ def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
     assert np.quantile(np.linalg.norm(middle - found.points, axis=1), 0.99) < 4 * edge
     north = cortex.pial.verts[:, 2] > 0  # half of them by symmetry
     assert found.contour_where(north, cortex.faces) == pytest.approx(np.nansum(found.weight) / 2, rel=0.1)
-    masked = copied(cortex, accuracy).gyral_thickness(mask=north)
+    masked = resampled(cortex, accuracy).gyral_thickness(mask=north)
     assert (masked.points[:, 2] > -edge).all()
 
 
@@ -120,14 +120,14 @@ def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():
     cortex = shell(5)
     white, pial = (np.concatenate([[[0.0, 0, 0]], s.verts]) for s in (cortex.white, cortex.pial))
     lone = Cortex(Surface(white, cortex.faces + 1), Surface(pial, cortex.faces + 1))
-    thickness = copied(lone, THIN).cortical_thickness(cap=None)
+    thickness = resampled(lone, THIN).cortical_thickness(cap=None)
     assert np.isnan(thickness[0])
-    np.testing.assert_array_equal(thickness[1:], copied(cortex, THIN).cortical_thickness(cap=None))
+    np.testing.assert_array_equal(thickness[1:], resampled(cortex, THIN).cortical_thickness(cap=None))
 
 
 @pytest.mark.slow
 def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers(ball, monkeypatch):
-    monkeypatch.setitem(resampling.ACCURACIES, "draft", THIN)
+    monkeypatch.setitem(resampling.PRESETS, "draft", THIN)
     x = ball.pial.verts[:, 0]
     regions = Regions((x > 0).astype(np.int64), ("left", "right"), np.zeros((2, 3), np.uint8))
     cortex = replace(ball, cortex=ball.pial.verts[:, 2] > -40, regions=regions)

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import eigsh, spsolve
 
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import BRIEF, CALM, NEAR, PATIENCE, REFRESH, SHARE, SLOW, Dynamics
+from morphofold.sim.dynamics import BRIEF, NEAR, PATIENCE, REFRESH, SHARE, SLOW, STILL_FOR, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
 from morphofold.sim.equilibrium.statics import equilibrium
@@ -191,7 +191,7 @@ def test_growth_goes_on_at_the_full_damping_and_counts_its_rest_anew():
     full = run.damping
     run.grow_to(1.1)
     assert run.settle()
-    assert run.state.relaxed >= CALM * run.body.crossing
+    assert run.state.relaxed >= STILL_FOR * run.body.crossing
     assert run.balance.distance < NEAR * run.body.thickness
     assert run.damping == full
     run.grow_to(1.11)

@@ -12,7 +12,7 @@ import pytest
 
 import morphofold as mf
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import CALM, NEAR, PATIENCE, REFRESH, SLOW
+from morphofold.sim.dynamics import NEAR, PATIENCE, REFRESH, SLOW, STILL_FOR
 from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
@@ -256,7 +256,7 @@ def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(f
     scene = load_scene("demo", SMALL)
     tick = build_body(scene, []).crossing
     for stage in json.loads((folder / "health.json").read_text())["stages"]:
-        assert CALM * tick <= stage["rested_steps"] <= PATIENCE * SLOW * tick + REFRESH
+        assert STILL_FOR * tick <= stage["rested_steps"] <= PATIENCE * SLOW * tick + REFRESH
         assert stage["distance_over_T"] < NEAR or stage["rested_steps"] >= PATIENCE * tick
         growing = [line["step"] for line in lines if line["growth"] < stage["growth"]]
         assert stage["step"] - growing[-1] >= stage["rested_steps"] > 0

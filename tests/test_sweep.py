@@ -18,9 +18,9 @@ from morphofold.cli import main
 from morphofold.cli.sweep import _anywhere
 from morphofold.cohort import fleet, sweep, tasks
 from morphofold.cohort.grid import MOST_RUNS, make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Theory, read_run, theory_of
+from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, SphereTheory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
-from morphofold.cohort.tasks import Place, read_record, write_record
+from morphofold.cohort.tasks import TaskFolder, read_record, write_record
 from morphofold.errors import NamedTwice, NotReadable, UnknownName
 from morphofold.io import read_surface
 from morphofold.io.locks import alone
@@ -332,7 +332,7 @@ def test_a_run_that_is_not_healthy_is_told(here, ball, capsys, monkeypatch):
 
 def one_run(here, **options):
     scene = load_scene(here / "ball.toml").model_copy(update={"name": "one"})
-    return Run(Place(str(here / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
+    return Run(TaskFolder(str(here / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
 
 
 def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypatch):
@@ -517,7 +517,9 @@ OCTANT = (
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
     scene = load_scene("demo", OCTANT)
-    runs = {name: Run(Place(str(here / name), "one", "run"), scene, options={"accuracy": "draft"}) for name in "ab"}
+    runs = {
+        name: Run(TaskFolder(str(here / name), "one", "run"), scene, options={"accuracy": "draft"}) for name in "ab"
+    }
     worker = multiprocessing.get_context("spawn").Process(target=grow_and_measure, args=(runs["a"],))
     worker.start()
     while not (runs["a"].simulation / "checkpoint.npz").exists() and worker.is_alive():
@@ -587,7 +589,7 @@ def test_theory_of_a_scene_is_that_of_its_sphere():
     scene = load_scene("demo", ["geometry.radius=40", "geometry.hole_radius=10", "material.mu_ratio=3"])
     found = theory_of(scene)
     truth = theory.bifurcation(3 / 40, 3, "isotropic", 50, A_over_C=10 / 40)
-    assert found == Theory(truth.g_crit, truth.g_crease, 40 * truth.wavelength_deformed)
+    assert found == SphereTheory(truth.g_crit, truth.g_crease, 40 * truth.wavelength_deformed)
 
 
 @pytest.mark.parametrize(

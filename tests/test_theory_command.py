@@ -16,7 +16,7 @@ from morphofold.sim.equilibrium import statics
 from morphofold.sim.growth import LAWS
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.sphere_theory import wrinkling
-from morphofold.sim.sphere_theory.smooth_sphere import Sphere
+from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
 
 
 def asked(capsys, *words):
@@ -379,7 +379,9 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
     exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
     assert found["quarter"] == (exact.g_crit, exact.mode, "")
     assert exact.mode == 11
-    g = [wrinkling.critical_growth_of_degree(Sphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)]
+    g = [
+        wrinkling.critical_growth_of_degree(SmoothSphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)
+    ]
     assert found["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
 
 

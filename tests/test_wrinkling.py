@@ -12,7 +12,7 @@ from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim import theory
 from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import finite_elements, impedance, smooth_sphere, wrinkling
-from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, Sphere, smooth_state
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
 
 LAWS = ("isotropic", "tangential")
 
@@ -30,7 +30,7 @@ LAWS = ("isotropic", "tangential")
     ],
 )
 def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, law, kappa_ratio):
-    sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
+    sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio)
     marched = wrinkling.critical_growth_of_degree(sphere, degree)
     elements = finite_elements.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
     assert marched == pytest.approx(elements, rel=1e-8)  # asked: 1e-6
@@ -38,10 +38,10 @@ def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, d
 
 @pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
 def test_both_routes_agree_for_other_holes(A_over_C, degree):
-    marched = wrinkling.critical_growth_of_degree(Sphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
+    marched = wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
     elements = finite_elements.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
     assert marched == pytest.approx(elements, rel=1e-8)
-    assert marched != pytest.approx(wrinkling.critical_growth_of_degree(Sphere(0.04, 2.0), degree), rel=1e-6)
+    assert marched != pytest.approx(wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0), degree), rel=1e-6)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -237,7 +237,7 @@ def test_the_linear_equations_have_hamiltons_form(rng):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("T_over_C", "g", "kappa_ratio"), [(0.04, 1.5, 20.0), (0.3, 2.0, 5.0), (0.001, 1.3, 1e3)])
 def test_nearly_incompressible_state_is_that_of_finite_elements(law, T_over_C, g, kappa_ratio):
-    sphere = Sphere(T_over_C, 3.0, law, kappa_ratio)
+    sphere = SmoothSphere(T_over_C, 3.0, law, kappa_ratio)
     fields = smooth_state(sphere, g).fields
     state = finite_elements.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio)
     for layer, (name, R) in enumerate((("core", sphere.B), ("cortex", 1.0))):
@@ -280,21 +280,21 @@ def test_stress_in_a_growing_core_is_that_of_finite_elements(law, g_core):
 
 def test_a_growth_without_a_smooth_state_is_said():
     with pytest.raises(ConvergenceError, match=r"\bg = 9, kappa_ratio = 1, T/C = 0\.02\b"):
-        smooth_state(Sphere(0.02, 1.0, "isotropic", 1.0), 9.0)
+        smooth_state(SmoothSphere(0.02, 1.0, "isotropic", 1.0), 9.0)
 
 
 def test_a_state_that_the_points_do_not_resolve_is_refused():
     """A soft core drawn out threefold by a stiff, compressible cortex: finite elements differ by 4e-7 in g there."""
     with pytest.raises(ConvergenceError, match=r"\bg = 2\.9465, kappa_ratio = 10, T/C = 0\.2\b"):
-        smooth_state(Sphere(0.2, 1000.0, "isotropic", 10.0), 2.9465)
-    smooth_state(Sphere(0.4, 1000.0, "isotropic", 50.0), 2.93)  # and one that they do, just, is not
+        smooth_state(SmoothSphere(0.2, 1000.0, "isotropic", 10.0), 2.9465)
+    smooth_state(SmoothSphere(0.4, 1000.0, "isotropic", 50.0), 2.93)  # and one that they do, just, is not
     found = theory.bifurcation(0.2, 1e4, "isotropic", 10.0)
     assert math.isnan(found.g_crit)
     assert re.search(r"\bg = [\d.]+;", found.reason)  # and then that it could be followed no further
 
 
 def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_ones(monkeypatch):
-    sphere, g, ways = Sphere(0.16, 38.0, "tangential", 2.3, 0.65), 2.3, []
+    sphere, g, ways = SmoothSphere(0.16, 38.0, "tangential", 2.3, 0.65), 2.3, []
     newton = smooth_sphere._newton
     monkeypatch.setattr(smooth_sphere, "_newton", lambda *given: ways.append(newton(*given)) or ways[-1])
     state = smooth_state(sphere, g)
@@ -305,7 +305,7 @@ def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_on
 
 def test_a_smooth_state_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
-        smooth_state(Sphere(0.04), 1.2).fields[0, 0, 0] = 2.0
+        smooth_state(SmoothSphere(0.04), 1.2).fields[0, 0, 0] = 2.0
 
 
 # -- limits that are known ------------------------------------------------------------------------------------------
@@ -317,7 +317,7 @@ def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
     found = theory.bifurcation(T_over_C, 1.0, law)
     biot = float(theory.critical_growth(1 / (1 - T_over_C), law, ratio=theory.BIOT))
     assert found.short_wave == pytest.approx(biot, rel=1e-10)
-    sphere = Sphere(T_over_C, 1.0, law)
+    sphere = SmoothSphere(T_over_C, 1.0, law)
     gap = [wrinkling.critical_growth_of_degree(sphere, round(k / T_over_C)) - biot for k in (50, 100, 200)]
     assert np.polyfit(np.log([50, 100, 200]), np.log(np.abs(gap)), 1)[0] == pytest.approx(-1, abs=0.1)
     assert abs(gap[-1]) < 0.01
@@ -330,7 +330,7 @@ def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
 )
 def test_short_wave_limit_is_that_of_the_curve(T_over_C, mu_ratio, law, kappa_ratio):
     """g(l) = limit + a/l + O(1/l^2), marched at two high degrees; layers of unlike stiffness that can be compressed."""
-    sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio)
+    sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio)
     l = round(120 / T_over_C)
     low, high = (wrinkling.critical_growth_of_degree(sphere, degree) for degree in (l, 2 * l))
     short_wave = theory.bifurcation(T_over_C, mu_ratio, law, kappa_ratio).short_wave
@@ -390,7 +390,7 @@ def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
 
 def test_critical_mode_is_the_lowest_of_all_degrees():
     found = theory.bifurcation(0.06, 2.0)
-    sphere = Sphere(0.06, 2.0)
+    sphere = SmoothSphere(0.06, 2.0)
     every = [wrinkling.critical_growth_of_degree(sphere, degree) for degree in range(1, 41)]
     assert found.mode == 1 + np.nanargmin(every)
     assert found.g_crit == pytest.approx(np.nanmin(every), rel=1e-12)
@@ -423,7 +423,7 @@ def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_
     np.testing.assert_allclose(short, short[0], rtol=1e-9)
     assert short[0] < theory.critical_growth(1 / 0.8, law, ratio=theory.BIOT) or law == "isotropic"
     elements = finite_elements.critical_growth_of_degree(150, 0.2, 1.0, law)
-    assert wrinkling.critical_growth_of_degree(Sphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
+    assert wrinkling.critical_growth_of_degree(SmoothSphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
     assert elements == pytest.approx(short[0], abs=0.02)
 
 
@@ -456,4 +456,4 @@ def test_bifurcation_refuses_what_is_no_sphere(arguments, kind, named):
 
 def test_a_degree_below_one_is_refused():
     with pytest.raises(OutOfRange, match=r"\b1, .* 0\.$"):
-        wrinkling.critical_growth_of_degree(Sphere(0.04), 0)
+        wrinkling.critical_growth_of_degree(SmoothSphere(0.04), 0)

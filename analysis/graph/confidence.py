@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     import networkx as nx
 
 
-def label_hinges(graph: nx.MultiGraph, altitude: PerVertex, least: float) -> None:
+def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
     """Give each node of a gyral graph its ``confidence``, 0 to 1; NaN for one that is no hinge.
 
     Parameters
     ----------
     graph : networkx.MultiGraph
         From :func:`morphofold.analysis.gyral_graph`, complete but for this.
-    altitude : (N,) float64
+    D : (N,) float64
         Of the surface [mm].
     least : float
         Persistence that basins were asked for [mm].
@@ -31,7 +31,7 @@ def label_hinges(graph: nx.MultiGraph, altitude: PerVertex, least: float) -> Non
     -----
     The least of these margins, each cut off at 0 and 1:
 
-    - how far the lowest point of its arms lies above the bottom of the sulci (quantile 0.05 of the altitude), over how
+    - how far the lowest point of its arms lies above the bottom of the sulci (quantile 0.05 of D), over how
       far the crests do (the median along the net): an arm over a buried bridge, or through a sulcus, is low;
     - how far its two nearest arms have parted a gyral width from it, over that width, ``2 sin(angle / 2)``: two gyri
       cannot be nearer than they are wide;
@@ -47,7 +47,7 @@ def label_hinges(graph: nx.MultiGraph, altitude: PerVertex, least: float) -> Non
     if graph.number_of_edges() == 0:
         return
     along = np.concatenate([crest["vertices"] for *_, crest in graph.edges(data=True)])
-    bottom, top = float(np.quantile(altitude, LOW)), float(np.median(altitude[along]))
+    bottom, top = float(np.quantile(D, LOW)), float(np.median(D[along]))
     for hinge in hinges(graph):
         graph.nodes[hinge.node]["confidence"] = _confidence(graph, hinge, bottom, top, least)
 
@@ -60,6 +60,6 @@ def _confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, l
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
         *(arm.length / prune - 1 for arm in free),
     ]
-    if not math.isnan(hinge.persistence):  # else blind arms make it: their lengths count
+    if not math.isnan(hinge.persistence):  # else dead ends make it: their lengths count
         margins.append(hinge.persistence / least - 1)
     return float(np.clip(min(margins), 0, 1))

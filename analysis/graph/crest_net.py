@@ -1,4 +1,4 @@
-"""The net of gyral crests as curves and junctions: from the altitude of a surface, by lengths in mm."""
+"""The net of gyral crests as curves and junctions: from the depth potential of a surface, by lengths in mm."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.geodesics import way_graph
-from morphofold.analysis.graph.dead_ends import add_blind_gyri
-from morphofold.analysis.graph.depth_potential import CALM, WIDE, Altimeter, persistence
+from morphofold.analysis.geodesics import path_graph
+from morphofold.analysis.graph.dead_ends import add_dead_ends
+from morphofold.analysis.graph.depth_potential import REACH_IN_WIDTHS, SMOOTHING, SurfaceOperators, persistence
 from morphofold.analysis.graph.net import Net, borders, smoothed
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
@@ -35,9 +35,9 @@ class GyralScales:
     width : float
         Of the gyri, from inflection to inflection.
     reach : float
-        Of the altitude: what is several times as wide is the body's shape.
+        Of the depth potential: what is several times as wide is the body's shape.
     smoothing : float
-        Standard deviation, of the altitude and along the net.
+        Standard deviation, of the depth potential and along the net.
     persistence : float
         Least rise of the pass between two basins above the shallower one.
     merge : float
@@ -59,13 +59,13 @@ class GyralScales:
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
         """1.5, 0.2, 0.25, 0.5, 1 and 1.5 gyral widths."""
-        return cls(width, WIDE * width, CALM * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
+        return cls(width, REACH_IN_WIDTHS * width, SMOOTHING * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Altitude ``D`` (N,) [mm], altitude less what it is a gyral width around, ``band`` (N,) [mm], mean curvature ``H``
-    (N,) [1/mm], and the basins of the altitude."""
+    """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a gyral width; mean curvature ``H``
+    (N,) [1/mm]; and the basins of D."""
 
     D: PerVertex = field(repr=False)
     band: PerVertex = field(repr=False)
@@ -73,8 +73,8 @@ class Fields:
     flood: Watershed = field(repr=False)
 
 
-class Ground:
-    """What all nets of one surface stand on; of a cortex the white surface is taken, and its mask."""
+class CrestNetBuilder:
+    """Builds crest nets of one surface, at any lengths; of a cortex the white surface is taken, and its mask."""
 
     def __init__(self, surface: Cortex | Surface):
         check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
@@ -84,45 +84,47 @@ class Ground:
             checks.cortex_mask(surface) if isinstance(surface, Cortex) else np.ones(len(self.sheet.verts), dtype=bool)
         )
         self.masked = cortex and not self.inside.all()
-        self.meter = Altimeter(self.sheet.verts, self.sheet.faces)
+        self.operators = SurfaceOperators(self.sheet.verts, self.sheet.faces)
         self.tree = cKDTree(self.sheet.verts)
 
     @cached_property
-    def ways(self) -> sparse.csr_array:
-        """Lengths of ways between vertices."""
-        return way_graph(self.sheet.verts, self.sheet.faces)
+    def path_lengths(self) -> sparse.csr_array:
+        """Lengths of paths between vertices, for shortest paths."""
+        return path_graph(self.sheet.verts, self.sheet.faces)
 
     def scales(self, width: float | None, scales: GyralScales | None) -> GyralScales | None:
         """The lengths that are asked for, or those that the measured width gives; None if there are no gyri."""
         if width is not None and scales is not None:
             raise OptionsClash("pass width or scales, not both: scales.width is the width.")
         if scales is None:
-            width = self.meter.gyral_width(self.inside) if width is None else float(width)
+            width = self.operators.gyral_width(self.inside) if width is None else float(width)
             if math.isnan(width):
                 return None
             scales = GyralScales.of_width(width)
         for name, value in asdict(scales).items():
             if not (math.isfinite(value) and value > 0):
                 raise OutOfRange(f"{name} must be a positive length in mm, got {value!r}.")
-        least, most = 0.1 * self.meter.edge, 10 * self.meter.area**0.5
+        least, most = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
         if not least <= scales.width <= most:
             raise OutOfRange(
                 f"{self.sheet.name}: gyri {scales.width:.4g} wide do not fit a surface with edges of "
-                f"{self.meter.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
+                f"{self.operators.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
             )
         return scales
 
     def fields(self, scales: GyralScales) -> Fields:
-        meter = self.meter
-        D = meter.altitude(scales.reach, scales.smoothing)
-        band = D - meter.smooth(D, scales.width)
-        return Fields(D, band, meter.mean_curvature(scales.smoothing), Watershed(meter.pairs, meter.lengths, D))
+        operators = self.operators
+        D = operators.depth_potential(scales.reach, scales.smoothing)
+        band = D - operators.smooth(D, scales.width)
+        return Fields(
+            D, band, operators.mean_curvature(scales.smoothing), Watershed(operators.pairs, operators.lengths, D)
+        )
 
     def net(self, fields: Fields, scales: GyralScales) -> Net:
         """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""
-        meter, width = self.meter, scales.width
+        operators, width = self.operators, scales.width
         basin = fields.flood.basins(persistence(fields.D, scales.persistence))
-        net = borders(meter.verts, meter.faces, meter.pairs, basin, fields.flood.finest)
+        net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest)
         if self.masked:
             net.keep(lambda points: np.all(self.inside[_nearest(self.tree, points)], axis=1))
         least = _drop_weak(net, fields.band, self.tree)
@@ -130,9 +132,9 @@ class Ground:
             arc.points = smoothed(arc.points, scales.smoothing)
         net.tidy_up(scales.merge, scales.prune, width)
         crown = (fields.H > 0) & (fields.band > least) & self.inside
-        add_blind_gyri(net, meter, self.ways, fields.D, crown, width, scales.tip)
+        add_dead_ends(net, operators, self.path_lengths, fields.D, crown, width, scales.tip)
         net.tidy_up(scales.merge, scales.prune, width)
-        refine(net, meter, fields.D, width, rounds=1)
+        refine(net, operators, fields.D, width, rounds=1)
         net.tidy_up(scales.merge, scales.prune, width)
         return net
 

@@ -1,4 +1,4 @@
-"""Blind gyri: ridges that end inside one basin, so that no border of basins runs along them."""
+"""Dead-end gyri: ridges that end inside one basin, so that no border of basins runs along them."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.geodesics import cheapest_path, shorten
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Arc, Net, Node, resampled
-from morphofold.geometry import way_along
+from morphofold.geometry import arc_length
 from morphofold.surface import PerVertex
 
-LOWEST = 0.1  # quantile of the altitudes along the net, below which nothing is a crown
+LOWEST = 0.1  # quantile of the depth potential along the net, below which nothing is a crown
 STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 a mm, c the way to the flank in half widths
 BROAD = 1.3  # half widths from the flank beyond which the cost falls no more
 TRIM = 0.5  # widths by which the crest of a gyrus ends before its flank
 
 
-def add_blind_gyri(
+def add_dead_ends(
     net: Net,
-    meter: Altimeter,
+    operators: SurfaceOperators,
     graph: sparse.csr_array,
     D: PerVertex,
     crown: NDArray[np.bool_],
@@ -30,18 +30,18 @@ def add_blind_gyri(
 ) -> None:
     """Trace crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
 
-    ``crown`` (N,): what can be one; it is if its altitude D (N,) is above the lowest tenth of the net, too. The way
-    back to the net keeps to the middle of the crown (Sato and others 2000, the skeletons called TEASAR).
+    ``crown`` (N,): what can be one; it is if its depth potential D (N,) is above the lowest tenth of the net, too. The
+    path back to the net keeps to the middle of the crown (Sato and others 2000, the skeletons called TEASAR).
     """
     if not net.arcs:
         return
-    tree = cKDTree(meter.verts)
-    along = np.concatenate([resampled(arc.points, meter.edge) for arc in net.arcs.values()])
+    tree = cKDTree(operators.verts)
+    along = np.concatenate([resampled(arc.points, operators.edge) for arc in net.arcs.values()])
     on_net = np.zeros(len(D), dtype=bool)
     on_net[tree.query(along)[1]] = True
     crown = crown & (D > np.quantile(D[on_net], LOWEST))
     flank = np.where(crown, np.inf, 0.0)
-    border = np.unique(meter.pairs[crown[meter.pairs[:, 0]] != crown[meter.pairs[:, 1]]])
+    border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
     shorten(graph, flank, border[crown[border]], crown)
     cost = FLOOR + np.exp(-STEEP * np.minimum(flank / (0.5 * width), BROAD))
     way = np.full(len(D), np.inf)
@@ -53,7 +53,7 @@ def add_blind_gyri(
             return
         path = cheapest_path(graph, cost, far, on_net, crown)
         shorten(graph, way, path, crown)
-        line = _trimmed(meter.verts[path], TRIM * width)
+        line = _trimmed(operators.verts[path], TRIM * width)
         on_net[path] = True
         if line is not None:
             end = net.add_node(Node(line[0]))
@@ -63,7 +63,7 @@ def add_blind_gyri(
 
 def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
     """A curve without its first so many mm; None if nothing is left."""
-    kept = line[way_along(line) >= length]
+    kept = line[arc_length(line) >= length]
     return kept if len(kept) > 1 else None
 
 

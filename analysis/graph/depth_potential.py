@@ -1,6 +1,6 @@
-"""Altitude of a folded surface, high on gyral crowns and low in sulci, and the width of its gyri.
+"""Depth potential of a folded surface, here high on gyral crowns and low in sulci, and the width of its gyri.
 
-Altitude is the height of a nearly flat sheet with the mean curvature of the surface: it inverts the Laplacian, so that
+It is the height of a nearly flat sheet with the mean curvature of the surface: it inverts the Laplacian, so that
 noise of the vertices enters as so many mm of height and not as curvature; it needs no hull, no inflation and no sphere.
 """
 
@@ -17,16 +17,16 @@ from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENTS = (-5.0, 20.0)  # needle triangles have any
-RTOL = 1e-4  # 0.003 mm of altitude in a brain
+RTOL = 1e-4  # 0.003 mm in a brain
 HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 FIRST_SCALE = 0.007  # of the root of the area, at which the width is measured: 2 mm for a hemisphere
-REACH, FINEST = 7.0, 0.7  # reach of the altitude and persistence of its basins there, in that scale
-WIDE, CALM = 1.5, 0.2  # reach and smoothing of the altitude, in gyral widths
-RELATIVE = 0.2  # of the range of altitudes: the largest persistence that is asked for
+REACH, FINEST = 7.0, 0.7  # reach of the depth potential and persistence of its basins there, in that scale
+REACH_IN_WIDTHS, SMOOTHING = 1.5, 0.2  # reach and smoothing of the depth potential, in gyral widths
+RELATIVE = 0.2  # of the range of the depth potential: the largest persistence that is asked for
 LOW, HIGH = 0.05, 0.98  # quantiles between which that range lies
 
 
-class Altimeter:
+class SurfaceOperators:
     """Operators of one surface, and the fields they make.
 
     Parameters
@@ -76,8 +76,8 @@ class Altimeter:
             density = solve(matrix, self._mass * density, density, rtol)
         return density
 
-    def altitude(self, reach: float, scale: float) -> PerVertex:
-        """Altitude (N,) [mm], its mean 0 on each piece of the surface, smoothed over ``scale`` [mm].
+    def depth_potential(self, reach: float, scale: float) -> PerVertex:
+        """Depth potential (N,) [mm], positive on crowns, mean 0 on each piece, smoothed over ``scale`` [mm].
 
         ``(L + M / reach^2) D = 2 M (H - mean H)`` with the cotangent stiffness L and the vertex areas M: the depth
         potential of Boucher, Whitesides, Evans 2009 (Medical Image Analysis 13), with the other sign. Folds that are
@@ -110,13 +110,13 @@ class Altimeter:
         NaN if there are no crests. ``inside`` (N,): where to look.
         """
         scale = max(FIRST_SCALE * self.area**0.5, self.edge)
-        D, H = self.altitude(REACH * scale, scale), self.mean_curvature(scale)
+        D, H = self.depth_potential(REACH * scale, scale), self.mean_curvature(scale)
         basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FINEST * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]
         if inside is not None:
             crest = crest[inside[crest]]
-        way = self._way_to_inflection(H)[crest]
+        way = self._distance_to_inflection(H)[crest]
         return 2 * float(np.median(way[np.isfinite(way)])) if np.isfinite(way).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
@@ -124,7 +124,7 @@ class Altimeter:
         values = values - np.average(values, weights=self._mass)
         return float(2 * np.pi * np.sqrt(values @ (self._mass * values) / (values @ (self._stiffness @ values))))
 
-    def _way_to_inflection(self, H: PerVertex) -> PerVertex:
+    def _distance_to_inflection(self, H: PerVertex) -> PerVertex:
         """Shortest way (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
         n = len(H)
         i, j = self.pairs.T
@@ -148,14 +148,14 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     verts, faces : (N, 3) float64, (M, 3) int64
         Closed surface, or one with natural border [mm].
     width : float, optional
-        Gyral width [mm], which sets the reach and smoothing of the altitude as in
+        Gyral width [mm], which sets the reach and smoothing of the depth potential as in
         :func:`morphofold.analysis.gyral_graph`; None: measured.
 
     Returns
     -------
     float
-        ``2 pi (D.MD / D.LD)^1/2`` [mm], D the altitude, L and M stiffness and mass of the surface; NaN if it has no
-        folds.
+        ``2 pi (D.MD / D.LD)^1/2`` [mm], D the depth potential, L and M stiffness and mass of the surface; NaN if it
+        has no folds.
 
     Raises
     ------
@@ -171,14 +171,14 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     check_mesh(verts, faces)
     if width is not None and not (np.isfinite(width) and width > 0):
         raise OutOfRange(f"width must be a positive length in mm, got {width!r}.")
-    meter = Altimeter(verts, faces)
-    width = meter.gyral_width() if width is None else width
+    operators = SurfaceOperators(verts, faces)
+    width = operators.gyral_width() if width is None else width
     if np.isnan(width):
         return np.nan
-    return meter.wavelength(meter.altitude(WIDE * width, CALM * width))
+    return operators.wavelength(operators.depth_potential(REACH_IN_WIDTHS * width, SMOOTHING * width))
 
 
-def persistence(altitude: PerVertex, wanted: float) -> float:
-    """Persistence ``wanted`` [mm], but no more than 0.2 of the range of altitudes: shallow folds are folds too."""
-    low, high = np.quantile(altitude, [LOW, HIGH])
+def persistence(D: PerVertex, wanted: float) -> float:
+    """Persistence ``wanted`` [mm], but 0.2 of the range of the depth potential at most: shallow folds are folds too."""
+    low, high = np.quantile(D, [LOW, HIGH])
     return min(wanted, RELATIVE * float(high - low))

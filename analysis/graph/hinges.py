@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis.graph.net import at_ways
+from morphofold.analysis.graph.net import at_arc_lengths
 from morphofold.analysis.graph.refine import INNER, OUTER, SHARE
 from morphofold.arrays import Array
-from morphofold.geometry import way_along
+from morphofold.geometry import arc_length
 from morphofold.surface import check_kind
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Arm:
     curvature : float
         Mean geodesic curvature of the crest, without sign [1/mm].
     altitude, lowest : float
-        Median and least altitude of the crest [mm].
+        Median and least depth potential along the crest [mm], positive on crowns.
     blind : bool
         Whether the arm is a gyrus that ends.
     direction : (3,) tuple of float
@@ -186,8 +186,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
 
 
 def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
-    outer = min(OUTER * width, SHARE * way_along(line)[-1])
-    middle = at_ways(line, np.linspace(min(INNER * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
+    outer = min(OUTER * width, SHARE * arc_length(line)[-1])
+    middle = at_arc_lengths(line, np.linspace(min(INNER * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
     return unit

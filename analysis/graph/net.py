@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import edges_of_faces, symmetric, way_along
+from morphofold.geometry import arc_length, edges_of_faces, symmetric
 from morphofold.surface import Faces, Verts
 
 
@@ -173,20 +173,20 @@ def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 def moved(points: Array, start: Array, stop: Array) -> Array:
     """A curve with its ends moved, and what lies between by a share of that, linear along it."""
-    along = way_along(points)
+    along = arc_length(points)
     share = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
     return points + (1 - share) * (start - points[0]) + share * (stop - points[-1])
 
 
 def resampled(points: Array, step: float) -> Array:
     """A curve at equal distances, ``step`` [mm] at most, its ends where they were."""
-    length = way_along(points)[-1]
-    return at_ways(points, np.linspace(0, length, max(int(np.ceil(length / step)), 2) + 1))
+    length = arc_length(points)[-1]
+    return at_arc_lengths(points, np.linspace(0, length, max(int(np.ceil(length / step)), 2) + 1))
 
 
-def at_ways(points: Array, places: Array) -> Array:
+def at_arc_lengths(points: Array, places: Array) -> Array:
     """The points (Q, 3) of a curve at so many mm along it (Q,)."""
-    along = way_along(points)
+    along = arc_length(points)
     return np.stack([np.interp(places, along, points[:, k]) for k in range(3)], axis=1)
 
 

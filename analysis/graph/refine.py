@@ -9,10 +9,10 @@ from numba import njit, prange
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import _reach
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
-from morphofold.geometry import adjacency, way_along
+from morphofold.geometry import adjacency, arc_length
 from morphofold.surface import PerVertex
 from morphofold.threads import BLOCKS
 
@@ -28,29 +28,29 @@ SHIFT, TIE = 0.25, 0.3  # a junction's move a round, widths; how it clings to it
 STRAIGHT = 0.3  # of an arm that is made straight at most
 
 
-def refine(net: Net, meter: Altimeter, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
-    """Move the curves of a net onto the crowns of the altitude ``D`` (N,), and its junctions to where arms meet.
+def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
+    """Move the curves of a net onto the crowns of the depth potential ``D`` (N,), and its junctions to where arms meet.
 
-    Each point moves across its curve to the top of a parabola fitted to the altitude around it; curves
+    Each point moves across its curve to the top of a parabola fitted to it; curves
     are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
     between 0.3 and 1 width from it (0.5 and 1.5 if it was several: nearer, the arms are those of its parts), and within
-    0.5 the arms become straight: on the last stretch altitude has no
+    0.5 the arms become straight: on the last stretch it has no
     crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
     wander along them.
     """
-    ring = adjacency(len(meter.verts), meter.faces)
-    tree = cKDTree(meter.verts)
-    radius = np.maximum(BALL * width, ENOUGH * meter.local_edges)
+    ring = adjacency(len(operators.verts), operators.faces)
+    tree = cKDTree(operators.verts)
+    radius = np.maximum(BALL * width, ENOUGH * operators.local_edges)
     for _ in range(rounds):
         for arc in net.arcs.values():
-            arc.points = resampled(arc.points, max(STEP * width, 0.3 * meter.edge))
-        _climb(net, meter, D, ring, tree, radius, width)
+            arc.points = resampled(arc.points, max(STEP * width, 0.3 * operators.edge))
+        _climb(net, operators, D, ring, tree, radius, width)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, SMOOTHING * width)
-        _meet(net, meter, tree, width)
+        _meet(net, operators, tree, width)
 
 
-def _climb(net, meter, D, ring, tree, radius, width):
+def _climb(net, operators, D, ring, tree, radius, width):
     """Move the points of all curves across them, onto the crown."""
     if not net.arcs:
         return
@@ -58,7 +58,7 @@ def _climb(net, meter, D, ring, tree, radius, width):
     points, ahead, free, sizes = [], [], [], []
     for arc in net.arcs.values():
         p = arc.points
-        way = way_along(p)
+        way = arc_length(p)
         tangent = np.gradient(p, axis=0)
         near_a = way < NEAR * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
         near_b = way[-1] - way < NEAR * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
@@ -69,7 +69,16 @@ def _climb(net, meter, D, ring, tree, radius, width):
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
     shift = _crown(
-        p, t, nearest, meter.verts, meter.normals, ring.indptr, ring.indices, D, radius[nearest], FARTHEST * width
+        p,
+        t,
+        nearest,
+        operators.verts,
+        operators.normals,
+        ring.indptr,
+        ring.indices,
+        D,
+        radius[nearest],
+        FARTHEST * width,
     )
     p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
     for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
@@ -82,14 +91,14 @@ def _climb(net, meter, D, ring, tree, radius, width):
             arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at) if len(new) else new
 
 
-def _meet(net, meter, tree, width):
+def _meet(net, operators, tree, width):
     """Junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
     ends = net.ends()
     for node, names in ends.items():
         if len(names) < 3:
             continue
         here = net.nodes[node]
-        normal = upright(meter, tree, here.at, width)
+        normal = upright(operators, tree, here.at, width)
         across = np.eye(3) - np.outer(normal, normal)
         matrix, right = TIE * len(names) * np.eye(3) + np.outer(normal, normal), TIE * len(names) * here.at
         right = right + normal * (normal @ here.at)
@@ -116,10 +125,10 @@ def _meet(net, meter, tree, width):
         arc.points = p
 
 
-def upright(meter: Altimeter, tree: cKDTree, at: Array, width: float) -> Array:
+def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
     """Unit normal (3,) at a point, the mean over what faces its way within half a width."""
-    here = meter.normals[tree.query(at)[1]]
-    around = meter.normals[tree.query_ball_point(at, 0.5 * width)]
+    here = operators.normals[tree.query(at)[1]]
+    around = operators.normals[tree.query_ball_point(at, 0.5 * width)]
     mean = here + around[around @ here > 0.2].sum(axis=0)
     unit: Array = mean / np.linalg.norm(mean)
     return unit
@@ -137,7 +146,7 @@ def _arms(net, node, names):
 
 def _window(line, width, between):
     """The points of an arm from which its line is taken; None if there are fewer than two."""
-    way = way_along(line)
+    way = arc_length(line)
     outer = min(between[1] * width, SHARE * way[-1])
     inner = min(between[0] * width, 0.5 * outer)
     inside = (way >= inner) & (way <= outer)
@@ -146,7 +155,7 @@ def _window(line, width, between):
 
 def _straightened(line, width):
     """An arm with its first stretch replaced by a chord."""
-    way = way_along(line)
+    way = arc_length(line)
     k = int(np.searchsorted(way, min(INNER * width, STRAIGHT * way[-1])))
     if 0 < k < len(line):
         share = (way[: k + 1] / way[k])[:, None]

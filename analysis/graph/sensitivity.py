@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.graph.crest_net import Ground, GyralScales
+from morphofold.analysis.graph.crest_net import CrestNetBuilder, GyralScales
 from morphofold.analysis.graph.net import Net
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, Surface
 
-#: the lengths that are varied: those of the net, and those of the altitude it is found on, which take longer
+#: the lengths that are varied: those of the net, and those of the depth potential it is found on, which take longer
 OF_THE_NET = ("persistence", "merge", "prune", "tip")
-OF_THE_ALTITUDE = ("smoothing", "reach")
+OF_THE_POTENTIAL = ("smoothing", "reach")
 FACTORS = (0.5, 0.75, 1.5, 2.0)
 
 
@@ -25,7 +25,7 @@ def hinge_sensitivity(
     surface: Cortex | Surface,
     *,
     width: float | None = None,
-    lengths: Sequence[str] = OF_THE_NET + OF_THE_ALTITUDE,
+    lengths: Sequence[str] = OF_THE_NET + OF_THE_POTENTIAL,
     factors: Sequence[float] = FACTORS,
     progress: Progress = silent,
 ) -> list[dict[str, Any]]:
@@ -57,23 +57,23 @@ def hinge_sensitivity(
         If a name is none, or a factor is not positive.
     """
     for name in lengths:
-        if name not in OF_THE_NET + OF_THE_ALTITUDE:
-            raise UnknownName(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_ALTITUDE)}.")
+        if name not in OF_THE_NET + OF_THE_POTENTIAL:
+            raise UnknownName(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_POTENTIAL)}.")
     if not all(0 < factor < np.inf for factor in factors):
         raise OutOfRange(f"factors must be positive, got {list(factors)}.")
-    ground = Ground(surface)
-    scales = ground.scales(width, None)
+    builder = CrestNetBuilder(surface)
+    scales = builder.scales(width, None)
     if scales is None:
         return []
-    fields = ground.fields(scales)
-    base = ground.net(fields, scales)
+    fields = builder.fields(scales)
+    base = builder.net(fields, scales)
     rows = [_row("", 1.0, np.nan, base, base, scales)]
     cases = [(name, factor) for name in lengths for factor in factors]
     for k, (name, factor) in enumerate(cases):
         progress(k / len(cases), f"{name} x {factor:g}")
         changed = replace(scales, **{name: factor * getattr(scales, name)})
-        other = fields if name in OF_THE_NET else ground.fields(changed)
-        rows.append(_row(name, factor, getattr(changed, name), ground.net(other, changed), base, scales))
+        other = fields if name in OF_THE_NET else builder.fields(changed)
+        rows.append(_row(name, factor, getattr(changed, name), builder.net(other, changed), base, scales))
     return rows
 
 

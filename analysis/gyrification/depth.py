@@ -9,7 +9,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.geodesics import shorten, way_graph
+from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import mean_edge_length
@@ -72,7 +72,7 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
 def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
     bound = mean_edge_length(verts, faces) if touching is None else touching
     way = np.full(len(verts), np.inf)
-    shorten(way_graph(verts, faces), way, np.flatnonzero(depth <= bound), np.isfinite(depth))
+    shorten(path_graph(verts, faces), way, np.flatnonzero(depth <= bound), np.isfinite(depth))
     return np.where(np.isfinite(way), way, np.nan)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
@@ -69,13 +69,13 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
         raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
-    meter, none = Altimeter(verts, faces), np.zeros(len(verts))
-    place = _places(meter)
-    normals = geometry.unit(_sums(meter.normals, place)[place])
+    operators, none = SurfaceOperators(verts, faces), np.zeros(len(verts))
+    place = _places(operators)
+    normals = geometry.unit(_sums(operators.normals, place)[place])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
     share = 1 / np.bincount(place)
     K, H = (
-        meter.spread((_sums(measure, place) * share)[place], scale, none, RTOL)
+        operators.spread((_sums(measure, place) * share)[place], scale, none, RTOL)
         for measure in (angle_defects(verts, faces), bent)
     )
     H = np.abs(H)
@@ -115,9 +115,9 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
     return gradient
 
 
-def _places(meter: Altimeter) -> NDArray[np.int64]:
+def _places(operators: SurfaceOperators) -> NDArray[np.int64]:
     """Number (N,) of the place of each vertex; those that edges of next to no length join have one."""
-    return geometry.connected(len(meter.verts), meter.pairs[meter.lengths < NEAR * meter.edge])
+    return geometry.connected(len(operators.verts), operators.pairs[operators.lengths < NEAR * operators.edge])
 
 
 def _sums(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -211,7 +211,7 @@ def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return found
 
 
-def border_twins(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
+def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
     """Vertices on a border of the faces (B,), and of each the first of those that lies there, on white and on pial."""
     border = np.unique(geometry.border_edges(faces))
     both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])

@@ -102,7 +102,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
             f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
             f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
         )
-    border, twin = checks.border_twins(cortex, cortex.faces)
+    border, twin = checks.border_duplicates(cortex, cortex.faces)
     if len(torn := np.flatnonzero(twin != border)):
         i, j = twin[torn[0]], border[torn[0]]
         raise BadMesh(

@@ -165,7 +165,7 @@ def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
     """Triangles of three vertices each, none twice, torn seams closed; and the vertex (N,) that each one became."""
     faces, at = cortex.faces, np.arange(cortex.n_vertices)
     flat = _flat(faces)
-    border, twin = checks.border_twins(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
+    border, twin = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
     at[border] = twin
     if len(moved := np.flatnonzero(at != np.arange(len(at)))):
         done["repaired_seam_vertices"] = len(moved), int(moved[0])

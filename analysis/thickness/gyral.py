@@ -15,7 +15,7 @@ from morphofold.analysis.mesh_quality.checks import cortex_mask
 from morphofold.analysis.relief import Relief
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
-from morphofold.analysis.thickness.rays import Scanner
+from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
@@ -166,7 +166,7 @@ def gyral_thickness(
     check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     inside = _inside(cortex, mask)
-    scan = Scanner(surface)  # first, so that a missing package is told before the work
+    scan = RayCaster(surface)  # first, so that a missing package is told before the work
     contour = mid_height_contour(surface, inside, scale)
     if contour.reason:
         return _nothing(surface, contour, contour.reason)
@@ -219,7 +219,7 @@ class _Grey:
     """What a chord may not do with the grey matter: run in it farther than ``slack`` [mm] between two stretches of
     ``white``, or be shorter than the cortices at its ends, by ``triangle_thickness`` (M,) [mm]."""
 
-    white: Scanner
+    white: RayCaster
     slack: float
     triangle_thickness: NDArray[np.float64]
 
@@ -227,11 +227,11 @@ class _Grey:
 def _grey(cortex: Cortex, inside: NDArray[np.bool_]) -> _Grey:
     span = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    return _Grey(Scanner(cortex.white), float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1))
+    return _Grey(RayCaster(cortex.white), float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1))
 
 
 def _fan(
-    scan: Scanner, samples: _Samples, vertical: NDArray[np.float64], angles: NDArray[np.float64], side: int
+    scan: RayCaster, samples: _Samples, vertical: NDArray[np.float64], angles: NDArray[np.float64], side: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Rays in the horizontal plane into the tissue (side = 1) or out of it (-1).
 
@@ -265,7 +265,12 @@ def _fan(
 
 
 def _symmetrised(
-    scan: Scanner, samples: _Samples, vertical: NDArray[np.float64], found: Relief, faces: NDArray[np.int64], side: int
+    scan: RayCaster,
+    samples: _Samples,
+    vertical: NDArray[np.float64],
+    found: Relief,
+    faces: NDArray[np.int64],
+    side: int,
 ) -> NDArray[np.float64]:
     """The vertical (S, 3) averaged with that of the nearest opposite wall; as it is where there is none.
 
@@ -294,7 +299,7 @@ def _middle(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def _measure(
-    surface: Surface, inside: NDArray[np.bool_], contour: Contour, scan: Scanner, grey: _Grey | None
+    surface: Surface, inside: NDArray[np.bool_], contour: Contour, scan: RayCaster, grey: _Grey | None
 ) -> GyralThickness:
     faces, found, row = surface.faces, contour.relief, np.arange(len(contour.points))
     normals = geometry.vertex_normals(surface.verts, faces)

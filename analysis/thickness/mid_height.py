@@ -12,7 +12,7 @@ from morphofold import geometry
 from morphofold.analysis.relief import Relief, relief
 from morphofold.surface import PerVertex, Surface
 
-FLAT = 0.1  # amplitude / scale below which a surface counts as unfolded
+UNFOLDED = 0.1  # amplitude / scale below which a surface counts as unfolded
 SHALLOW = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is no fold
 FINEST = 4.0  # wavelength / mean edge, below which folds cannot be told from noise
 BROADEST = 1.0  # wavelength / radius of the sphere of equal area, above which the body's shape is no fold
@@ -63,8 +63,10 @@ def _at_scale(
     reason = ""
     if len(np.unique(geometry.border_edges(surface.faces))) == len(np.unique(surface.faces)):
         reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
-    elif high < FLAT * scale:
-        reason = f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {FLAT:g} of the scale"
+    elif high < UNFOLDED * scale:
+        reason = (
+            f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {UNFOLDED:g} of the scale"
+        )
     elif not wavelength <= BROADEST * size:  # also if there is no contour
         reason = (
             f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "

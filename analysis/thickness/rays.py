@@ -11,7 +11,7 @@ from morphofold import geometry
 from morphofold.surface import Surface
 
 
-class Scanner:
+class RayCaster:
     """First hits of rays on a surface (embree finds the triangle in single, we the place in double precision)."""
 
     def __init__(self, surface: Surface) -> None:

@@ -25,7 +25,7 @@ WORDS = {
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
 CASES = "cases"  # of a study of accuracy, in its folder
-TWINS = tuple(f"{name}-tangential" for name in SCENES)
+TANGENTIAL = tuple(f"{name}-tangential" for name in SCENES)
 FOLDS = """
 Grows every scene at every level of accuracy from the first seed of its imperfection, and at the second-finest of the
 levels (the only one, if there is one) from the other seeds too: convergence with the mesh and spread over seeds are
@@ -75,7 +75,7 @@ LISTS = (
         "folds",
         "--scenes",
         "NAMES",
-        ",".join((*SCENES, *TWINS)),
+        ",".join((*SCENES, *TANGENTIAL)),
         f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)",
     ),
     ("folds", "--levels", "LEVELS", "draft,standard,fine", "of accuracy (default: draft,standard,fine)"),

@@ -108,7 +108,7 @@ def run_cohort(
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import failed, run_tasks
     from morphofold.cohort.scales import kept_scales, scales_of, with_scales
-    from morphofold.cohort.tasks import Place
+    from morphofold.cohort.tasks import TaskFolder
     from morphofold.io.locks import alone
     from morphofold.report import analysis_report
     from morphofold.report.pages.group_page import group_report
@@ -120,7 +120,7 @@ def run_cohort(
     out, more = out.absolute(), dict[str, Any]()
     subjects, looked_at = (
         [
-            Participant(name, str(folder), Place(str(out), name, run_id), hemis, bids, report, options)
+            Participant(name, str(folder), TaskFolder(str(out), name, run_id), hemis, bids, report, options)
             for name, folder in sorted(some.items())
         ]
         for some in (folders, everyone or folders)

@@ -14,7 +14,7 @@ from morphofold.cli.streams import print_json
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
-    from morphofold.forecasts.mesh_choice import Pick
+    from morphofold.forecasts.mesh_choice import MeshChoice
     from morphofold.forecasts.richardson import Estimate
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
@@ -127,15 +127,15 @@ def _refuse_together(args: argparse.Namespace) -> None:
             )
 
 
-def _picked(scene: Scene, args: argparse.Namespace) -> Pick | None:
+def _picked(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
     """The accuracy that --budget and --error ask for, said on the way."""
     if args.budget is None and args.error is None:
         return None
-    from morphofold.forecasts.mesh_choice import budget_seconds, error_share, pick
+    from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
 
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
-    chosen = pick(scene, budget=budget, error=error, threads=args.threads)
+    chosen = choose_mesh(scene, budget=budget, error=error, threads=args.threads)
     print(f"{scene.name}: {chosen.words}", file=sys.stderr if args.json else sys.stdout)
     return chosen
 
@@ -148,7 +148,7 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
         return estimate_error(simulation, threads=args.threads, progress=tell)
 
 
-def _dry_run(scene: Scene, chosen: Pick | None, args: argparse.Namespace) -> int:
+def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) -> int:
     from morphofold.forecasts import forecast
     from morphofold.forecasts.printed import table_of
     from morphofold.forecasts.richardson import twin_forecasts

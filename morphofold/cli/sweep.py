@@ -16,7 +16,7 @@ from morphofold.cli.streams import print_json
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from morphofold.cohort.grid import Grid, Point
+    from morphofold.cohort.grid import Grid, SweepPoint
     from morphofold.cohort.phases import Phases
     from morphofold.cohort.sweep import Run
     from morphofold.sim.scene import Scene
@@ -88,18 +88,18 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     return runs, outcomes, phases
 
 
-def runs_of(points: Sequence[Point], out: Path, args: argparse.Namespace) -> list[Run]:
+def runs_of(points: Sequence[SweepPoint], out: Path, args: argparse.Namespace) -> list[Run]:
     """A task for each point."""
     import secrets
 
     from morphofold.cohort.sweep import Run
-    from morphofold.cohort.tasks import Place
+    from morphofold.cohort.tasks import TaskFolder
     from morphofold.report import analysis_report
 
     report: Any = False if args.no_report else analysis_report
     options, run_id = measuring_options(args), secrets.token_hex(4)
     return [
-        Run(Place(str(out), point.name, run_id), _anywhere(point.scene), args.threads, report, options)
+        Run(TaskFolder(str(out), point.name, run_id), _anywhere(point.scene), args.threads, report, options)
         for point in points
     ]
 
@@ -119,7 +119,7 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.forecasts.printed import table_of
     from morphofold.words import span
 
-    def size(point: Point) -> tuple[float, float]:
+    def size(point: SweepPoint) -> tuple[float, float]:
         growth = point.scene.growth
         return point.scene.bricks, (growth.final - 1) / growth.rate
 

@@ -63,7 +63,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """One scene of a grid: ``at`` says which value of each axis it has, ``seed`` is None without imperfection."""
 
     name: str
@@ -79,7 +79,7 @@ class Grid:
     name: str
     axes: tuple[Axis, ...]
     seeds: tuple[int | None, ...]
-    points: tuple[Point, ...] = field(repr=False)
+    points: tuple[SweepPoint, ...] = field(repr=False)
 
     @cached_property
     def scenes(self) -> dict[tuple[int, ...], Scene]:
@@ -220,7 +220,7 @@ def _plain(value: Any) -> Any:
 
 def _points(
     source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
-) -> tuple[tuple[int | None, ...], tuple[Point, ...]]:
+) -> tuple[tuple[int | None, ...], tuple[SweepPoint, ...]]:
     """Seeds and points of a grid; raises as :func:`make_grid` says."""
     problems: dict[str, list[str]] = {}
     kinds: list[type[Refusal]] = []  # of the problems, as they come
@@ -245,7 +245,8 @@ def _points(
         raise with_notes(lines[:MOST_TOLD] + more, kinds[0])
     own = _folder_names([name for name, *_ in found])
     points = [
-        Point(name, at, seed, scene.model_copy(update={"name": name})) for name, (_, at, seed, scene) in zip(own, found)
+        SweepPoint(name, at, seed, scene.model_copy(update={"name": name}))
+        for name, (_, at, seed, scene) in zip(own, found)
     ]
     return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
 

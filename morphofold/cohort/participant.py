@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
-from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.cohort.tasks import REFUSALS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.provenance import sha256_of
@@ -29,7 +29,7 @@ class Participant:
     name : str
     folder : str
         Where it lies.
-    place : Place
+    place : TaskFolder
     hemis : tuple of {"lh", "rh"}
         Empty: those that it has.
     bids : bool
@@ -43,7 +43,7 @@ class Participant:
 
     name: str
     folder: str
-    place: Place
+    place: TaskFolder
     hemis: tuple[str, ...] = ()
     bids: bool = False
     report: Page | Literal[False] = False

@@ -14,7 +14,7 @@ import numpy as np
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cohort.fleet import Fleet, Job, Lost
-from morphofold.cohort.grid import Grid, Point
+from morphofold.cohort.grid import Grid, SweepPoint
 from morphofold.cohort.sweep import folder_of
 from morphofold.cohort.tables import TidyWriter, read_results, refuse_changed, what_became
 from morphofold.cohort.tasks import Outcome, read_record
@@ -33,12 +33,12 @@ MEASURES = (*SCALARS, HINGES_PER_AREA, OVER_FLAT)
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class RunResult:
     """What became of a run.
 
     Attributes
     ----------
-    point : Point
+    point : SweepPoint
     reason : str
         Why it has no measures; empty if it has.
     measures : mapping of measure to float
@@ -56,7 +56,7 @@ class Found:
         Its last pial surface, as it was measured.
     """
 
-    point: Point
+    point: SweepPoint
     reason: str = ""
     measures: Mapping[str, float] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Theory:
+class SphereTheory:
     """What the theory of the sphere says of a scene: growth stretch at which it first wrinkles and meets the crease
     criterion, and the wavelength of the first wrinkles on the grown sphere [mm]. NaN where there is none: ``reason``
     says why."""
@@ -82,13 +82,13 @@ class Phases:
     """A sweep: its grid, runs in the order of the grid's points, and theory by place."""
 
     grid: Grid
-    runs: tuple[Found, ...]
-    theory: Mapping[tuple[int, ...], Theory]
+    runs: tuple[RunResult, ...]
+    theory: Mapping[tuple[int, ...], SphereTheory]
 
     @cached_property
-    def at(self) -> dict[tuple[int, ...], list[Found]]:
+    def at(self) -> dict[tuple[int, ...], list[RunResult]]:
         """The runs of each place, a seed each."""
-        found: dict[tuple[int, ...], list[Found]] = {}
+        found: dict[tuple[int, ...], list[RunResult]] = {}
         for run in self.runs:
             found.setdefault(run.point.at, []).append(run)
         return found
@@ -100,14 +100,14 @@ Draw = Callable[[Phases, Path, Progress], object]
 # theory ------------------------------------------------------------------------------------------------------
 
 
-def theory_of(scene: Scene) -> Theory:
-    """Theory's first wrinkles of a scene's sphere: :func:`morphofold.sim.theory.bifurcation` of its thickness, radius,
+def theory_of(scene: Scene) -> SphereTheory:
+    """First wrinkles of a scene's sphere in theory: :func:`morphofold.sim.theory.bifurcation` of its thickness, radius,
     hole, moduli and law of growth."""
     from morphofold.sim import theory
     from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
     if scene.beyond_theory:
-        return Theory(reason=scene.beyond_theory)
+        return SphereTheory(reason=scene.beyond_theory)
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Radial)
     try:
@@ -119,17 +119,17 @@ def theory_of(scene: Scene) -> Theory:
             A_over_C=geometry.hole_radius / geometry.radius,
         )
     except (ValueError, ConvergenceError) as error:
-        return Theory(reason=in_one_line(error))
-    return Theory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
+        return SphereTheory(reason=in_one_line(error))
+    return SphereTheory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
 
 
-def theory_by_place(fleet: Fleet, grid: Grid, tell: Progress = silent) -> dict[tuple[int, ...], Theory]:
+def theory_by_place(fleet: Fleet, grid: Grid, tell: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
     """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
     spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
     wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
-    found: dict[str, Theory] = {}
+    found: dict[str, SphereTheory] = {}
     for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
-        found[_sphere(job.argument)] = Theory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        found[_sphere(job.argument)] = SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
         tell(len(found) / len(wanted), "theory")
     return {at: found[key] for at, key in spheres.items()}
 
@@ -142,7 +142,7 @@ def _sphere(scene: Scene) -> str:
 # results -----------------------------------------------------------------------------------------------------
 
 
-def read_run(out: Path, point: Point, outcome: Outcome | None = None) -> Found:
+def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> RunResult:
     """What is on disk of a run; one that is not there has the reason. ``outcome``: of one that was done just now."""
     record = read_record(out / "records" / f"{point.name}.json")
     folder = folder_of(out, point.name)
@@ -154,10 +154,10 @@ def read_run(out: Path, point: Point, outcome: Outcome | None = None) -> Found:
             files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
             refuse_changed(record, {name: folder / name for name in files})
             measures, notes, pial = _measured(folder / "analysis", point.scene.geometry)
-            return Found(point, "", measures, notes, warnings, numbers, pial)
+            return RunResult(point, "", measures, notes, warnings, numbers, pial)
         except (OSError, ValueError, IndexError) as error:
             reason = in_one_line(error)
-    return Found(point, reason, {}, {}, warnings, numbers)
+    return RunResult(point, reason, {}, {}, warnings, numbers)
 
 
 def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
@@ -194,7 +194,7 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 def write_sweep(
     out: Path,
     grid: Grid,
-    theory: Mapping[tuple[int, ...], Theory],
+    theory: Mapping[tuple[int, ...], SphereTheory],
     outcomes: Sequence[Outcome] = (),
     *,
     report: Draw | Literal[False] = False,
@@ -208,7 +208,7 @@ def write_sweep(
     out : Path
         Of the sweep.
     grid : Grid
-    theory : mapping of place to Theory
+    theory : mapping of place to SphereTheory
     outcomes : sequence of Outcome
         Of runs that were done just now; of others the records tell.
     report : callable or False
@@ -249,7 +249,7 @@ def write_tables(phases: Phases, folder: Path) -> None:
     )
 
 
-def _told(grid: Grid, point: Point) -> dict[str, Any]:
+def _told(grid: Grid, point: SweepPoint) -> dict[str, Any]:
     return {"run": point.name, **_place(grid, point.at), "seed": point.seed}
 
 
@@ -261,7 +261,7 @@ def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
     }
 
 
-def _run_row(grid: Grid, run: Found) -> dict[str, Any]:
+def _run_row(grid: Grid, run: RunResult) -> dict[str, Any]:
     return {
         **_told(grid, run.point),
         "state": "failed" if run.reason else "done",

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from morphofold.cohort.fleet import Fleet, Job, Lost
-from morphofold.cohort.tasks import Outcome, Place, write_record
+from morphofold.cohort.tasks import Outcome, TaskFolder, write_record
 from morphofold.progress import Progress, silent
 
 
@@ -15,10 +15,10 @@ class Task(Protocol):
     """What a task of many has."""
 
     @property
-    def place(self) -> Place: ...
+    def place(self) -> TaskFolder: ...
 
 
-def failed(place: Place, reason: str) -> Outcome:
+def failed(place: TaskFolder, reason: str) -> Outcome:
     """What became of a task that has no outcome of its own, and its record, where one can be written."""
     with suppress(OSError, ValueError):  # a name that no file can have
         write_record(place.record, "", {"": reason}, results=False)

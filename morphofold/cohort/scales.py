@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 FILE = "scales.json"
 MOST = 50  # subjects that are looked at, spread evenly over their names
-FAR = 2.0  # times the median, beyond which a mesh is too coarse to set the scale of all
+MUCH_COARSER = 2.0  # times the median, beyond which a mesh is too coarse to set the scale of all
 
 
 class Scales(Record):
@@ -67,7 +67,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
     scale, width = np.array(sorted(found)).T
     known = width[np.isfinite(width)]
     scales = Scales(
-        curvature_scale_mm=_digits(scale[scale <= FAR * np.median(scale)].max(), np.ceil),
+        curvature_scale_mm=_digits(scale[scale <= MUCH_COARSER * np.median(scale)].max(), np.ceil),
         gyral_width_mm=_digits(np.median(known), np.round) if known.size else None,
         hemispheres=len(found),
     )
@@ -78,7 +78,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
 
 def look(subject: Participant) -> list[tuple[float, float]]:
     """Curvature scale and gyral width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
-    from morphofold.analysis.graph.crest_net import Ground
+    from morphofold.analysis.graph.crest_net import CrestNetBuilder
     from morphofold.analysis.measuring import scale_of_curvature
 
     found = []
@@ -89,7 +89,7 @@ def look(subject: Participant) -> list[tuple[float, float]]:
     for hemi in hemis:
         try:
             cortex = read_cortex(subject.folder, hemi)
-            lengths = Ground(cortex).scales(None, None)
+            lengths = CrestNetBuilder(cortex).scales(None, None)
             found.append((scale_of_curvature(cortex)[0], lengths.width if lengths else float("nan")))
         except (*REFUSALS, OSError):
             continue

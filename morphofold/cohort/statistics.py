@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.measures import LINE
+from morphofold.analysis.measures import SLOPES
 from morphofold.cohort.tables import HEMIS, Group
-from morphofold.comparison.thickness import Cloud, Point, bins, fit_line
+from morphofold.comparison.thickness import Cloud, ThicknessPoint, bins, fit_line
 from morphofold.quantities import RATIO
 from morphofold.tables import write_table
 
-FAR = 3.5  # robust z above which a value is an outlier
+OUTLIER_Z = 3.5  # robust z above which a value is an outlier
 FEWEST = 8  # values of a measure and side among which outliers are looked for
 RARE = 0.25  # share of values at most that may differ from what the others share, to be outliers
 ROUND_OFF = 1e-6  # relative; coordinates are float32, tables have seven digits
@@ -32,7 +32,7 @@ BINS = 20
 BOOTSTRAPPED = 1000  # points at most through which the robust line goes: all their pairs are compared
 BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # of another measure, not one themselves
 #: of a mesh, not of a brain; and what may be negative or near 0, so that a ratio of sides says nothing
-UNSIDED = ("n_vertices", "euler_characteristic", *LINE)
+UNSIDED = ("n_vertices", "euler_characteristic", *SLOPES)
 
 Scalars = Mapping[str, NDArray[np.float64]]  # measure to (subjects, 2): left and right, NaN where there is none
 
@@ -119,7 +119,7 @@ class Outliers:
         """Values that would lie as far out if all were normally distributed."""
         from scipy import stats
 
-        return float(2 * stats.norm.sf(FAR)) * self.looked_at
+        return float(2 * stats.norm.sf(OUTLIER_Z)) * self.looked_at
 
     @property
     def subjects(self) -> list[list[Outlier]]:
@@ -211,7 +211,7 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
                 divided.append((measure, hemi))
                 continue
             looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
-            for k in np.flatnonzero(np.abs(z) > FAR):
+            for k in np.flatnonzero(np.abs(z) > OUTLIER_Z):
                 row = Outlier(subjects[known[k]], hemi, measure, float(side[known[k]]), float(z[k]), median)
                 found.setdefault(int(known[k]), []).append(row)
     for rows in found.values():
@@ -242,7 +242,7 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     cortical = scalars["mean_cortical_thickness_mm"][:, side]
     gyral = scalars["median_gyral_thickness_mm"][:, side]
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    points = tuple(Point(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
+    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
     fit = fit_line(points, robust=len(points) <= BOOTSTRAPPED)
     if len(points) <= MOST_POINTS:
         return Cloud("subject", points, (), fit)
@@ -258,7 +258,7 @@ def region_cloud(group: Group, side: int) -> Cloud:
     for name, numbers in group.regions.items():
         n, (cortical, gyral), sd = int(numbers[side, 0, 0]), numbers[side, :, 1].tolist(), float(numbers[side, 1, 2])
         if n:
-            points.append(Point(cortical, gyral, f"{name}, {n} subjects", gyral - sd, gyral + sd))
+            points.append(ThicknessPoint(cortical, gyral, f"{name}, {n} subjects", gyral - sd, gyral + sd))
     return Cloud("region", tuple(points), (), fit_line(points))
 
 

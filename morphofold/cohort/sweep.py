@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
-from morphofold.cohort.tasks import REFUSALS, Outcome, Place, Say, digest, perform
+from morphofold.cohort.tasks import REFUSALS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
 from morphofold.results.summary import Page
 from morphofold.sim.output.inputs import inputs_of
@@ -29,7 +29,7 @@ class Run:
 
     Attributes
     ----------
-    place : Place
+    place : TaskFolder
     scene : Scene
     threads : int
         Of its worker.
@@ -39,7 +39,7 @@ class Run:
         ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as ``analyze`` takes them.
     """
 
-    place: Place
+    place: TaskFolder
     scene: Scene
     threads: int = 1
     report: Page | Literal[False] = False

@@ -82,7 +82,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Found:
+class SubjectResults:
     """What the results of one subject say: an entry of each hemisphere, how each was measured, rows of regions, digests
     of its surfaces, and the files that say so."""
 
@@ -93,7 +93,7 @@ class Found:
     read: tuple[Path, ...]
 
 
-def read_results(folder: Path) -> Found:
+def read_results(folder: Path) -> SubjectResults:
     """The numbers of a subject, without its surfaces and maps, in either layout.
 
     Raises
@@ -119,7 +119,7 @@ def read_results(folder: Path) -> Found:
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
         if not (named and row.keys() >= {*REGION_MEASURES}):
             raise DamagedFile(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
-    return Found(entries, hows, regions, " ".join(wanted), (path, table))
+    return SubjectResults(entries, hows, regions, " ".join(wanted), (path, table))
 
 
 def _how(version: str, entry: Mapping[str, Any]) -> How:
@@ -135,7 +135,7 @@ def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None
         raise Mismatch(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
 
 
-def tidy_rows(subject: str, found: Found) -> Iterator[Row]:
+def tidy_rows(subject: str, found: SubjectResults) -> Iterator[Row]:
     """One row for each number of a subject, in the order of its tables."""
     for entry in found.entries:
         for measure in SCALARS:
@@ -255,7 +255,7 @@ class _Gathered:
         self.how = np.full((count, 2), -1)
         self.hemispheres: list[dict[str, Any]] = []
 
-    def add(self, i: int, subject: str, found: Found) -> None:
+    def add(self, i: int, subject: str, found: SubjectResults) -> None:
         of = {}
         for entry, how in zip(found.entries, found.hows):
             side = HEMIS.index(entry["hemi"])

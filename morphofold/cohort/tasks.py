@@ -63,7 +63,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Place:
+class TaskFolder:
     """Where a task of many writes: ``out`` is the folder of all, ``name`` the task's, ``run`` tells one run of the
     command from another."""
 
@@ -87,7 +87,7 @@ class Say:
     run; where nothing is done it stays, so that it tells how the results that are there came to be.
     """
 
-    def __init__(self, place: Place):
+    def __init__(self, place: TaskFolder):
         self._path, self._head, self._began = place.log, f"run {place.run}\n", time.perf_counter()
         text = place.log.read_text(encoding="utf-8", errors="replace") if place.log.is_file() else ""
         self._new_run, self._silent = not text.startswith(self._head), True
@@ -111,7 +111,7 @@ class Say:
 
 
 def perform(
-    place: Place,
+    place: TaskFolder,
     key: Callable[[], str],
     files: Callable[[], Mapping[str, Path]],
     work: Callable[[Say, list[str]], dict[str, str]],
@@ -124,7 +124,7 @@ def perform(
 
     Parameters
     ----------
-    place : Place
+    place : TaskFolder
     key : callable
         Digest of what the results follow from.
     files : callable
@@ -142,7 +142,7 @@ def perform(
 
 
 def _perform(
-    place: Place,
+    place: TaskFolder,
     key: Callable[[], str],
     files: Callable[[], Mapping[str, Path]],
     work: Callable[[Say, list[str]], dict[str, str]],
@@ -178,7 +178,7 @@ def _perform(
         return Outcome(place.name, state, failures, seconds, memory, log.attempt, bool(changed))
 
 
-def _hold_when_free(place: Place, say: Say, held: ExitStack) -> None:
+def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
     """Hold a task, once no other worker is at it.
 
     Raises
@@ -213,7 +213,7 @@ def _told(error: Exception) -> str:
 
 
 @contextmanager
-def _logged(place: Place) -> Iterator[Say]:
+def _logged(place: TaskFolder) -> Iterator[Say]:
     """The log of a task, with what is warned of in it."""
     say = Say(place)
     with warnings.catch_warnings():

@@ -5,14 +5,22 @@ shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoret
 """
 
 from morphofold.comparison.side_by_side import Comparison, compare
-from morphofold.comparison.thickness import Cloud, Fit, Point, Theory, fit_line, thickness_cloud, wrinkling_wavelength
+from morphofold.comparison.thickness import (
+    Cloud,
+    Fit,
+    TheoryLine,
+    ThicknessPoint,
+    fit_line,
+    thickness_cloud,
+    wrinkling_wavelength,
+)
 
 __all__ = [
     "Cloud",
     "Comparison",
     "Fit",
-    "Point",
-    "Theory",
+    "TheoryLine",
+    "ThicknessPoint",
     "compare",
     "fit_line",
     "thickness_cloud",

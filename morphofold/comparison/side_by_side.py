@@ -20,7 +20,7 @@ from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_gro
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
 from morphofold.comparison.remarks import cautions, notes, plot_notes
-from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
 from morphofold.errors import OutOfRange
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CREST_RATIO, RATIO
@@ -46,7 +46,7 @@ class Comparison:
     measures: tuple[Measures, ...] = field(repr=False)
     table: tuple[dict[str, Any], ...] = field(repr=False)
     clouds: tuple[Cloud, ...] = field(repr=False)
-    theory: tuple[Theory, ...] = ()
+    theory: tuple[TheoryLine, ...] = ()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     colours: Mapping[str, str] = field(default_factory=dict, repr=False)
     hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
@@ -161,7 +161,7 @@ def compare(
     )
 
 
-def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[Theory, ...]:
+def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
     """The wavelength of theory at ``mu_ratio``, or at each ratio of stiffness that the surfaces say."""
     if mu_ratio is not None:
         ratios = [mu_ratio]

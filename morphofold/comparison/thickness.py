@@ -17,7 +17,7 @@ WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")  # of a whol
 
 
 @dataclass(frozen=True)
-class Point:
+class ThicknessPoint:
     """Gyral against cortical thickness [mm] of one region, crest, bin of vertices or whole surface.
 
     ``low`` and ``high`` are quartiles of the gyral thickness, where the point stands for many vertices.
@@ -62,27 +62,27 @@ class Cloud:
     """Thickness points of a surface, ``kind`` ``"region"``, ``"crest"`` or ``"whole"``; of a group, ``"subject"``."""
 
     kind: str
-    points: tuple[Point, ...]
-    bins: tuple[Point, ...] = ()
+    points: tuple[ThicknessPoint, ...]
+    bins: tuple[ThicknessPoint, ...] = ()
     fit: Fit | None = None
 
 
 @dataclass(frozen=True)
-class Theory:
+class TheoryLine:
     """The wrinkling wavelength of a stiff film on a soft substrate, per film thickness [mm/mm]."""
 
     mu_ratio: float
     slope: float
 
 
-def wrinkling_wavelength(mu_ratio: float) -> Theory:
+def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
     """Wavelength of linear wrinkling per film thickness, ``2 pi (mu_f / 3 mu_s)^(1/3)``.
 
     Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004);
     mu_f and mu_s are the shear moduli of film and substrate. 4.36 for equal stiffness; but this is the linear
     theory of a thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
     """
-    return Theory(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
+    return TheoryLine(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
 
 def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
@@ -109,7 +109,7 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
     rows_of = {"region": measures.regions, "crest": measures.crests}
     for kind in by:
         points = tuple(
-            Point(float(thick), float(wide), str(row.get(kind, kind)))
+            ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
             for wide, thick, row in _both(rows_of[kind])
             if kind == "region" or thick >= thinnest
         )
@@ -118,7 +118,7 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
     gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
     if not (_known(gyral) and _known(cortical)):
         return Cloud("whole", ())
-    return Cloud("whole", (Point(float(cortical), float(gyral), "whole surface"),), _bins(measures))
+    return Cloud("whole", (ThicknessPoint(float(cortical), float(gyral), "whole surface"),), _bins(measures))
 
 
 def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
@@ -144,7 +144,7 @@ def _known(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point, ...]:
+def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
@@ -153,18 +153,18 @@ def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[Point,
     return bins(cortical, gyral, count, "vertices") if count > 1 else ()
 
 
-def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[Point, ...]:
+def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
     found = []
     for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
         low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
         label = f"{len(part)} {what} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        found.append(Point(float(np.median(cortical[part])), middle, label, low, high))
+        found.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
     return tuple(found)
 
 
-def fit_line(points: Sequence[Point], *, robust: bool = True) -> Fit | None:
+def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | None:
     """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x.
 
     ``robust``: with the median of slopes, whose time and memory grow as the square of the points; else it is NaN.

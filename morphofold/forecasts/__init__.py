@@ -4,16 +4,16 @@ wrong it is.
 
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.measuring import AnalysisForecast, forecast_analysis
-from morphofold.forecasts.mesh_choice import Pick, pick
+from morphofold.forecasts.mesh_choice import MeshChoice, choose_mesh
 from morphofold.forecasts.richardson import Estimate, estimate_error
 
 __all__ = [
     "AnalysisForecast",
     "Estimate",
     "Forecast",
-    "Pick",
+    "MeshChoice",
+    "choose_mesh",
     "estimate_error",
     "forecast",
     "forecast_analysis",
-    "pick",
 ]

@@ -174,7 +174,7 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
 
 
 def _copied(cortex: Cortex, chosen: Accuracy) -> int:
-    """Vertices of the copy that thicknesses and the net are measured on, as ``resampling.copied`` makes it."""
+    """Vertices of the copy that thicknesses and the net are measured on, as ``resampling.resampled`` makes it."""
     import numpy as np
 
     from morphofold import geometry

@@ -20,7 +20,7 @@ UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 @dataclass(frozen=True)
-class Pick:
+class MeshChoice:
     """A scene with the edge that was chosen, and what is expected of it."""
 
     scene: Scene
@@ -75,7 +75,9 @@ def error_share(text: str) -> float:
     return share
 
 
-def pick(scene: Scene, *, budget: float | None = None, error: float | None = None, threads: int | None = None) -> Pick:
+def choose_mesh(
+    scene: Scene, *, budget: float | None = None, error: float | None = None, threads: int | None = None
+) -> MeshChoice:
     """The finest edge that fits a budget, or the coarsest one whose expected error is small enough.
 
     Parameters
@@ -96,7 +98,7 @@ def pick(scene: Scene, *, budget: float | None = None, error: float | None = Non
         scene unlike those studied.
     """
     if budget is None and error is None:
-        raise OptionsClash("pick: neither a budget nor an error is asked for; give one of them.")
+        raise OptionsClash("choose_mesh: neither a budget nor an error is asked for; give one of them.")
     asked = "--budget" if error is None else "--error"
     edges = _edges(scene, asked)
     if error is not None:
@@ -106,7 +108,7 @@ def pick(scene: Scene, *, budget: float | None = None, error: float | None = Non
     for _ in range(2):  # timed there, and once more where that leads
         found = calibrate(chosen, costs(), threads)
         chosen = _with(scene, _finest(scene, edges, found, budget))
-    return Pick(chosen, forecast_from(chosen, found))
+    return MeshChoice(chosen, forecast_from(chosen, found))
 
 
 def _edges(scene: Scene, asked: str) -> list[float]:
@@ -159,7 +161,7 @@ def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float)
     return min(fitting)
 
 
-def _for_error(scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None) -> Pick:
+def _for_error(scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None) -> MeshChoice:
     """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
     if unlike := not_studied(scene, studied()[0]):
         raise NotStudied(
@@ -181,4 +183,4 @@ def _for_error(scene: Scene, edges: list[float], error: float, budget: float | N
             f"--error {percent(error)} may take {scene.name} {span(cost.slowest)} (an edge of "
             f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
         )
-    return Pick(chosen, cost)
+    return MeshChoice(chosen, cost)

@@ -276,7 +276,7 @@ def connected(n: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def way_along(points: Vectors) -> NDArray[np.float64]:
+def arc_length(points: Vectors) -> NDArray[np.float64]:
     """Way (P,) [mm] from the first of the points (P, 3) of a polyline to each of them along it."""
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
 

@@ -38,7 +38,7 @@ MISSING = "NaN where there is no value, as on the medial wall"
 
 
 @dataclass(frozen=True)
-class Place:
+class HemisphereFiles:
     """Where the files of a hemisphere are: ``anat/sub-NAME_hemi-L_...``."""
 
     anat: Path
@@ -55,7 +55,7 @@ class Place:
 
 def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
     """Surfaces, maps, regions, mask and graph; beside all but surfaces and graph a JSON file that says what it is."""
-    cortex, place = m.cortex, Place(anat, subject, m.cortex.hemi)
+    cortex, place = m.cortex, HemisphereFiles(anat, subject, m.cortex.hemi)
     for kind, surface in surfaces_of(cortex).items():
         to_scanner = None if kind in UNMOVED else cortex.transform
         verts = surface.verts if to_scanner is None else moved(surface.verts, to_scanner)
@@ -93,7 +93,7 @@ def read_hemisphere(
     ValueError
         If a file cannot be understood; the message names it.
     """
-    place = Place(anat, subject, entry["hemi"])
+    place = HemisphereFiles(anat, subject, entry["hemi"])
     back = None if entry["transform"] is None else _inverse(entry["transform"], anat)
 
     def surface(kind: str) -> Surface:
@@ -116,7 +116,7 @@ def read_hemisphere(
 
 def read_pial(anat: Path, subject: str, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
     """The pial surface as it was written, and the map ``name`` on it if there is one."""
-    place = Place(anat, subject, hemi)
+    place = HemisphereFiles(anat, subject, hemi)
     pial, path = read_surface(place.file("pial.surf.gii")), place.file(f"{_map_end(name)}.shape.gii")
     return pial, _read_map(place, name, len(pial.verts)) if path.is_file() else None
 
@@ -185,18 +185,18 @@ def _joined(name: str) -> str:
 # maps and regions -------------------------------------------------------------------------------------------
 
 
-def _write_map(place: Place, end: str, values: PerVertex, **said: Any) -> None:
+def _write_map(place: HemisphereFiles, end: str, values: PerVertex, **said: Any) -> None:
     write_gifti_map(place.file(f"{end}.shape.gii"), values, name=end, nan=np.nan, hemi=place.hemi)
     place.say(end, **said)
 
 
-def _read_map(place: Place, name: str, n: int) -> PerVertex:
+def _read_map(place: HemisphereFiles, name: str, n: int) -> PerVertex:
     """A map that was measured, convex positive."""
     values = sized_map(place.file(f"{_map_end(name)}.shape.gii"), n)
     return flip_curvature_sign(values) if name == "H" else values
 
 
-def _write_regions(place: Place, regions: Regions, on: str) -> None:
+def _write_regions(place: HemisphereFiles, regions: Regions, on: str) -> None:
     """Regions, and what their keys stand for once more in a table, as BIDS has it."""
     end = _regions_end(regions.name)
     write_gifti_regions(place.file(f"{end}.label.gii"), regions, place.hemi)

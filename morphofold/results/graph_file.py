@@ -18,7 +18,7 @@ from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
 CURE = "Analyze anew."
 ARRAYS = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
-Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Position = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class Scales(Record):
@@ -46,8 +46,8 @@ class Node(Record):
     """Where crests meet or end."""
 
     id: Count
-    position: Point
-    normal: Point
+    position: Position
+    normal: Position
     vertex: Count
     degree: Count
     cut: bool
@@ -60,7 +60,7 @@ class Edge(Record):
 
     source: Count
     target: Count
-    polyline: Annotated[list[Point], Field(min_length=2)]
+    polyline: Annotated[list[Position], Field(min_length=2)]
     vertices: list[Count]
     blind: bool
     number: Count

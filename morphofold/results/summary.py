@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from morphofold.analysis.measures import LINE, SCALARS, Measures
+from morphofold.analysis.measures import SCALARS, SLOPES, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange
 from morphofold.forecasts.analysis_cost import cost_of_analysis
@@ -81,7 +81,7 @@ RECORDED = ("etiv_mm3", "surface_holes")  # of Cortex.info: FreeSurfer's, not me
 SURFACES = ("hemi", *SCALARS, *RECORDED)  # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 CURE = "Analyze anew."
-SIGNED = ("euler_characteristic", *LINE)  # scalars that may be negative
+SIGNED = ("euler_characteristic", *SLOPES)  # scalars that may be negative
 
 
 _Four = Field(min_length=4, max_length=4)

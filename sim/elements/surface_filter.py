@@ -15,7 +15,7 @@ from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
-FLAT = 1e-7  # singular value, over the largest, below which a stencil is flat that way
+DEGENERATE = 1e-7  # singular value, over the largest, below which a stencil is flat that way
 SAME = 1e-4  # distance at which two points of a stencil are one [cell sizes]
 
 
@@ -158,7 +158,7 @@ def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
         entries = start[rows, None] + np.arange(m)
         affine = np.concatenate([np.ones((len(rows), m, 1)), (at[entries] - p[rows, None]) / cell], axis=2)
         U, s, _ = np.linalg.svd(affine, full_matrices=False)
-        U *= (s > FLAT * s[:, :1])[:, None, :]
+        U *= (s > DEGENERATE * s[:, :1])[:, None, :]
         row = value[entries][..., None]
         for _ in range(2):  # again for what round-off left
             row = row - U @ (U.swapaxes(1, 2) @ row)

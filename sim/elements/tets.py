@@ -17,7 +17,7 @@ from morphofold.sim.growth import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
-FLAT = 1e-10  # a volume below this share of the cube of the longest edge is none
+DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge is none
 
 
 class Tets:
@@ -165,7 +165,7 @@ def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     mirrored = volumes[0] < 0
     volume = np.where(mirrored, -volumes[1], volumes[1])
     longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
-    bad = np.flatnonzero(~(volume > FLAT * longest**3))
+    bad = np.flatnonzero(~(volume > DEGENERATE * longest**3))
     if bad.size:
         raise BadMesh(
             f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before anything grows; the first is "

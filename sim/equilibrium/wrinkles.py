@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-FLAT = 0.005  # T/C of the sphere that stands for a body without a radius
+THIN_SHELL = 0.005  # T/C of the sphere that stands for a body without a radius
 MOST = 4.0  # growth up to which to look: the largest of a scene
 BEFORE, AFTER = 0.01, 0.02  # growth before and after the first wrinkles in which growth is slow,
 SLOW = 0.44  # and its pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
@@ -44,7 +44,7 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
     thickness = geometry.cortex_thickness
-    T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else FLAT
+    T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL
     if not scene.material.theory:
         return Wrinkles(math.nan, math.nan)
     found = _of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)

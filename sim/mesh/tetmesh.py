@@ -31,7 +31,7 @@ from morphofold.sim.scene import MOST_BRICKS, MeshFile
 BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")  # cells that may stand beside the tetrahedra
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
 FARTHEST = 1e6  # from the origin [mm]
-FLAT = 1e-10  # a volume below this share of the cube of the longest edge is none
+DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge is none
 
 
 class TetMesh(NamedTuple):
@@ -199,7 +199,7 @@ def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, fl
     volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
     longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
-    flat = np.flatnonzero(~(np.abs(volume) > FLAT * longest**3))
+    flat = np.flatnonzero(~(np.abs(volume) > DEGENERATE * longest**3))
     if flat.size:
         raise BadMesh(
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} of volume "

@@ -15,14 +15,14 @@ from morphofold.sim.scene.tables import MaterialOptions
 
 PACKAGE = "morphofold.sim.materials"
 USUAL = "neo-hookean"
-TWINS = ("elastic",)  # files of the package that are no material
+NO_MATERIAL = ("elastic",)  # files of the package that are no material
 
 
 @cache
 def material_names() -> tuple[str, ...]:
     """Names of all materials, the usual one first."""
     there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
-    names = (name.replace("_", "-") for name in there if name not in TWINS)
+    names = (name.replace("_", "-") for name in there if name not in NO_MATERIAL)
     return tuple(sorted(names, key=lambda name: (name != USUAL, name)))
 
 

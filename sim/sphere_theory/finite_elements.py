@@ -35,7 +35,7 @@ from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp,
 
 from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange, UnknownName
-from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, Sphere
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere
 
 Growth = tuple[float, float]
 LAYERS = ("core", "cortex")
@@ -239,7 +239,7 @@ class _Sphere:
         order: int,
         g: float,
     ):
-        Sphere(T, mu_ratio, law, kappa_ratio, A)  # refuses what is none
+        SmoothSphere(T, mu_ratio, law, kappa_ratio, A)  # refuses what is none
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")

@@ -23,7 +23,7 @@ from morphofold.sim.sphere_theory.smooth_sphere import (
     PRESSURE,
     RADIUS,
     RATE,
-    Sphere,
+    SmoothSphere,
     smooth_state,
 )
 
@@ -48,7 +48,7 @@ DEPTH = 20.0
 SHORT = 1e12
 
 
-def impedances(sphere: Sphere, degree: float, g: float) -> tuple[Array, Array, int]:
+def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Array, int]:
     """Z of one degree l at growth g: at the free surface, and its jump at the interface.
 
     Parameters
@@ -80,7 +80,7 @@ def impedances(sphere: Sphere, degree: float, g: float) -> tuple[Array, Array, i
     return surface, below - above, poles_core + poles_out + poles_in
 
 
-def short_wave_impedances(sphere: Sphere, g: float) -> tuple[Array, Array] | None:
+def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array] | None:
     """:func:`impedances` for l -> inf: of a half-space like the outer surface, and of two joined like the interface.
 
     None where a half-space has lost its ellipticity.

@@ -49,7 +49,7 @@ class ConvergenceError(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Sphere:
+class SmoothSphere:
     """What a smooth state depends on besides growth, checked on construction.
 
     Attributes
@@ -110,7 +110,7 @@ class Sphere:
 
 
 @lru_cache(maxsize=256)  # a search comes back to the same growths for every degree
-def smooth_state(sphere: Sphere, g: float) -> State:
+def smooth_state(sphere: SmoothSphere, g: float) -> State:
     """Smooth state at growth g of the cortex; the core doesn't grow.
 
     Parameters
@@ -167,7 +167,7 @@ def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
     return 2 * ((1 - g * g) * Q + g**4 / (4 * q**4) + g * g / q)
 
 
-def _nearly_incompressible(sphere: Sphere, g: float, y: Array, R: Array, r: Array) -> Array:
+def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r: Array) -> Array:
     """Fields at points y, reference radius R, that solve Div P = 0; r is their incompressible radius.
 
     With q = r/R, w = dr/dR and x = ln R this is dq/dx = w - q and dP_r/dx = 2 (P_theta - P_r), P the first

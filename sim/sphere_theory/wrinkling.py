@@ -27,7 +27,7 @@ from morphofold.sim.sphere_theory.smooth_sphere import (
     LAMBDA_T,
     RADIUS,
     ConvergenceError,
-    Sphere,
+    SmoothSphere,
     smooth_state,
 )
 
@@ -124,7 +124,8 @@ def bifurcation(
     Raises
     ------
     ValueError
-        For a parameter out of its range, see :class:`~morphofold.sim.sphere_theory.smooth_sphere.Sphere`, or g_max not
+        For a parameter out of its range, see
+        :class:`~morphofold.sim.sphere_theory.smooth_sphere.SmoothSphere`, or g_max not
         above 1.
 
     Notes
@@ -135,7 +136,7 @@ def bifurcation(
     lambda_r/lambda_theta = 3.383 (l -> inf), and for a stiff thin cortex the wavelength
     2 pi T (mu_ratio/3)^(1/3) at growth 1 + (3/mu_ratio)^(2/3) / 6.
     """
-    sphere = Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
+    sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
     growths = _smooth_growths(sphere, g_max)
     short_wave = _first_root(partial(_short_wave_stiffness, sphere), growths)
     g_crease = _first_root(partial(_short_of_crease, sphere), growths)
@@ -155,7 +156,7 @@ def bifurcation(
     return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, g_crease, amplitude)
 
 
-def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) -> float:
+def critical_growth_of_degree(sphere: SmoothSphere, degree: int, g_max: float = 10.0) -> float:
     """Least growth at which spherical harmonics of one degree grow; NaN if they don't up to g_max.
 
     Parameters
@@ -181,11 +182,11 @@ def critical_growth_of_degree(sphere: Sphere, degree: int, g_max: float = 10.0) 
     return _critical_growth(sphere, _smooth_growths(sphere, g_max), degree)
 
 
-def _critical_growth(sphere: Sphere, growths: list[float], degree: int, near: float = math.nan) -> float:
+def _critical_growth(sphere: SmoothSphere, growths: list[float], degree: int, near: float = math.nan) -> float:
     return _first_root(partial(_stiffness, sphere, degree), growths, near)
 
 
-def _smooth_growths(sphere: Sphere, g_max: float) -> list[float]:
+def _smooth_growths(sphere: SmoothSphere, g_max: float) -> list[float]:
     """Growths to walk through in search of a root, as far as there is a smooth state; g - 1 rises geometrically."""
     if not (math.isfinite(g_max) and g_max > 1):
         raise OutOfRange(f"g_max is the growth up to which to look and must be above 1, got {g_max}.")
@@ -231,7 +232,7 @@ def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
     return Curve(np.array(sorted(found)), np.array([found[degree] for degree in sorted(found)]))
 
 
-def _short_of_crease(sphere: Sphere, g: float) -> float:
+def _short_of_crease(sphere: SmoothSphere, g: float) -> float:
     """What lambda_r/lambda_theta of the smooth outer surface lacks of the crease criterion."""
     fields = smooth_state(sphere, g).fields
     return CREASE - float(fields[1, LAMBDA_R, -1] / fields[1, LAMBDA_T, -1])
@@ -256,7 +257,7 @@ def _first_root(stiffness: Callable[[float], float], growths: list[float], near:
     return math.nan
 
 
-def _stiffness(sphere: Sphere, degree: int, g: float) -> float:
+def _stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
     """Least eigenvalue of Z at the free surface and of its jump at the interface, bent into (-1, 1) by atan.
 
     Both are positive as long as the sphere is stable and vanish at the same growth. The one near which the mode lives
@@ -270,7 +271,7 @@ def _stiffness(sphere: Sphere, degree: int, g: float) -> float:
     return -2.0 if poles and lowest > 0 else lowest
 
 
-def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
+def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
     """Amplitude of the critical mode, over C, at which its troughs meet the crease criterion; see ``Bifurcation``.
 
     Along a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
@@ -289,7 +290,7 @@ def _creasing_amplitude(sphere: Sphere, degree: float, g: float) -> float:
     )
 
 
-def _short_wave_stiffness(sphere: Sphere, g: float) -> float:
+def _short_wave_stiffness(sphere: SmoothSphere, g: float) -> float:
     """What ``_stiffness`` tends to for l -> inf."""
     if g <= 1:
         return 1.0

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from morphofold import geometry
 from morphofold.analysis import gyral_thickness, local_gyrification_index
 from morphofold.analysis.gyrification.local_gyrification import CLOSING
-from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
+from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.arrays import Array
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.shapes.folded_ball import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
@@ -49,7 +49,7 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
             points += [_width("ridged sphere", chord, found, timing, **about, **where) for where in _axes(name, n)]
     cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
-        found, timing = timed(partial(_median, cortex, ACCURACIES["standard"], scale))
+        found, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
         points.append(
             _width(
                 "ridged sphere",
@@ -84,8 +84,8 @@ def width_of_sheet(edges: Iterable[float]) -> list[Point]:
     return points
 
 
-def _median(cortex: Cortex, accuracy: Accuracy, scale: float | None = None) -> float:
-    return copied(cortex, accuracy).gyral_thickness(scale=scale).median
+def _median(cortex: Cortex, accuracy: Preset, scale: float | None = None) -> float:
+    return resampled(cortex, accuracy).gyral_thickness(scale=scale).median
 
 
 def _median_of_sheet(sheet: Surface) -> float:
@@ -98,11 +98,11 @@ def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: st
     return point(subject, "gyral thickness", error, timing, axis=axis, **about)
 
 
-def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Accuracy], Any]) -> Iterator[tuple[str, Any, Timing]]:
+def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Preset], Any]) -> Iterator[tuple[str, Any, Timing]]:
     """What the work gives of a cortex at each accuracy, and its time; once for those that measure it as it is."""
-    plain = timed(partial(work, cortex, ACCURACIES["standard"]))
-    for name, accuracy in ACCURACIES.items():
-        yield name, *(timed(partial(work, cortex, accuracy)) if copied(cortex, accuracy).changed else plain)
+    plain = timed(partial(work, cortex, PRESETS["standard"]))
+    for name, accuracy in PRESETS.items():
+        yield name, *(timed(partial(work, cortex, accuracy)) if resampled(cortex, accuracy).changed else plain)
 
 
 def _axes(name: str, n: int) -> list[dict[str, Any]]:
@@ -128,8 +128,8 @@ def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     return points
 
 
-def _graph(cortex: Cortex, accuracy: Accuracy) -> Any:
-    return copied(cortex, accuracy).gyral_graph(None)
+def _graph(cortex: Cortex, accuracy: Preset) -> Any:
+    return resampled(cortex, accuracy).gyral_graph(None)
 
 
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
@@ -176,7 +176,7 @@ def gyrification_over_voxels(
     subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float], against: str = "exact"
 ) -> list[Point]:
     """Local gyrification index by so many voxels in the radius of the closing, each an accuracy's or another number."""
-    presets = {accuracy.voxels: name for name, accuracy in ACCURACIES.items()}
+    presets = {accuracy.voxels: name for name, accuracy in PRESETS.items()}
     points = []
     for count in voxels:
         index, timing = timed(partial(local_index, surface, count))

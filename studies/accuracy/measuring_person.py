@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis import Measures, curvature, measure
-from morphofold.analysis.resampling import ACCURACIES, Accuracy, copied
+from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral import weighted_quantile
 from morphofold.io import read_cortex, sample_path
 from morphofold.studies.accuracy.measuring import of_mesh, point
@@ -28,7 +28,7 @@ from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
 
 THINNED = (80_000, 40_000, 20_000, 10_000)
-FLAT = (120_000, 80_000, 60_000)  # on which curvature within 3 mm can be had, if hardly
+VERTEX_COUNTS = (120_000, 80_000, 60_000)  # on which curvature within 3 mm can be had, if hardly
 COARSE = 10_000  # vertices of the coarse person that the accuracies are compared on, too
 FINEST = 25.0  # voxels in the radius of the closing
 #: scalars, the stage of ``measure`` that they are of
@@ -46,7 +46,7 @@ def cases() -> list[Case]:
     return [
         Case("person-measures", partial(measures_of_person, THINNED)),
         Case("person-coarse", partial(coarse_person, COARSE)),
-        Case("person-curvature", partial(curvature_of_person, FLAT)),
+        Case("person-curvature", partial(curvature_of_person, VERTEX_COUNTS)),
         Case("person-gyrification", gyrification_of_person),
     ]
 
@@ -63,7 +63,7 @@ def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> 
     truth = measure(split(cortex))
     points = _presets("S1", cortex, truth, "split surface")
     for size in sizes:
-        copy = copied(cortex, Accuracy(size, 0, 12.0))
+        copy = resampled(cortex, Preset(size, 0, 12.0))
         about = of_mesh(copy.cortex.pial.verts, copy.cortex.faces)
         points += _of_measures("S1", *staged(copy.cortex), truth, axis="mesh", against="split surface", **about)
     return points
@@ -73,17 +73,17 @@ def coarse_person(size: int, cortex: Cortex | None = None) -> list[Point]:
     """Presets on a thinned mesh, as coarse as fsaverage5, against the measures of the whole one."""
     cortex = cortex or person()
     truth = measure(cortex)
-    coarse = copied(cortex, Accuracy(size, 0, 12.0)).cortex
+    coarse = resampled(cortex, Preset(size, 0, 12.0)).cortex
     return _presets(f"S1 at {size:,} vertices", coarse, truth, "whole mesh")
 
 
 def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> list[Point]:
     points: list[Point] = []
-    for name, accuracy in ACCURACIES.items():
+    for name, accuracy in PRESETS.items():
         about: dict[str, Any] = {
             "axis": "accuracy",
             "setting": name,
-            "value": copied(cortex, accuracy).cortex.n_vertices,
+            "value": resampled(cortex, accuracy).cortex.n_vertices,
             "preset": name,
             "size": cortex.n_vertices,
             "against": against,
@@ -130,7 +130,7 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
     """Mean curvature within 3 mm on white and pial, thinned, as they are, and split once, against split twice."""
     cortex = cortex or person()
     n = cortex.n_vertices
-    thin = [copied(cortex, Accuracy(size, 0, 12.0)) for size in sizes]
+    thin = [resampled(cortex, Preset(size, 0, 12.0)) for size in sizes]
     meshes = [*((copy.cortex, copy.place) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
     points = []
     for kind in ("white", "pial"):

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.analysis.resampling import ACCURACIES
+from morphofold.analysis.resampling import PRESETS
 from morphofold.provenance import strict_json
 from morphofold.report.plots.line_plots import save
 from morphofold.studies.accuracy.bodies import SUBJECT
@@ -146,7 +146,7 @@ def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
     for person in found.values():
         told, person["quantities"] = person["quantities"], {}
         for name in (name for name in MEASURED if "standard" in told.get(name, {})):
-            errors = [told[name].get(preset, told[name]["standard"]) for preset in ACCURACIES]
-            largest = {preset: max(errors[k:]) for k, preset in enumerate(ACCURACIES)}
+            errors = [told[name].get(preset, told[name]["standard"]) for preset in PRESETS]
+            largest = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
             person["quantities"][name] = {"against": told[name]["against"], **largest}
     return list(found.values())

@@ -105,7 +105,7 @@ def theory_points() -> list[Point]:
     """What the theory itself takes for the same two numbers, and how far its two routes lie apart."""
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     kappa = Setting("", "", 0.0).kappa_ratio
-    body = smooth.Sphere(T_over_C, mu_ratio, law, kappa, A_over_C)
+    body = smooth.SmoothSphere(T_over_C, mu_ratio, law, kappa, A_over_C)
 
     def radius() -> float:
         smooth.smooth_state.cache_clear()

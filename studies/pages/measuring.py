@@ -106,7 +106,7 @@ def _phase_row(m: Measures, name: str) -> Row:
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
     ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
-    words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of altitude"
+    words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of the depth potential"
     values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
     return Row(words, m.cortex.white, values, m.cortex.hemi)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.graph.hinge_shapes import HingeShapes
-from morphofold.comparison import Point, fit_line
+from morphofold.comparison import ThicknessPoint, fit_line
 from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
 from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import MissingPart
@@ -156,7 +156,7 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
     over, at_crests = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m)
     row |= {"gyral_over_cortical": over, "gyral_over_cortical_at_crests": at_crests}
-    fit = fit_line([Point(float(t), float(w), "") for t, w in points])
+    fit = fit_line([ThicknessPoint(float(t), float(w), "") for t, w in points])
     if fit is None or np.ptp(y) == 0:
         return row
     return row | {

@@ -15,7 +15,7 @@ from morphofold.cohort.fleet import open_fleet
 from morphofold.cohort.group import GROUP, write_group
 from morphofold.cohort.participant import Participant, measure_participant, results_of
 from morphofold.cohort.running import run_tasks
-from morphofold.cohort.tasks import Outcome, Place
+from morphofold.cohort.tasks import Outcome, TaskFolder
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
 from morphofold.report.pages.group_page import group_report
@@ -112,7 +112,7 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
     place.mkdir(parents=True)
 
     def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
-        tasks = [Participant(f.name, str(f), Place(str(place), f.name, number), ("lh",)) for f in folders]
+        tasks = [Participant(f.name, str(f), TaskFolder(str(place), f.name, number), ("lh",)) for f in folders]
         began = time.perf_counter()
         done = run_tasks(fleet, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
         return time.perf_counter() - began, done

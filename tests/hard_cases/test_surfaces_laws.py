@@ -148,7 +148,7 @@ def without_z(patch):
     fails=(AssertionError, ValueError),
 )
 def test_rotation_place_and_unit_change_no_measure(holds, count):
-    """Round-off, but for conjugate gradients, which stop at 1e-4 of altitude, and the voxels of the local index."""
+    """Round-off, but for conjugate gradients, which stop at 1e-4 of the depth potential, and local voxels."""
     cortex, whole = clean()
 
     def check(seed, place, unit):

@@ -9,7 +9,7 @@ from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, with_is
 
 from morphofold import geometry
 from morphofold.analysis import curvatures, measure, vertex_areas
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding, local_gyrification
 from morphofold.analysis.mesh_quality import checks, repair
@@ -63,14 +63,16 @@ def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp
 
 def one_mean(patch):
     """Mean curvature is subtracted over all pieces at once."""
-    patch.setattr(Altimeter, "_mean_curvatures", lambda self: np.full(len(self._mass), self._bent.sum() / self.area))
+    patch.setattr(
+        SurfaceOperators, "_mean_curvatures", lambda self: np.full(len(self._mass), self._bent.sum() / self.area)
+    )
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (80.0, 0.0, 0.0)], ids=["inside", "outside"])
 @hard_case(
     "surfaces",
     "two pieces: a closed island of 1 mm",
-    guard="altitude has mean 0 on each piece",
+    guard="the depth potential has mean 0 on each piece",
     peers="libigl crashes on small components (said)",
     without=one_mean,
 )

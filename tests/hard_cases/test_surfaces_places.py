@@ -20,7 +20,7 @@ FAR = 1e6
 
 def where_it_is(patch):
     """Rays in the coordinates as they are."""
-    patch.setattr(rays.Scanner, "_scaled", lambda self, points: points.astype(np.float32))
+    patch.setattr(rays.RayCaster, "_scaled", lambda self, points: points.astype(np.float32))
 
 
 @hard_case(

@@ -24,7 +24,7 @@ from morphofold.analysis import (
     vertex_normals,
 )
 from morphofold.analysis import curvatures as bending
-from morphofold.analysis.graph.depth_potential import Altimeter
+from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.mesh_quality import checks, defects
 from morphofold.analysis.thickness import cortical, gyral, rays
 from morphofold.geometry import face_normals, mean_edge_length
@@ -312,7 +312,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     "gyral thickness where the walls of a sulcus pass through each other",
     guard="a point in two gyri leaves the other one first",
     without=lambda patch: patch.setattr(
-        rays.Scanner, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)
+        rays.RayCaster, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)
     ),
 )
 def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
@@ -393,10 +393,12 @@ def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
 
 def of_curvature(patch):
     """The net is that of mean curvature, which on a flat crown has no ridge but two."""
-    patch.setattr(Altimeter, "altitude", lambda self, reach, scale: self.mean_curvature(scale))
+    patch.setattr(SurfaceOperators, "depth_potential", lambda self, reach, scale: self.mean_curvature(scale))
 
 
-@hard_case("surfaces", "gyri with flat crowns", guard="a net of altitude, not of curvature", without=of_curvature)
+@hard_case(
+    "surfaces", "gyri with flat crowns", guard="a net of the depth potential, not of curvature", without=of_curvature
+)
 def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_path, capsys):
     """Cut off at 3 of 8 mm above the floor, 20 mm wide there."""
     verts = known_cortex().pial.verts

@@ -13,7 +13,7 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.comparison.growth import GrowthCurve, matching_growth
-from morphofold.comparison.thickness import Cloud, Theory
+from morphofold.comparison.thickness import Cloud, TheoryLine
 from morphofold.quantities import RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
@@ -102,7 +102,7 @@ def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
     return rows
 
 
-def verdict(numbers: Numbers, theory: Sequence[Theory]) -> list[str]:
+def verdict(numbers: Numbers, theory: Sequence[TheoryLine]) -> list[str]:
     """What linear theory says beside the ratio of gyral to cortical thickness, where that and a stiffness are known."""
     if not theory or all(value is None for value in numbers[RATIO]):
         return []

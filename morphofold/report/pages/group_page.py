@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from morphofold.cohort.statistics import (
     BOOTSTRAPPED,
-    FAR,
     FEWEST,
     HEMIS,
+    OUTLIER_Z,
     ROUND_OFF,
     Asymmetry,
     Outlier,
@@ -147,7 +147,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         pictures=[one for one in pictures if one.data],
         others=[one for one in pictures if not one.data],
         rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]},
-        far=FAR,
+        far=OUTLIER_Z,
         failures=group.failures[:ROWS],
         more_failures=len(group.failures) - ROWS,
         remarks=list(group.remarks.items())[:REMARKS],
@@ -282,7 +282,7 @@ def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence
     if far:
         said.append(
             "Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
-            f"deviation of their measure and side, is above {FAR:g} in size (Iglewicz and Hoaglin 1993)."
+            f"deviation of their measure and side, is above {OUTLIER_Z:g} in size (Iglewicz and Hoaglin 1993)."
         )
     if clouds:
         through = " and through ".join(clouds)

@@ -22,7 +22,7 @@ from morphofold.comparison.growth import NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.remarks import cautions, plot_notes
 from morphofold.comparison.side_by_side import numbers, theory_lines
-from morphofold.comparison.thickness import Cloud, Theory, thickness_clouds
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds
 from morphofold.forecasts.analysis_cost import PAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
@@ -128,7 +128,7 @@ def _write(
     title: str,
     lede: str,
     entries: Sequence[Entry],
-    theory: Sequence[Theory],
+    theory: Sequence[TheoryLine],
     hinges: Sequence[HingeComparison],
     growth: Sequence[GrowthCurve] = (),
     inputs: Inputs = (),
@@ -369,6 +369,6 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
     return charts.histograms(series, "Gyral over cortical thickness", "")
 
 
-def _scatter(entries: Sequence[Entry], theory: Sequence[Theory]) -> Markup | None:
+def _scatter(entries: Sequence[Entry], theory: Sequence[TheoryLine]) -> Markup | None:
     lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in theory]
     return charts.thickness_plot([(e, e.cloud) for e in entries], lines)

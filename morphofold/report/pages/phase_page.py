@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from morphofold import geometry
-from morphofold.cohort.phases import Found, Phases
+from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
 from morphofold.quantities import Quantity
@@ -147,13 +147,13 @@ def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     return parts
 
 
-def _extent(run: Found, view: str) -> float:
+def _extent(run: RunResult, view: str) -> float:
     """Larger side of a surface as it is seen [mm]; 0 for a run without one."""
     surface = _drawn(run)
     return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
 
 
-def _drawn(run: Found) -> Surface | None:
+def _drawn(run: RunResult) -> Surface | None:
     """The pial surface of a run, or the section of a strip; None where there is none."""
     if run.pial is None:
         return None
@@ -182,7 +182,7 @@ def section(pial: Surface, white: Surface) -> Surface:
 
 
 def _mosaic(
-    phases: Phases, first: dict[tuple[int, ...], Found], others: tuple[int, ...], view: str, extent: float
+    phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, extent: float
 ) -> surfaces.Picture:
     """Thumbnails, columns and rows as the cells of the diagram."""
     axes = phases.grid.axes[:2]

@@ -23,7 +23,7 @@ from morphofold.surface import Faces, Surface
 
 OWN, OTHERS = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
 REACH = 2.0  # radius of a patch, in gyral widths
-LINE = 0.16  # breadth of a crest, in gyral widths
+CREST_WIDTH = 0.16  # breadth of a crest, in gyral widths
 FINER = 2  # halvings of edges, so that lines are smooth
 TILT = 25.0  # degrees by which a patch is tipped back, so that its height is seen
 PANEL, WORDS = 330, 30  # pixels
@@ -85,8 +85,8 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     for _ in range(FINER):
         fine, faces, look = subdivide(fine, faces, vertex_attributes=look)
     rgb = np.round(look["grey"]).astype(np.uint8)
-    paint_lines(rgb, fine, carried(None), LINE, OTHERS)
-    paint_lines(rgb, fine, carried(number), LINE, OWN)
+    paint_lines(rgb, fine, carried(None), CREST_WIDTH, OTHERS)
+    paint_lines(rgb, fine, carried(number), CREST_WIDTH, OWN)
     faces = faces[:, ::-1] if pose >= 3 else faces
     bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])  # of no face: they put the hinge into the middle
     fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])

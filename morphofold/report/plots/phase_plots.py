@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from morphofold.cohort.grid import Axis
 
-Place = tuple[int, ...]
+GridIndex = tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ SHOWN = (
     Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
     Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
 )
-FLAT = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
+AREA_RATIO = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def shown_of(phases: Phases) -> tuple[Shown, ...]:
     shape = phases.grid.points[0].scene.geometry.shape
     if shape not in ("patch", "strip"):
         return SHOWN
-    return (FLAT, *SHOWN[1:]) if shape == "patch" else (FLAT,)
+    return (AREA_RATIO, *SHOWN[1:]) if shape == "patch" else (AREA_RATIO,)
 
 
 def measured(phases: Phases, shown: Shown) -> bool:
@@ -99,7 +99,7 @@ def measured(phases: Phases, shown: Shown) -> bool:
     return any(math.isfinite(run.measures.get(shown.key, math.nan)) for run in phases.runs)
 
 
-def cell(phases: Phases, at: Place, key: str) -> Cell:
+def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
     """What the seeds of one place say of a measure."""
     runs = phases.at[at]
     values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
@@ -116,12 +116,12 @@ def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
     return shown.least, shown.least + (round_out(above) if above > ROUND_OFF else 1.0)
 
 
-def slices(phases: Phases) -> list[Place]:
+def slices(phases: Phases) -> list[GridIndex]:
     """Places of the third and further axes, one diagram each; one empty place where there are none."""
     return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
 
 
-def beyond(phases: Phases, at: Place) -> float:
+def beyond(phases: Phases, at: GridIndex) -> float:
     """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
     return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
 
@@ -129,7 +129,7 @@ def beyond(phases: Phases, at: Place) -> float:
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def diagram(phases: Phases, shown: Shown, others: Place = ()) -> Figure:
+def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
     """A measure over the first two axes, at ``others`` of the further ones: a cell for each point.
 
     The dashed line is where final growth is theory's critical growth, straight between numbers; between words, which
@@ -173,7 +173,7 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
     ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
 
 
-def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
+def _theory_words(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
     """What theory says beside a cell: its wavelength beside the measured one, critical growth beside gyrification."""
     found = phases.theory[at]
     if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
@@ -183,7 +183,7 @@ def _theory_words(phases: Phases, at: Place, shown: Shown) -> list[str]:
     return []
 
 
-def _draw_boundary(ax: Axes, phases: Phases, others: Place) -> bool:
+def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
     """The line between folded and smooth, if it lies inside: a piece for each word of an axis of words."""
     first, second = phases.grid.axes[:2]
     across, up = len(first.values), len(second.values)
@@ -285,7 +285,7 @@ def crossings(x: Array, y: Array) -> list[float]:
     ]
 
 
-def _title(phases: Phases, shown: Shown, others: Place) -> str:
+def _title(phases: Phases, shown: Shown, others: GridIndex) -> str:
     fixed = others_words(phases, others)
     return shown.label + (f" at {fixed}" if fixed else "")
 
@@ -300,7 +300,7 @@ def axis_title(phases: Phases, axis: Axis) -> str:
     return f"{axis.label} [{unit}]" if unit else axis.label
 
 
-def others_words(phases: Phases, others: Place) -> str:
+def others_words(phases: Phases, others: GridIndex) -> str:
     """The values of the third and further axes, in words."""
     return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
 
