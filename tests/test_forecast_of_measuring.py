@@ -9,7 +9,7 @@ import pytest
 from commands import refused
 
 from morphofold.analysis.measuring import scale_of_curvature
-from morphofold.analysis.resampling import PRESETS, copied
+from morphofold.analysis.resampling import PRESETS, resampled
 from morphofold.cli import main
 from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis
@@ -47,7 +47,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     assert found["seconds"] == pytest.approx(sum(found["seconds_by_stage"].values()))
     assert found["fastest"] < found["seconds"] < found["slowest"]
     (lh,) = found["hemispheres"]
-    assert (lh["vertices"], lh["measured_on"]) == (7000, copied(ball, PRESETS["fine"]).cortex.n_vertices)
+    assert (lh["vertices"], lh["measured_on"]) == (7000, resampled(ball, PRESETS["fine"]).cortex.n_vertices)
     assert [path.name for path in here.iterdir()] == ["in"]
 
 
@@ -98,7 +98,7 @@ def test_a_vertex_that_no_face_uses_is_counted_as_the_copy_has_it(accuracy):
         name: Surface(np.vstack([getattr(ball, name).verts, more]), ball.faces, name=name) for name in ("white", "pial")
     }
     cortex, chosen = replace(ball, **loose, maps={}, cortex=None, regions=None), PRESETS[accuracy]
-    n = copied(cortex, chosen).cortex.n_vertices
+    n = resampled(cortex, chosen).cortex.n_vertices
     assert before._copied(cortex, chosen) == n
     assert (n == 1001) == (accuracy != "fine")
 

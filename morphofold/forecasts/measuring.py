@@ -14,7 +14,7 @@ from morphofold.forecasts.sizes import GiB
 from morphofold.forecasts.table import Measured, costs, measured_errors
 
 if TYPE_CHECKING:
-    from morphofold.analysis.resampling import Accuracy
+    from morphofold.analysis.resampling import Preset
     from morphofold.surface import Cortex
 
 REPEATS = 3  # of the measuring that is timed, after once for kernels to be fetched
@@ -173,7 +173,7 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
     return {name: min(one[name] for one in taken) for name in taken[0]}, max(totals) / min(totals), threads
 
 
-def _copied(cortex: Cortex, chosen: Accuracy) -> int:
+def _copied(cortex: Cortex, chosen: Preset) -> int:
     """Vertices of the copy that thicknesses and the net are measured on, as ``resampling.resampled`` makes it."""
     import numpy as np
 
@@ -193,7 +193,7 @@ def _wider(cortex: Cortex, wanted: float | None) -> float:
     return (scale / usual) ** WIDER
 
 
-def _measuring(n: int, on: int, chosen: Accuracy, timed: Mapping[str, float], wider: float = 1.0) -> dict[str, float]:
+def _measuring(n: int, on: int, chosen: Preset, timed: Mapping[str, float], wider: float = 1.0) -> dict[str, float]:
     """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``; ``wider`` is what
     the scale of curvature makes of the time it takes."""
     laws = costs()["analysis"]
@@ -233,7 +233,7 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", r
     return _memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
 
 
-def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Accuracy, report: bool) -> float:
+def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool) -> float:
     """Most memory of a whole process that does the analysis alone."""
     memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
     most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)
