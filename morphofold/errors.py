@@ -83,7 +83,7 @@ class DoesNotApply(Refusal):
 class NotStudied(Refusal):
     """An error or a time is asked for where none was measured, so that any number would be made up."""
 
-    cure = "Stay within what was studied, or find the error with a twin (--estimate)."
+    cure = "Stay within what was studied, or find the error from a coarser run (--estimate)."
 
 
 class NothingToDo(Refusal):

@@ -140,6 +140,8 @@ def draw(path: Path) -> None:
         ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"],
     )
     axes.text(4.5, 6.98, "a room imports only what stands below it, or left of it", ha="center", va="center", size=9)
+    for x, title in ((0.75, "the way of a scene"), (8.25, "the way of a surface")):
+        axes.text(x, 6.98, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
 

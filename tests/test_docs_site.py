@@ -142,9 +142,9 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
 
 
 def changed(text, change):
-    """A file with the lines that a change adds; each piece must stand at one place."""
+    """A file with the lines that a change adds, without those it takes; each piece must stand at one place."""
     for piece in re.split(r"^@@\n", change, flags=re.M)[1:]:
-        before, after = ("".join(f"{l[1:]}\n" for l in piece.splitlines() if l[0] in marks) for marks in (" ", " +"))
+        before, after = ("".join(f"{l[1:]}\n" for l in piece.splitlines() if l[0] in marks) for marks in (" -", " +"))
         assert text.count(before) == 1, before
         text = text.replace(before, after)
     return text

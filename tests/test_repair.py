@@ -179,7 +179,7 @@ def test_sheets_welded_along_edges_are_parted(length):
     assert geometry.euler_characteristic(mend.cortex.faces) == 2
     assert geometry.is_closed(mend.cortex.faces)
     assert mend.cortex.n_vertices == cortex.n_vertices
-    assert sorted(mend.twin.tolist()).count(pairs[0][0]) == 2
+    assert sorted(mend.source.tolist()).count(pairs[0][0]) == 2
 
 
 @pytest.mark.parametrize(
@@ -290,7 +290,7 @@ def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     center = np.repeat([[0.0, 0, 0], [4.0, 0, 0]], len(verts), axis=0)
     mend = mended(Cortex(Surface(40 * both, faces), Surface(42 * both - 2 * center, faces)))
     assert mend.numbers == {"repaired_flipped_triangles": len(ball)}
-    np.testing.assert_array_equal(mend.twin[mend.cortex.faces[: len(open_piece)]], open_piece)
+    np.testing.assert_array_equal(mend.source[mend.cortex.faces[: len(open_piece)]], open_piece)
     assert (
         checks.signed_volumes(
             mend.cortex.white.verts,

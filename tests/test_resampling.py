@@ -62,10 +62,10 @@ def test_a_mesh_that_is_fine_enough_and_not_too_fine_is_no_copy_at_all():
 def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_original_does(ball, thinned):
     copy, n = thinned.cortex, thinned.cortex.n_vertices
     assert n == pytest.approx(4000, abs=10)
-    np.testing.assert_array_equal(thinned.place[thinned.twin], np.arange(n))
+    np.testing.assert_array_equal(thinned.place[thinned.source], np.arange(n))
     edge = geometry.mean_edge_length(ball.pial.verts, ball.faces)
     for mine, theirs in ((copy.white, ball.white), (copy.pial, ball.pial)):
-        assert np.quantile(np.linalg.norm(mine.verts - theirs.verts[thinned.twin], axis=1), 0.99) < edge
+        assert np.quantile(np.linalg.norm(mine.verts - theirs.verts[thinned.source], axis=1), 0.99) < edge
         assert geometry.face_areas(mine.verts, mine.faces).sum() == pytest.approx(
             geometry.face_areas(theirs.verts, theirs.faces).sum(), rel=0.01
         )

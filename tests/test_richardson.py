@@ -14,7 +14,7 @@ from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
-from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, estimate_beside, twins
+from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, companions, estimate_beside
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, called
 from morphofold.report.pages.costs import costs
@@ -103,7 +103,7 @@ def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_
 
 def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
     scene = load_scene("ellipsoid", ["growth.rate=0.3"])
-    found = twins(scene)
+    found = companions(scene)
     assert found["coarser"] == coarser(scene)
     assert found["slower"].growth.rate == 0.15
     assert load_scene(found["slower"], ["growth.rate=0.3"]) == coarser(scene)
@@ -119,7 +119,7 @@ def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
     ],
 )
 def test_no_slower_twin_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
-    assert ("slower" in twins(load_scene("fig6-thick", [setting]))) is slower
+    assert ("slower" in companions(load_scene("fig6-thick", [setting]))) is slower
 
 
 def test_a_run_or_a_twin_that_is_not_healthy_is_told():

@@ -102,9 +102,9 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
             f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
             f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
         )
-    border, twin = checks.border_duplicates(cortex, cortex.faces)
-    if len(torn := np.flatnonzero(twin != border)):
-        i, j = twin[torn[0]], border[torn[0]]
+    border, source = checks.border_duplicates(cortex, cortex.faces)
+    if len(torn := np.flatnonzero(source != border)):
+        i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
             f"{cortex.called}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
             f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "

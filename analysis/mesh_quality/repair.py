@@ -47,7 +47,7 @@ class Mended:
         The given one, of N vertices, and the mended one, of n; the same object if there is nothing to mend.
     place : (N,) int64
         Vertex of the mended one whose values each of the given has; -1 where it is left out.
-    twin : (n,) int64
+    source : (n,) int64
         Given vertex of each of the mended; one that was parted comes more than once.
     done : mapping of str to (int, int)
         By the names of ``WORDS``: how many, and a given vertex at the first.
@@ -58,7 +58,7 @@ class Mended:
     of: Cortex
     cortex: Cortex
     place: Ints = field(repr=False)
-    twin: Ints = field(repr=False)
+    source: Ints = field(repr=False)
     done: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     why_not: str = ""
 
@@ -74,7 +74,7 @@ class Mended:
             return {}
         at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
         told = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
-        fewer = len(np.unique(self.twin)) < self.of.n_vertices
+        fewer = len(np.unique(self.source)) < self.of.n_vertices
         more = " Other remarks number vertices without those left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(told)}.{more}"}
 
@@ -88,18 +88,18 @@ class Mended:
         """
         if self.cortex is self.of:
             return measures
-        faces = self.twin[self.cortex.faces]
+        faces = self.source[self.cortex.faces]
         given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated")}
         surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
         maps = {name: values[self.place] for name, values in measures.maps.items()}
-        maps["area"] = np.bincount(self.twin, measures.maps["area"], self.of.n_vertices).astype(np.float64)
+        maps["area"] = np.bincount(self.source, measures.maps["area"], self.of.n_vertices).astype(np.float64)
         maps = {name: np.where(self.place < 0, np.nan, values) for name, values in maps.items()}
         if measures.graph is not None:
             for _, node in measures.graph.nodes(data=True):
-                node["vertex"] = int(self.twin[node["vertex"]])
+                node["vertex"] = int(self.source[node["vertex"]])
             for *_, crest in measures.graph.edges(data=True):
-                crest["vertices"] = self.twin[crest["vertices"]]
-        hinges = [{**row, "vertex": int(self.twin[row["vertex"]])} for row in measures.hinges]
+                crest["vertices"] = self.source[crest["vertices"]]
+        hinges = [{**row, "vertex": int(self.source[row["vertex"]])} for row in measures.hinges]
         return replace(measures, cortex=replace(self.of, **surfaces), maps=maps, hinges=hinges)
 
 
@@ -111,7 +111,7 @@ def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
     defects.check_edges(mend.cortex, mend.why_not)
     checks.check_surfaces(mend.cortex)
     if mend.cortex is mend.of and not geometry.used(cortex.n_vertices, cortex.faces).all():
-        return _mended(cortex, cortex.faces, mend.place, mend.twin, {})
+        return _mended(cortex, cortex.faces, mend.place, mend.source, {})
     return mend
 
 
@@ -165,8 +165,8 @@ def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
     """Triangles of three vertices each, none twice, torn seams closed; and the vertex (N,) that each one became."""
     faces, at = cortex.faces, np.arange(cortex.n_vertices)
     flat = _flat(faces)
-    border, twin = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
-    at[border] = twin
+    border, source = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
+    at[border] = source
     if len(moved := np.flatnonzero(at != np.arange(len(at)))):
         done["repaired_seam_vertices"] = len(moved), int(moved[0])
         faces = at[faces]
@@ -257,15 +257,15 @@ def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bool
 def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> Mended:
     """The cortex of these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
-    twin, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
-    white, pial = (replace(s, verts=s.verts[twin], faces=number[faces]) for s in (cortex.white, cortex.pial))
+    source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
+    white, pial = (replace(s, verts=s.verts[source], faces=number[faces]) for s in (cortex.white, cortex.pial))
     there = replace(
         cortex,
         white=white,
         pial=pial,
-        maps={name: np.asarray(v)[twin] for name, v in cortex.maps.items()},
-        cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[twin],
-        regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[twin]),
+        maps={name: np.asarray(v)[source] for name, v in cortex.maps.items()},
+        cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
+        regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
     )
-    return Mended(cortex, there, number[at], twin, done)
+    return Mended(cortex, there, number[at], source, done)

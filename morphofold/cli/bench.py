@@ -76,7 +76,7 @@ LISTS = (
         "--scenes",
         "NAMES",
         ",".join((*SCENES, *TANGENTIAL)),
-        f"spheres, separated by commas (default: {','.join(SCENES)} and their -tangential twins)",
+        f"spheres, separated by commas (default: {','.join(SCENES)} and the same with -tangential)",
     ),
     ("folds", "--levels", "LEVELS", "draft,standard,fine", "of accuracy (default: draft,standard,fine)"),
     ("folds", "--seeds", "SEEDS", "0,1,2", "of the imperfection (default: 0,1,2)"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-KINDS = ("Figures of the paper", "Their twins, growing along the surface only", "Spheres", "Other bodies")
+KINDS = ("Figures of the paper", "The same, growing along the surface only", "Spheres", "Other bodies")
 HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
 
 

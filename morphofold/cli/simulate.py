@@ -49,8 +49,8 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         (
             "--estimate",
             None,
-            "then grow a coarser twin in DIR/coarser, in about a third of the time, and estimate the error from both; "
-            "and that twin at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
+            "then grow a coarser run in DIR/coarser, in about a third of the time, and estimate the error from both; "
+            "and that one at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
         ),
     )
     add_threads(parser)
@@ -71,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
     chosen = _picked(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
-        from morphofold.forecasts.richardson import twins
+        from morphofold.forecasts.richardson import companions
 
-        twins(scene)  # or refuses, before anything is grown
+        companions(scene)  # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, chosen, args)
     from morphofold.simulation import simulate
@@ -144,21 +144,21 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
     from morphofold.forecasts.richardson import estimate_error
 
-    with progress(f"{simulation.scene.name}, twins", args.quiet) as tell:
+    with progress(f"{simulation.scene.name}, coarser and slower", args.quiet) as tell:
         return estimate_error(simulation, threads=args.threads, progress=tell)
 
 
 def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) -> int:
     from morphofold.forecasts import forecast
     from morphofold.forecasts.printed import table_of
-    from morphofold.forecasts.richardson import twin_forecasts
+    from morphofold.forecasts.richardson import companion_forecasts
 
     found = chosen.forecast if chosen else forecast(scene, args.threads)
-    others = twin_forecasts(scene, args.threads) if args.estimate else {}
+    others = companion_forecasts(scene, args.threads) if args.estimate else {}
     if args.json:
-        print_json({**found.as_dict(), **{name: twin.as_dict() for name, twin in others.items()}})
+        print_json({**found.as_dict(), **{name: run.as_dict() for name, run in others.items()}})
     else:
-        print("\n\n".join([table_of(found), *(f"its {name} twin, {table_of(twin)}" for name, twin in others.items())]))
+        print("\n\n".join([table_of(found), *(f"its {name} run, {table_of(run)}" for name, run in others.items())]))
     return 0
 
 

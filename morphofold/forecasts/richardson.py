@@ -1,5 +1,5 @@
-"""How wrong a finished run is, estimated from the run itself: against a twin of the same scene with longer edges, and
-that twin against one that grows at half the pace."""
+"""How wrong a finished run is, by Richardson extrapolation: it is compared with a coarser run of the same scene, and
+that one with a slower run, which grows at half the pace."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
-LONGER = 1.5  # edges of the twin over those of the run: it takes about a third of the run's time
+LONGER = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
 LEAST = 1.2  # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
 ALIKE = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
 # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
@@ -38,8 +38,9 @@ COARSER, SLOWER, FILE = "coarser", "slower", "error.json"  # in the folder of th
 
 @dataclass(frozen=True)
 class Estimated:
-    """One quantity of the last stage: how much it differs between run and twin, the power of the edge with which its
-    error goes, and the error of the run, change / (ratio^power - 1); None if the twin folded into another pattern."""
+    """One quantity of the last stage: how much it differs between the run and the coarser one, the power of the edge
+    with which its error goes, and the error of the run, change / (ratio^power - 1); None if the coarser run folded into
+    another pattern."""
 
     change: Amount
     power: Number
@@ -48,14 +49,15 @@ class Estimated:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Errors of a run by Richardson's extrapolation from a coarser twin.
+    """Errors of a run by Richardson's extrapolation from a coarser run.
 
     Attributes
     ----------
     growth : float
         Of the last stage, which is compared.
     edge_over_T, ratio : float
-        Largest surface edge of the run over the thickness of the (thinnest) cortex; that of the twin over the run's.
+        Largest surface edge of the run over the thickness of the (thinnest) cortex; that of the coarser run over the
+        run's.
     errors : mapping
         Quantity to ``Estimated``: the relative one of the ``gyrification index`` (of closed bodies), and the
         ``pial distance``, the mean one between two pial surfaces over T.
@@ -64,8 +66,8 @@ class Estimate:
     not_studied : tuple of str
         What of the scene is unlike those whose powers are taken (:func:`morphofold.forecasts.table.not_studied`).
     pace : mapping, optional
-        Quantity to how much it changes, as it stands, if the coarser twin grows at half the pace; None of a scene that
-        has no slower twin (:func:`twins`), and of estimates that knew of none.
+        Quantity to how much it changes, as it stands, if the coarser run grows at half the pace; None of a scene that
+        has no slower run (:func:`companions`), and of estimates that knew of none.
     """
 
     growth: Number
@@ -83,7 +85,7 @@ class Estimate:
         errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "can't be told"
         said = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
         if self.pace is not None:
-            said.append(f"Half the pace of growth changes the coarser twin by: {_listed(self.pace)} of T.")
+            said.append(f"Half the pace of growth changes the coarser run by: {_listed(self.pace)} of T.")
         return " ".join([*said, *self.doubts])
 
     def as_dict(self) -> dict[str, Any]:
@@ -107,7 +109,7 @@ class Grown(NamedTuple):
 
 
 def coarser(scene: Scene) -> Scene:
-    """The twin of a scene: edges 1.5 times as long, as many elements through the cortex, all else the same.
+    """The scene of the coarser run: edges 1.5 times as long, as many elements through the cortex, all else the same.
 
     Raises
     ------
@@ -119,12 +121,12 @@ def coarser(scene: Scene) -> Scene:
     if scene.geometry.shape in ("mesh", "radial"):
         why = "its mesh is the file's" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
         raise DoesNotApply(
-            f"--estimate grows a twin with longer edges, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
+            f"--estimate grows a coarser run, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
             f"{why}. Drop it."
         )
     if scene.growth.final == 1:
         raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
-    twin = load_scene(
+    coarse = load_scene(
         scene,
         [
             f"accuracy.edge={LONGER * scene.edge!r}",
@@ -132,19 +134,19 @@ def coarser(scene: Scene) -> Scene:
             "output.volume=false",
         ],
     )
-    edge, longer = edge_by_rule(scene), edge_by_rule(twin)
+    edge, longer = edge_by_rule(scene), edge_by_rule(coarse)
     if longer < LEAST * edge:
         raise NoSolution(
-            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its twin no more than {longer:.3g}: so "
-            "small a body has no coarser one. Take a shorter accuracy.edge."
+            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its coarser run no more than "
+            f"{longer:.3g}: so small a body has no coarser one. Take a shorter accuracy.edge."
         )
-    return twin
+    return coarse
 
 
-def twins(scene: Scene) -> dict[str, Scene]:
-    """The twins of a scene by their folders: :func:`coarser`, and the same at half of ``growth.rate``, unless time is
-    real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first wrinkles at one pace, where
-    ``slow_growth`` holds it down whatever the rate."""
+def companions(scene: Scene) -> dict[str, Scene]:
+    """The scenes of the coarser and the slower run by their folders: :func:`coarser`, and the same at half of
+    ``growth.rate``, unless time is real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first
+    wrinkles at one pace, where ``slow_growth`` holds it down whatever the rate."""
     from morphofold.sim.scene import SLOWEST_RATE
     from morphofold.sim.scene.files import load_scene
 
@@ -154,9 +156,10 @@ def twins(scene: Scene) -> dict[str, Scene]:
     return found
 
 
-def twin_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
-    """What each twin of a scene will take; its own errors and doubts of them, which nobody asks for, are left out."""
-    found = {folder: forecast(twin, threads) for folder, twin in twins(scene).items()}
+def companion_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
+    """What the coarser and the slower run of a scene will take; its own errors and doubts of them, which nobody asks
+    for, are left out."""
+    found = {folder: forecast(coarse, threads) for folder, coarse in companions(scene).items()}
     how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
     return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
 
@@ -167,8 +170,8 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     Parameters
     ----------
     run : Simulation
-        Finished. Its twins are grown in the folders ``coarser`` and ``slower`` within, gone on with if they were
-        stopped, or read.
+        Finished. The other two runs are grown in the folders ``coarser`` and ``slower`` within, gone on with if they
+        were stopped, or read.
     threads : int, optional
         As of :func:`morphofold.simulate`.
     progress : callable
@@ -186,11 +189,11 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     FileExistsError
         If another process writes into the run's folder.
     UnstableError
-        If a twin leaves its bounds; the run is none the worse.
+        If one of them leaves its bounds; the run is none the worse.
 
     Notes
     -----
-    An error that goes with the power p of the edge is ``|Q - Q_twin| / (r^p - 1)`` for a twin with edges r times as
+    An error that goes with the power p of the edge is ``|Q - Q_coarser| / (r^p - 1)`` for a run with edges r times as
     long. p is that of the study, of three elements through the cortex throughout; docs/accuracy.md says how far such
     estimates are from true errors, and why wavelength and strain energy have none.
     """
@@ -204,14 +207,14 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     if told := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
         raise DoesNotApply(
             f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
-            "twin of it can be grown."
+            "coarser run of it can be grown."
         )
-    others = twins(run.scene)
+    others = companions(run.scene)
     grown = [_grown(run)]
-    for done, (folder, twin) in enumerate(others.items()):
+    for done, (folder, coarse) in enumerate(others.items()):
         tell = part_of(progress, done / len(others), 1 / len(others))
         try:
-            grown.append(_grown(simulate(twin, run.path / folder, resume=True, threads=threads, progress=tell)))
+            grown.append(_grown(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=tell)))
         except UnstableError as error:
             raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
     found = between(run.scene, *grown)
@@ -234,16 +237,16 @@ def estimate_beside(stage: Path) -> Estimate | None:
         return None
 
 
-def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -> Estimate:
-    """The estimate from the last stages of the run, of its coarser twin and, if there is one, of its slower twin."""
-    changes = _changes(scene, mine, twin)
-    apart, pace = changes["pial distance"], None if slow is None else _changes(scene, twin, slow)
-    ratio = twin.edge / mine.edge
+def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
+    """The estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
+    changes = _changes(scene, mine, coarse)
+    apart, pace = changes["pial distance"], None if slow is None else _changes(scene, coarse, slow)
+    ratio = coarse.edge / mine.edge
     errors = {
         name: Estimated(change, POWERS[name], change / (ratio ** POWERS[name] - 1) if apart <= ALIKE else None)
         for name, change in changes.items()
     }
-    all_grown = {"run": mine, "coarser twin": twin, "slower twin": slow}
+    all_grown = {"run": mine, "coarser run": coarse, "slower run": slow}
     doubts = [
         f"The {name} isn't healthy: {warning}"
         for name, grown in all_grown.items()
@@ -252,11 +255,13 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
     ]
     if apart > ALIKE:
         doubts.append(
-            f"The twin folded into another pattern (they differ by: {_listed(changes)} of T), so no error follows from "
-            "it: the mesh has its say in the pattern on such edges. Take a shorter one."
+            f"The coarser run folded into another pattern (they differ by: {_listed(changes)} of T), so no error "
+            "follows from it: on such edges the mesh has a part in the pattern. Take a shorter one."
         )
     if pace is not None and pace["pial distance"] > ALIKE:
-        doubts.append("The slower twin folded into another pattern than the coarser: folds hang on the pace of growth.")
+        doubts.append(
+            "The slower run folded into another pattern than the coarser: the folds depend on the pace of growth."
+        )
     T = scene.thinnest
     unlike = not_studied(scene, mine.edge / T)
     if unlike:
@@ -266,7 +271,7 @@ def between(scene: Scene, mine: Grown, twin: Grown, slow: Grown | None = None) -
         mine.edge / T,
         ratio,
         errors,
-        f"from a coarser twin of this run ({twin.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
+        f"from a coarser run ({coarse.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
         f"of {table()['errors']['subject']}, three elements through the cortex",
         tuple(doubts),
         unlike,

@@ -14,7 +14,7 @@ def build(options, scene) -> PlaneStrain:
 
 
 class PlaneStrain(Effect):
-    """Each node of the far side (y > 0) follows its twin on the near side."""
+    """Each node of the far side (y > 0) follows the node opposite on the near side."""
 
     name = "plane_strain"
 

@@ -1,7 +1,7 @@
 """Second derivative of a body's energy: the stiffness matrix at any positions, exact, from the elements' own data.
 
-Both elements have the energy of :mod:`morphofold.sim.elements.brick_kernels` and its twin for tets in one form. At a
-point D = sum_a x_a g_a^T, with g_a the gradient of node a's shape function in coordinates in which the grown
+Both elements have the energy of :mod:`morphofold.sim.elements.brick_kernels` and its counterpart for tets in one form.
+At a point D = sum_a x_a g_a^T, with g_a the gradient of node a's shape function in coordinates in which the grown
 material has the metric C, w tr(A^T A) = D : D C, and the volume w, J = det D / w. Per point and per element,
 
     w mu u(i1, i2) + w local/2 (J - 1)^2    and    kappa/2 V (v/V - 1)^2,    v = sum w J,

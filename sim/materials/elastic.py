@@ -1,7 +1,7 @@
 """Energy and stress of a material in the elastic tensor A, and its form on a brick and on a patch of tetrahedra.
 
-Readable twins: the kernels of the explicit solver evaluate ``brick_energy``, ``patch_energy`` and their gradients in
-another arrangement; tests hold them together. Everything here is plain NumPy with trailing 3x3 axes.
+Readable counterparts: the kernels of the explicit solver evaluate ``brick_energy``, ``patch_energy`` and their
+gradients in another arrangement; tests hold them together. Everything here is plain NumPy with trailing 3x3 axes.
 """
 
 from __future__ import annotations

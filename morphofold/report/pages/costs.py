@@ -92,7 +92,7 @@ def _beside(expected: Expected) -> str:
 
 
 def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
-    """Errors from a coarser twin below those of the table, what the pace changes, and what they leave open."""
+    """Errors from a coarser run below those of the table, what the pace changes, and what they leave open."""
     if estimate is not None:
         said["errors"] = [
             *said["errors"],
@@ -107,7 +107,7 @@ def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
                 if e.error is not None
             ),
             *(
-                (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser twin at half the pace")
+                (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser run at half the pace")
                 for name, change in (estimate.pace or {}).items()
             ),
         ]
