@@ -231,7 +231,7 @@ class _Measuring:
         tables = gyral_tables(self.cortex, self.graph, self.maps)
         fitted, why = through_regions(rows)
         scalars = {**self.scalars, **tables.scalars, **dict(zip(SLOPES, _slope_numbers(fitted)))}
-        said = {
+        definitions = {
             **self.notes,
             **(notes.of_regions() if rows else {}),
             **dict.fromkeys(SLOPES, why if rows else notes.NO_REGIONS),
@@ -248,7 +248,7 @@ class _Measuring:
                 tables.hinges,
                 tables.arms,
                 parameters,
-                said,
+                definitions,
                 self.graph,
             )
         )

@@ -25,8 +25,8 @@ class _Compiler(event.Listener):
     def on_start(self, _: Any) -> None:
         if self._depth == 0:
             self._since = time.perf_counter()
-            for tell in self.listeners:
-                tell()
+            for listener in self.listeners:
+                listener()
         self._depth += 1
 
     def on_end(self, _: Any) -> None:
@@ -45,13 +45,13 @@ def working_seconds() -> float:
 
 
 @contextmanager
-def telling_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+def telling_of_compiling(listener: Callable[[], None]) -> Iterator[None]:
     """Call ``tell`` whenever numba begins to compile; kernels from its cache are not compiled."""
-    _compiler.listeners.append(tell)
+    _compiler.listeners.append(listener)
     try:
         yield
     finally:
-        _compiler.listeners.remove(tell)
+        _compiler.listeners.remove(listener)
 
 
 class Stages:

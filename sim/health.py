@@ -170,17 +170,17 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
         judged["kinetic_over_strain"] = restlessness(stage["growth"], stage["kinetic_over_strain"])
     can = cures(scene)
     advice = lambda keys: " or ".join(can[key] for key in keys if key in can) or "the solver does not resolve it"
-    told = [
+    sentences = [
         f"{name} {_told(value)} at g = {stage['growth']:.2f} exceeds {BOUNDS[name][0]:g}: {advice(BOUNDS[name][1])}"
         for name, value in judged.items()
         if not value <= BOUNDS[name][0]
     ]
     if not stage["lowest_J"] >= LEAST_J:
-        told.append(
+        sentences.append(
             f"lowest J {stage['lowest_J']:.2g} up to g = {stage['growth']:.2f} is below {LEAST_J:g}: "
             f"{advice(('finer', 'slower'))}"
         )
-    return told
+    return sentences
 
 
 @njit(parallel=True, cache=True)

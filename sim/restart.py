@@ -93,14 +93,14 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
 
 def check_mesh(file: Path, X: Array, mine: Array, scene: Scene) -> None:
     """Refuse reference positions that are not those of the body, which are ``mine``."""
-    told = f"has {len(X):,} nodes, and the body of {scene.name} {len(mine):,}"
+    difference = f"has {len(X):,} nodes, and the body of {scene.name} {len(mine):,}"
     if X.shape == mine.shape:
         apart = np.linalg.norm(X - mine, axis=1)
         if apart.max() <= ROUND_OFF * np.ptp(mine, axis=0).max():
             return
-        told = f"has node {apart.argmax()} {apart.max():.3g} mm from where it is in the body of {scene.name}"
+        difference = f"has node {apart.argmax()} {apart.max():.3g} mm from where it is in the body of {scene.name}"
     raise Mismatch(
-        f"{file}: {told} before growth. Geometry, mesh and imperfection must be those of the run to go on from"
+        f"{file}: {difference} before growth. Geometry, mesh and imperfection must be those of the run to go on from"
         f"{_same_wavelength(file, scene)}."
     )
 

@@ -70,9 +70,9 @@ def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
 def health(simulations: Sequence[dict[str, Any]]) -> str:
     """A line per simulation of an index, with its warnings."""
     lines = []
-    for told in simulations:
-        size = f"{told['elements']:,} bricks, {told['steps']:,} steps, " if told["elements"] else ""
-        state = "healthy" if told["healthy"] else "**not healthy**: " + "; ".join(told["warnings"])
-        name = told["folder"].rpartition("/")[2]
-        lines.append(f"- `{name}`, {told['level']}: {size}{told['seconds']:.0f} s, {state}")
+    for entry in simulations:
+        size = f"{entry['elements']:,} bricks, {entry['steps']:,} steps, " if entry["elements"] else ""
+        state = "healthy" if entry["healthy"] else "**not healthy**: " + "; ".join(entry["warnings"])
+        name = entry["folder"].rpartition("/")[2]
+        lines.append(f"- `{name}`, {entry['level']}: {size}{entry['seconds']:.0f} s, {state}")
     return "\n".join(lines)

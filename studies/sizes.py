@@ -44,15 +44,15 @@ def report(root: Path) -> str:
         if not any(folder.is_symlink() for folder in p.parents)
     }
     files = {p.relative_to(root): len(code_lines(text)) for p, text in sources.items()}
-    told = []
+    report_lines = []
     for room in ROOMS:
         sizes = [n for p, n in files.items() if p.parts[0] == room]
-        told.append(f"{room:12} {sum(sizes):7,} lines in {len(sizes)} files, median {median(sizes):g}")
+        report_lines.append(f"{room:12} {sum(sizes):7,} lines in {len(sizes)} files, median {median(sizes):g}")
     product = [p for p in files if p.parts[0] != "tests"]
-    told += [f"{files[p]:4} {p}" for p in sorted(product, key=lambda p: -files[p])[:LARGEST]]
+    report_lines += [f"{files[p]:4} {p}" for p in sorted(product, key=lambda p: -files[p])[:LARGEST]]
     each = [(n, p, name) for p in product for name, n in functions(sources[root / p]).items()]
-    told += [f"{n:4} {p} {name}" for n, p, name in sorted(each, key=lambda f: -f[0])[:LARGEST]]
-    return "\n".join(told)
+    report_lines += [f"{n:4} {p} {name}" for n, p, name in sorted(each, key=lambda f: -f[0])[:LARGEST]]
+    return "\n".join(report_lines)
 
 
 if __name__ == "__main__":

@@ -69,8 +69,8 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
         )
     label, word = cortex_label(cortex)
     if word == "label" and label.mean() < LABELLED:
-        said = f"{cortex.name}: the cortex label"
-        file = next((file for file in cortex.files if file.endswith("cortex.label")), said)
+        what = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), what)
         raise NoCortex(
             f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's hold "
             "about 90 %. Name the right label, or leave it out."

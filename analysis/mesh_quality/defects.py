@@ -118,11 +118,11 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
 
     ``given``: the cortex with the vertices that no triangle uses, if these were left out.
     """
-    told = []
+    problems = []
     pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
     whole = given or cortex
     if unused := np.count_nonzero(~geometry.used(whole.n_vertices, whole.faces)):
-        told.append(
+        problems.append(
             f"{unused} of {whole.n_vertices} vertices belong to no triangle, and have no values; vertices are numbered "
             "without them in other remarks."
         )
@@ -131,9 +131,9 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
         hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
         most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
-        told.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
+        problems.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
     if len(border := geometry.border_edges(cortex.faces)):
-        told.append(
+        problems.append(
             f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
             f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
         )
@@ -142,7 +142,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
         edge = geometry.mean_edge_length(surface.verts, surface.faces)
         if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):
-            told.append(
+            problems.append(
                 f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
                 f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
                 "origin before it is written."
@@ -151,12 +151,12 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
         height = 2 * geometry.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
         if len(thin := np.flatnonzero(height < THIN * edge)):
-            told.append(
+            problems.append(
                 f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps, of next to no "
                 f"area, the first of them triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}: measures bear "
                 "them, other tools may not."
             )
-    notes = {"mesh": " ".join(told)} if told else {}
+    notes = {"mesh": " ".join(problems)} if problems else {}
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         notes["crossing"] = (
             f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex, the first "
@@ -187,7 +187,7 @@ def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, s
     Of crossings and triangles, those with a vertex in the cortex, ``mask`` (N,): thickness and curvature are maps of
     it, and FreeSurfer closes the medial wall without care for them.
     """
-    told, of_white = [], 0.0
+    problems, of_white = [], 0.0
     for surface in (cortex.white, cortex.pial):
         inside = np.any(mask[surface.faces], axis=1)
         found = self_intersections(surface, vertices=False)
@@ -196,13 +196,13 @@ def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, s
             deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
             if surface is cortex.white:
                 of_white = float(among / np.count_nonzero(inside))
-            told.append(
+            problems.append(
                 f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
                 f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
-    if not told:
+    if not problems:
         return {}, 0.0
-    return {"self_crossing": f"{'; '.join(told)}. Curvature and thickness are in doubt there."}, of_white
+    return {"self_crossing": f"{'; '.join(problems)}. Curvature and thickness are in doubt there."}, of_white
 
 
 def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:

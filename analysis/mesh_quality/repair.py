@@ -73,10 +73,10 @@ class Mended:
         if not self.done:
             return {}
         at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
-        told = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
+        lines = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
         more = " Other remarks number vertices without those left out." if fewer else ""
-        return {"repair": f"The surfaces were repaired; {'; '.join(told)}.{more}"}
+        return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
 
     def back(self, measures: Measures) -> Measures:
         """The measures in the numbers of the given vertices, so that maps fit the files that were read.

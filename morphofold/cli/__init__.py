@@ -106,11 +106,11 @@ def add_questions(
     return {
         name: questions.add_parser(
             name,
-            help=said,
-            description=f"{said[0].upper()}{said[1:]}. {more.get(name, '')}",
+            help=choices,
+            description=f"{choices[0].upper()}{choices[1:]}. {more.get(name, '')}",
             formatter_class=parser.formatter_class,
         )
-        for name, said in words.items()
+        for name, choices in words.items()
     }
 
 
@@ -152,9 +152,9 @@ def _run(args: argparse.Namespace) -> int:
     except MemoryError as error:
         if args.debug:
             raise
-        told = str(error) or "memory did not suffice"  # numpy says how much it wanted
-        more = "" if told.endswith(".") else ". Close other programs, or ask for less."
-        return _fail(args.command, f"{told}{more}", 2)
+        line = str(error) or "memory did not suffice"  # numpy says how much it wanted
+        more = "" if line.endswith(".") else ". Close other programs, or ask for less."
+        return _fail(args.command, f"{line}{more}", 2)
     except Exception as error:
         if args.debug:
             raise
@@ -197,8 +197,8 @@ def _show(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _fail(command: str, error: object, code: int) -> int:
-    told = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
+    line = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
     if kind := getattr(error, "code", None):
-        told += f" [{kind}]"
-    print(f"morphofold {command}".strip() + f": {told}", file=sys.stderr)
+        line += f" [{kind}]"
+    print(f"morphofold {command}".strip() + f": {line}", file=sys.stderr)
     return code

@@ -96,18 +96,18 @@ def run(args: argparse.Namespace) -> int:
     called, out = _place(cortices, args)
     if args.dry_run:
         return _dry_run(cortices, failed, clock.seconds[READING], args)
-    with progress(cortices[0].name, args.quiet) as tell:
+    with progress(cortices[0].name, args.quiet) as show:
         works = {}
         for i, cortex in enumerate(cortices):
-            share = part_of(tell, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
+            share = part_of(show, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
             works[cortex.hemi] = partial(_measure, cortex, options, share, clock)
         measures = _of_each(works, failed)
-        tell(0.8, "writing")
+        show(0.8, "writing")
         clock.begin(READING)
         stages = [] if args.no_report else [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)]
         asked = {"hemi": args.hemi, "name": args.name, **options}
         _write(measures, out, called, args, failed=failed, parameters=asked, stages=stages, clock=clock)
-        tell(1.0, "done")
+        show(1.0, "done")
     code = _tell_failed(failed)
     _tell_measured(measures, out, clock, args)
     return code
@@ -140,15 +140,15 @@ def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]
     return called, out
 
 
-def _write(measures: list[Measures], out: Path, called: str, args: argparse.Namespace, **told: Any) -> None:
+def _write(measures: list[Measures], out: Path, called: str, args: argparse.Namespace, **fields: Any) -> None:
     from morphofold.report import analysis_report
     from morphofold.results import write_analysis, write_dataset
 
     report: Any = False if args.no_report else analysis_report
     if args.layout == "bids":
-        write_dataset(measures, args.out, called, report=report, **told)
+        write_dataset(measures, args.out, called, report=report, **fields)
     else:
-        write_analysis(measures, out, report=report, mgh=args.mgh, wide=args.wide, **told)
+        write_analysis(measures, out, report=report, mgh=args.mgh, wide=args.wide, **fields)
 
 
 def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
@@ -163,11 +163,11 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
         return
     for m in measures:
         s = m.scalars
-        index, thickness = _said(s["gyrification_index"], ".2f"), _said(s["mean_cortical_thickness_mm"], ".2f", " mm")
+        index, thickness = _formatted(s["gyrification_index"], ".2f"), _formatted(s["mean_cortical_thickness_mm"], ".2f", " mm")
         print(
             one_line(
                 f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
-                f"{thickness}, gyral thickness {_said(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
+                f"{thickness}, gyral thickness {_formatted(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
             )
         )
         for key in WARNINGS:
@@ -220,7 +220,7 @@ def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
     return {hemi: partial(one, hemi=hemi) for hemi in hemis}
 
 
-def _said(value: float | None, form: str, unit: str = "") -> str:
+def _formatted(value: float | None, form: str, unit: str = "") -> str:
     return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
@@ -297,19 +297,19 @@ def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     begin(out)
     args.on_interrupt = " Run it again to go on."
     done = 0
-    with progress(called, args.quiet) as tell:
+    with progress(called, args.quiet) as show:
         for i, place in enumerate(places):
             clock = Stages()
             clock.begin(READING)
             cortex = read_cortex(place, hemi="lh", name=args.name)
-            share = part_of(tell, i / len(places), 1 / len(places), f"{place.name} ")
+            share = part_of(show, i / len(places), 1 / len(places), f"{place.name} ")
             asked = {"hemi": None, "name": args.name, **options}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
             found = _measure(cortex, options, share, clock)
             write_analysis([found], out / place.name, parameters=asked, clock=clock)
-        tell(1.0, "done")
+        show(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
 
@@ -318,11 +318,11 @@ def _measure(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clo
     from morphofold.analysis.measuring import measure
     from morphofold.cohort.measuring import keywords_of
 
-    def tell(share: float, what: str) -> None:
+    def show(share: float, what: str) -> None:
         clock.at(share, what)
         progress(share, what)
 
-    return measure(cortex, **keywords_of(options), progress=tell)
+    return measure(cortex, **keywords_of(options), progress=show)
 
 
 def _places_of_stages(folder: str | None) -> list[Path]:

@@ -170,8 +170,8 @@ def _accuracy(args: argparse.Namespace) -> Answer:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         begin(out)
-        with progress("accuracy", args.quiet) as tell:
-            points = all_points(halves, Kept(out / CASES, made), tell)
+        with progress("accuracy", args.quiet) as show:
+            points = all_points(halves, Kept(out / CASES, made), show)
         write_study(points, made, folder)
     return (out / "summary.json").read_text(encoding="utf-8"), [*text_answers(out), f"-> {out / 'summary.json'}"]
 
@@ -194,12 +194,12 @@ def _cohort(args: argparse.Namespace) -> Answer:
     with alone(out):
         for count in counts:
             for several in workers:
-                with progress(f"{count} subjects, {several} workers", args.quiet) as tell:
-                    loads.append(measure_load(out, count, several, tell))
-        said = strict_json({"loads": [load.as_dict() for load in loads]})
+                with progress(f"{count} subjects, {several} workers", args.quiet) as show:
+                    loads.append(measure_load(out, count, several, show))
+        content = strict_json({"loads": [load.as_dict() for load in loads]})
         with atomic_file(out / "summary.json") as file:
-            file.write_text(said, encoding="utf-8")
-    return said, text_table(loads)
+            file.write_text(content, encoding="utf-8")
+    return content, text_table(loads)
 
 
 def _seconds(args: argparse.Namespace) -> float:
@@ -255,8 +255,8 @@ def _measures(args: argparse.Namespace) -> Answer:
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
         raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     set_threads(args.threads)
-    with progress("measure", args.quiet) as tell:
-        rows = measuring_speed(sizes, tell)
+    with progress("measure", args.quiet) as show:
+        rows = measuring_speed(sizes, show)
     whole = [row for row in rows if row["stage"] == "all"]
     stages = list(dict.fromkeys(row["stage"] for row in rows))
     lines = [

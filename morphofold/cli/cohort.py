@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
     if templates and args.subjects is None:
-        told(f"left out: {', '.join(templates)} (templates; --subjects can name them)", args.quiet)
+        print_note(f"left out: {', '.join(templates)} (templates; --subjects can name them)", args.quiet)
     return run_cohort(by_shown_name(source, names), out, args)
 
 
@@ -133,22 +133,24 @@ def run_cohort(
             if group:  # several may measure participants at once
                 held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
-            told(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
+            print_note(f"{len(subjects)} subjects, {fleet.words}", args.quiet)
             if None in (args.curvature_scale, args.gyral_width):
-                with progress("scales", args.quiet) as tell:
-                    scales = scales_of(out, fleet, looked_at, tell)
+                with progress("scales", args.quiet) as show:
+                    scales = scales_of(out, fleet, looked_at, show)
                 if scales is not None:
-                    told(scales.words, args.quiet)
+                    print_note(scales.words, args.quiet)
                 subjects = [replace(one, options=with_scales(options, scales)) for one in subjects]
-            with progress("cohort", args.quiet) as tell:
+            with progress("cohort", args.quiet) as show:
                 possible = [one for one in subjects if one.name not in reasons]
-                outcomes = run_tasks(fleet, measure_participant, possible, tell, lambda text: told(text, args.quiet))
+                outcomes = run_tasks(
+                    fleet, measure_participant, possible, show, lambda text: print_note(text, args.quiet)
+                )
             outcomes += [failed(one.place, reasons[one.name]) for one in subjects if one.name in reasons]
         if group:
-            with progress("group ", args.quiet) as tell:
-                found = write_group(out, places, outcomes, report=group_report, progress=tell)
+            with progress("group ", args.quiet) as show:
+                found = write_group(out, places, outcomes, report=group_report, progress=show)
             told_unlike(found, args.quiet)
-            more["remarks"] = found.pooling.said
+            more["remarks"] = found.pooling.answer
     page = out / "group" / "report.html" if group else out
     return ended(outcomes, "subject", page, as_json=args.json, **more)
 
@@ -183,16 +185,16 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     from morphofold.io.locks import alone
     from morphofold.report.pages.group_page import group_report
 
-    with alone(out), progress("group ", args.quiet) as tell:
-        group = write_group(out, results, report=group_report, progress=tell)
+    with alone(out), progress("group ", args.quiet) as show:
+        group = write_group(out, results, report=group_report, progress=show)
     told_unlike(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:
         who: dict[str, dict[str, str]] = {}
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
-        said = {"subjects": len(results), "with_results": group.measured, "failures": who}
-        print_json({**said, "remarks": group.pooling.said, "page": out / "group" / "report.html"})
+        answer = {"subjects": len(results), "with_results": group.measured, "failures": who}
+        print_json({**answer, "remarks": group.pooling.answer, "page": out / "group" / "report.html"})
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
@@ -271,12 +273,14 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
 
 def told_unlike(group: Group, quiet: bool) -> None:
     """Say what of a group was not measured alike, and is not pooled."""
-    if said := group.pooling.said:
+    if answer := group.pooling.answer:
         few = len(group.pooling.left_out)
-        told(f"warning: {' '.join(said)} {few} measures are not pooled whole: see the page of the group.", quiet)
+        print_note(
+            f"warning: {' '.join(answer)} {few} measures are not pooled whole: see the page of the group.", quiet
+        )
 
 
-def told(text: str, quiet: bool) -> None:
+def print_note(text: str, quiet: bool) -> None:
     if not quiet:
         print(one_line(text), file=sys.stderr)
 
@@ -287,11 +291,11 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
     partly = [one for one in outcomes if one.state != "failed" and one.failures]
     before, changed = sum(one.state == "reused" for one in outcomes), sum(one.changed for one in outcomes)
     if as_json:
-        said: dict[str, Any] = {f"{what}s": len(outcomes), "with_results": len(outcomes) - len(failed)}
+        answer: dict[str, Any] = {f"{what}s": len(outcomes), "with_results": len(outcomes) - len(failed)}
         who = {one.name: dict(one.failures) for one in failed + partly}
-        said |= {"from_before": before, "changed": changed, "failed": len(failed), "in_part": len(partly)}
-        said |= {"failures": who, "page": page}
-        print_json({**said, **more})
+        answer |= {"from_before": before, "changed": changed, "failed": len(failed), "in_part": len(partly)}
+        answer |= {"failures": who, "page": page}
+        print_json({**answer, **more})
         return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
         for part, why in one.failures.items():

@@ -40,13 +40,13 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
         If the one or the other is not there; the message says which names are.
     """
     subject = subject.rstrip("/")  # as a shell completes it
-    said = subjects_dir or os.environ.get("SUBJECTS_DIR")
-    if not said:
+    folder_of_subjects = subjects_dir or os.environ.get("SUBJECTS_DIR")
+    if not folder_of_subjects:
         raise OptionsClash(
             f"-s {subject}: where subjects lie is not said. Set SUBJECTS_DIR, pass --subjects-dir DIR, or name the "
             "subject's folder as INPUT."
         )
-    folder, set_by = Path(said), "--subjects-dir" if subjects_dir else "SUBJECTS_DIR"
+    folder, set_by = Path(folder_of_subjects), "--subjects-dir" if subjects_dir else "SUBJECTS_DIR"
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such folder, named by {set_by}. Name the folder that holds subjects.")
     if subject in ("", ".", "..") or Path(subject).name != subject:

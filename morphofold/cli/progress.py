@@ -32,8 +32,8 @@ def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
 
         yield silent
     else:
-        with _bar(one_line(label)) if sys.stderr.isatty() else _lines(one_line(label)) as tell:
-            yield lambda share, text="": tell(share, one_line(text))
+        with _bar(one_line(label)) if sys.stderr.isatty() else _lines(one_line(label)) as show:
+            yield lambda share, text="": show(share, one_line(text))
 
 
 def time_left(seconds: float, share: float) -> str:
@@ -66,23 +66,23 @@ def _bar(label: str) -> Iterator[Tell]:
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
         task = bars.add_task(label, total=1.0, text="", left="")
 
-        def tell(share: float, text: str = "") -> None:
+        def show(share: float, text: str = "") -> None:
             bars.update(task, completed=share, text=text, left=time_left(working_seconds() - started, share))
 
         with telling_of_compiling(lambda: bars.update(task, text=COMPILING)):
-            yield tell
+            yield show
 
 
 @contextmanager
 def _lines(label: str) -> Iterator[Tell]:
     from morphofold.timing import telling_of_compiling, working_seconds
 
-    started, told, compiling = working_seconds(), [0], [False]
+    started, shown, compiling = working_seconds(), [0], [False]
 
-    def tell(share: float, text: str = "") -> None:
+    def show(share: float, text: str = "") -> None:
         tenth = int(10 * share)
-        if tenth > told[0]:
-            told[0] = tenth
+        if tenth > shown[0]:
+            shown[0] = tenth
             seconds = working_seconds() - started
             left = ", ".join(filter(None, (f"{share:4.0%} after {seconds:.0f} s", time_left(seconds, share))))
             print(f"{label}: {left}  {text}", file=sys.stderr, flush=True)
@@ -93,4 +93,4 @@ def _lines(label: str) -> Iterator[Tell]:
             print(f"{label}: {COMPILING}", file=sys.stderr, flush=True)
 
     with telling_of_compiling(tell_of_compiling):
-        yield tell
+        yield show

@@ -79,9 +79,9 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.simulation import simulate
 
     args.on_interrupt = " Run it again with --resume to go on."
-    with progress(scene.name, args.quiet) as tell:
+    with progress(scene.name, args.quiet) as show:
         simulation = simulate(
-            scene, args.out, resume=args.resume, threads=args.threads, progress=tell, restart_from=args.restart_from
+            scene, args.out, resume=args.resume, threads=args.threads, progress=show, restart_from=args.restart_from
         )
     if args.json:
         _print_json(simulation, args)
@@ -144,8 +144,8 @@ def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
     from morphofold.forecasts.richardson import estimate_error
 
-    with progress(f"{simulation.scene.name}, coarser and slower", args.quiet) as tell:
-        return estimate_error(simulation, threads=args.threads, progress=tell)
+    with progress(f"{simulation.scene.name}, coarser and slower", args.quiet) as show:
+        return estimate_error(simulation, threads=args.threads, progress=show)
 
 
 def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) -> int:

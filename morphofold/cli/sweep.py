@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run], list[Any], Phases]:
     from contextlib import ExitStack
 
-    from morphofold.cli.cohort import fleet_asked, told
+    from morphofold.cli.cohort import fleet_asked, print_note
     from morphofold.cli.progress import progress
     from morphofold.cohort.phases import GROUP, theory_by_place, write_sweep
     from morphofold.cohort.running import run_tasks
@@ -78,13 +78,13 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
             begin_collection(out, "sweep")  # nothing is written where there are no workers
             held.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
-            told(f"{len(runs)} runs, {fleet.words}", args.quiet)
-            with progress("sweep ", args.quiet) as tell:
-                outcomes = run_tasks(fleet, grow_and_measure, runs, tell, lambda text: told(text, args.quiet))
-            with progress("theory", args.quiet) as tell:
-                theory = theory_by_place(fleet, grid, tell)
-        with progress("phases", args.quiet) as tell:
-            phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=tell)
+            print_note(f"{len(runs)} runs, {fleet.words}", args.quiet)
+            with progress("sweep ", args.quiet) as show:
+                outcomes = run_tasks(fleet, grow_and_measure, runs, show, lambda text: print_note(text, args.quiet))
+            with progress("theory", args.quiet) as show:
+                theory = theory_by_place(fleet, grid, show)
+        with progress("phases", args.quiet) as show:
+            phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=show)
     return runs, outcomes, phases
 
 
@@ -127,8 +127,8 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     found = forecast(largest.scene, args.threads)
     memory = memory_of_run(largest.scene, args.accuracy, not args.no_report)
     if args.json:
-        said = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
-        print_json({**said, "largest": found.as_dict()})
+        answer = {"runs": len(grid.points), "points": len(grid.places), "memory_GiB": memory or None}
+        print_json({**answer, "largest": found.as_dict()})
         return 0
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")

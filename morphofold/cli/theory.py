@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 LAWS = ("isotropic", "tangential")
 #: values in one FROM:TO:COUNT
 MOST = 10_000
-#: rows of one answer, and curves of one kind that can be told apart in a figure
+#: rows of one answer, and curves of one kind that can be shown apart in a figure
 MOST_ROWS, MOST_CURVES = 200_000, 10
 #: relative difference of the two routes to g_crit up to which --check is content
 AGREE = 1e-6
@@ -160,14 +160,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         size = sub.add_mutually_exclusive_group() if what == "critical" else sub
         for name, default in question.numbers.items():
             number, several = NUMBERS[name], isinstance(default, list)
-            told = " ".join(default) if several else default
+            shown = " ".join(default) if several else default
             (size if name in ("ratio", "thickness") else sub).add_argument(
                 _option(name),
                 nargs="+" if several else None,
                 metavar=number.metavar,
                 help=question.words.get(name, number.words)
                 + ("; numbers or FROM:TO:COUNT" if several else "")
-                + (f" (default: {number.default_words.format(told)})" if told else ""),
+                + (f" (default: {number.default_words.format(shown)})" if shown else ""),
             )
         if what == "bifurcation":
             _add_checks_and_bodies(sub)

@@ -117,16 +117,16 @@ class Fleet:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 
     @contextmanager
-    def telling_of_deaths(self, tell: Callable[[list[str]], None]) -> Iterator[None]:
+    def telling_of_deaths(self, warn: Callable[[list[str]], None]) -> Iterator[None]:
         """Call ``tell`` with the names of the jobs that a worker had in hand when it died."""
 
-        def told(event: tuple[float, Any]) -> None:
+        def on_event(event: tuple[float, Any]) -> None:
             what = event[1]
             if isinstance(what, dict) and what.get("action") == "remove-worker" and what.get("processing-tasks"):
                 known = (self.flying.get(str(key)) for key in what["processing-tasks"])
-                tell(sorted(job.name for job in known if job))
+                warn(sorted(job.name for job in known if job))
 
-        self.client.subscribe_topic("all", told)
+        self.client.subscribe_topic("all", on_event)
         try:
             yield
         finally:
@@ -312,7 +312,7 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
         raise ImportError("workers on SLURM need the package dask-jobqueue: pip install dask-jobqueue.") from None
     import dask
 
-    said = dask.config.get("jobqueue.slurm.scheduler-options", None) or {}
+    options = dask.config.get("jobqueue.slurm.scheduler-options", None) or {}
     given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
     prologue = [f"export {name}={value}" for name, value in _environment(threads).items()]
     try:
@@ -321,7 +321,7 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
             processes=1,
             job_script_prologue=prologue,
             worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", UNSEEN],
-            scheduler_options={**said, "dashboard": False, "dashboard_address": UNSEEN},
+            scheduler_options={**options, "dashboard": False, "dashboard_address": UNSEEN},
             **given,
         )
     except ValueError as error:

@@ -116,21 +116,21 @@ def make_grid(
     """
     base = load_scene(source, settings)
     keys = keys_of(base)
-    said = [_axis(text, keys) for text in vary]
-    twice = [key for key, count in Counter(key for key, _ in said).items() if count > 1]
+    given = [_axis(text, keys) for text in vary]
+    twice = [key for key, count in Counter(key for key, _ in given).items() if count > 1]
     if twice:
         raise NamedTwice(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
     if seeds is not None and seeds > MOST_RUNS:  # before they are listed
         raise _too_many(seeds)
-    if seeds is not None and SEED in dict(said):
+    if seeds is not None and SEED in dict(given):
         raise OptionsClash(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
-    own = dict(said).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
+    own = dict(given).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
     short = {key: key.rpartition(".")[2] for key in keys}
     alike = Counter(short.values())
     axes = tuple(
-        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in said if key != SEED
+        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in given if key != SEED
     )
     if not axes and own is None:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")

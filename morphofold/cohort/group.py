@@ -39,9 +39,9 @@ def write_group(
     progress : callable
         Told the share done and what is being done.
     """
-    told = {one.name: one for one in outcomes}
+    by_name = {one.name: one for one in outcomes}
     with atomic_folder(out / GROUP) as folder:
-        group = write_tables(folder, out, results, told, lambda share: progress(0.7 * share, "tables"))
+        group = write_tables(folder, out, results, by_name, lambda share: progress(0.7 * share, "tables"))
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")

@@ -20,12 +20,12 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
     if common is not None:
         scale = curvature_scale(cortex, common)
 
-    def tell(share: float, what: str) -> None:
+    def show(share: float, what: str) -> None:
         clock.at(share, what)
         if share < 1:
             say(what)
 
-    return measure(cortex, **{**keywords_of(options), "curvature_scale": scale}, progress=tell)
+    return measure(cortex, **{**keywords_of(options), "curvature_scale": scale}, progress=show)
 
 
 def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:

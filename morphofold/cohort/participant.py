@@ -102,8 +102,8 @@ def _files(subject: Participant, hemi: str) -> dict[str, Path]:
         found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
     except REFUSALS:
         return {}  # which reading it will tell
-    said = Path(subject.folder) / "summary.json"  # of one that analyze has written
-    return {**found, "summary": said} if said.is_file() else found
+    summary_file = Path(subject.folder) / "summary.json"  # of one that analyze has written
+    return {**found, "summary": summary_file} if summary_file.is_file() else found
 
 
 def _half(subject: Participant, hemi: str) -> list[str]:

@@ -123,14 +123,14 @@ def theory_of(scene: Scene) -> SphereTheory:
     return SphereTheory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
 
 
-def theory_by_place(fleet: Fleet, grid: Grid, tell: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
+def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
     """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
     spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
     wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
     found: dict[str, SphereTheory] = {}
     for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
         found[_sphere(job.argument)] = SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
-        tell(len(found) / len(wanted), "theory")
+        show(len(found) / len(wanted), "theory")
     return {at: found[key] for at, key in spheres.items()}
 
 
@@ -182,10 +182,10 @@ def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
 
 def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
     try:
-        said = read_health(folder)
+        health = read_health(folder)
     except (OSError, ValueError):
         return (), {}  # it did not come to its end
-    return tuple(said["warnings"]), {key: said[key] for key in ("elements", "steps") if key in said}
+    return tuple(health["warnings"]), {key: health[key] for key in ("elements", "steps") if key in health}
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -217,8 +217,8 @@ def write_sweep(
         Told the share done and what is being done.
     """
     with atomic_folder(out / GROUP) as folder:
-        told = {one.name: one for one in outcomes}
-        phases = Phases(grid, tuple(read_run(out, point, told.get(point.name)) for point in grid.points), theory)
+        by_name = {one.name: one for one in outcomes}
+        phases = Phases(grid, tuple(read_run(out, point, by_name.get(point.name)) for point in grid.points), theory)
         write_tables(phases, folder)
         if report:
             report(phases, folder, progress)

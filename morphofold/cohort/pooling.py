@@ -56,15 +56,15 @@ class Pooling:
         return np.where(self.alike[measure], values, np.nan) if measure in self.alike else values
 
     @property
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Sentences: what differs, and the options that would measure the group alike."""
-        told = [f"{WORDS[key]} {_listed(counts)}" for key, counts in self.counts.items()]
+        parts = [f"{WORDS[key]} {_listed(counts)}" for key, counts in self.counts.items()]
         cures = []
         for key, (option, choice) in CURES.items():
             counts = {value: n for value, n in self.counts.get(key, {}).items() if value is not None}
             if counts:
                 cures.append(f"{option} {choice(np.repeat(list(counts), list(counts.values()))):.3g}")
-        found = [f"Hemispheres were not measured alike: {'; '.join(told)}."] if told else []
+        found = [f"Hemispheres were not measured alike: {'; '.join(parts)}."] if parts else []
         return found + ([f"To measure all alike, run it again with {' '.join(cures)}."] if cures else [])
 
 

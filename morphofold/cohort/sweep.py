@@ -103,15 +103,15 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run, gone on with where it was begun of the same scene; else grown anew."""
     from morphofold.simulation import simulate
 
-    now, mark, told = _grown_key(run.scene), run.folder / "grown-of", [0]
+    now, mark, tenths = _grown_key(run.scene), run.folder / "grown-of", [0]
 
-    def tell(share: float, text: str) -> None:
-        if (tenth := int(10 * share)) > told[0]:
-            told[0] = tenth
+    def show(share: float, text: str) -> None:
+        if (tenth := int(10 * share)) > tenths[0]:
+            tenths[0] = tenth
             say(f"{share:4.0%}  {text}")
 
     def grow() -> Simulation:
-        return simulate(run.scene, run.simulation, resume=True, threads=_threads(run), progress=tell)
+        return simulate(run.scene, run.simulation, resume=True, threads=_threads(run), progress=show)
 
     begun = run.simulation.exists()
     if begun and (anew or _text(mark) != now):

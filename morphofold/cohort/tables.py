@@ -107,13 +107,13 @@ def read_results(folder: Path) -> SubjectResults:
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
-    said = read_json(path, Summary, CURE)
-    surfaces = {Path(row["path"]).name: row["sha256"] for row in said["inputs"]}
+    content = read_json(path, Summary, CURE)
+    surfaces = {Path(row["path"]).name: row["sha256"] for row in content["inputs"]}
     wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
     keys = ("hemi", "origin", "measures", "notes", "info")
-    entries = [{key: entry[key] for key in keys} for entry in said["surfaces"]]
-    hows = [_how(said["morphofold"], entry) for entry in said["surfaces"]]
-    regions = read_table(table, WORDS, said["rows"].get("regions"), numbers=REGION_MEASURES)
+    entries = [{key: entry[key] for key in keys} for entry in content["surfaces"]]
+    hows = [_how(content["morphofold"], entry) for entry in content["surfaces"]]
+    regions = read_table(table, WORDS, content["rows"].get("regions"), numbers=REGION_MEASURES)
     there = {entry["hemi"] for entry in entries}
     for number, row in enumerate(regions, start=2):
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
@@ -185,7 +185,7 @@ def write_tables(
     out: Path,
     results: Mapping[str, Path],
     outcomes: Mapping[str, Outcome] | None = None,
-    tell: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Group:
     """Write measures.tsv, measures.parquet, hemispheres.tsv and failures.tsv of a group.
 
@@ -226,7 +226,7 @@ def write_tables(
             if i % BATCH == BATCH - 1:
                 writer.write(rows)
                 rows.clear()
-                tell(i / len(results))
+                progress(i / len(results))
         writer.write(rows)
     write_table(folder / "failures.tsv", FAILURES, failures)
     write_table(folder / "hemispheres.tsv", HEMISPHERES, gathered.hemispheres)
@@ -266,9 +266,9 @@ class _Gathered:
             of[entry["hemi"]] = part_of(how, REGION_THICKNESS)
             recorded = {key: entry["info"].get(key) for key in RECORDED}
             self.hemispheres.append({"subject": subject, "hemi": entry["hemi"], **dict(zip(HOW, how)), **recorded})
-            told = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
-            if told:
-                self.remarks.setdefault(subject, []).extend(told)
+            texts = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
+            if texts:
+                self.remarks.setdefault(subject, []).extend(texts)
         self.counts.update(of[hemi] for hemi in dict.fromkeys(row["hemi"] for row in found.regions))
         for row in found.regions:
             pair = np.array([_number(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])

@@ -186,7 +186,7 @@ def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
     FileExistsError
         If another is at it for longer than LONGEST_WAIT.
     """
-    until, told = time.monotonic() + LONGEST_WAIT, False
+    until, warned = time.monotonic() + LONGEST_WAIT, False
     while True:
         try:
             with warnings.catch_warnings():
@@ -196,9 +196,9 @@ def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
         except FileExistsError as error:
             if time.monotonic() > until:
                 raise
-            if not told:
+            if not warned:
                 say(f"waiting: {error}")
-            told = True
+            warned = True
             time.sleep(PAUSE)
 
 
@@ -246,8 +246,10 @@ def read_record(path: Path) -> dict[str, Any]:
         found = read_json(path, _Known, "")
     except (OSError, ValueError):
         return {}
-    said = found["files"] if found["results"] else found["failures"]  # results are files, and a failure has a reason
-    return found if said else {}
+    complete = (
+        found["files"] if found["results"] else found["failures"]
+    )  # results are files, and a failure has a reason
+    return found if complete else {}
 
 
 def write_record(

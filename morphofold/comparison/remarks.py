@@ -35,15 +35,15 @@ CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
 
 def cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
-    said = []
+    sentences = []
     for key, (words, sentence) in CAUTIONS.items():
         found: dict[str, list[str]] = {}
         for name, m in named.items():
             if key in m.parameters:
                 found.setdefault(words(m.parameters[key]), []).append(name)
         if len(found) > 1:
-            said.append(sentence.format(listed([f"{value} on {listed(names)}" for value, names in found.items()])))
-    return said
+            sentences.append(sentence.format(listed([f"{value} on {listed(names)}" for value, names in found.items()])))
+    return sentences
 
 
 def notes(named: Mapping[str, Measures]) -> list[str]:
@@ -59,24 +59,24 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
 def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
     """What a reader should know of the points of each surface in the plot of gyral against cortical thickness."""
     plotted = list(zip(named, named.values(), clouds))
-    said = [
+    sentences = [
         f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two."
         for name, _, cloud in plotted
         if not cloud.points
     ]
     if crests := [name for name, m, cloud in plotted if cloud.kind == "crest" and m.regions]:
-        said.append(
+        sentences.append(
             f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
             "All measures."
         )
     if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
-        said.append(
+        sentences.append(
             f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
             "as further evidence: they are too narrow, and too small."
         )
     if whole := [name for name, _, cloud in plotted if cloud.kind == "whole" and cloud.points]:
-        said.append(
+        sentences.append(
             f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
             "stand for the surface."
         )
-    return said
+    return sentences

@@ -138,4 +138,4 @@ def cost_line(cost: Cost, most: int = 3) -> str:
     elif cost.edge_over_T is not None:
         name, expected = headline(cost.edge_over_T)
         parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
-    return ". ".join(said.removesuffix(".") for said in ("; ".join(parts), *cost.doubts))
+    return ". ".join(part.removesuffix(".") for part in ("; ".join(parts), *cost.doubts))

@@ -186,17 +186,21 @@ def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dic
 
 
 def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
-    said = doubts(scene, sizes.edge / scene.thinnest)
+    sentences = doubts(scene, sizes.edge / scene.thinnest)
     if scene.real_time:
-        said.append("The step of real masses shrinks as elements are squeezed, by how much was seen in one run only.")
+        sentences.append(
+            "The step of real masses shrinks as elements are squeezed, by how much was seen in one run only."
+        )
     if scene.output.stability:
-        said.append("Counting the unstable modes of the stages comes on top, in time and memory (output.stability).")
+        sentences.append(
+            "Counting the unstable modes of the stages comes on top, in time and memory (output.stability)."
+        )
     if found.slowest > UNEVEN * found.fastest:
-        said.append(
+        sentences.append(
             f"Steps took up to {found.slowest / found.fastest:.1f} times as long as others just now: this machine has "
             "other work to do."
         )
-    return said
+    return sentences
 
 
 def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:

@@ -83,10 +83,10 @@ class Estimate:
     def words(self) -> str:
         """All errors in a line, and why not to trust them."""
         errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "can't be told"
-        said = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
+        sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
         if self.pace is not None:
-            said.append(f"Half the pace of growth changes the coarser run by: {_listed(self.pace)} of T.")
-        return " ".join([*said, *self.doubts])
+            sentences.append(f"Half the pace of growth changes the coarser run by: {_listed(self.pace)} of T.")
+        return " ".join([*sentences, *self.doubts])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -204,17 +204,17 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     from morphofold.sim.run import Simulation, simulate
 
     check_kind(run, Simulation, "estimate_error: run")
-    if told := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
+    if begun := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
         raise DoesNotApply(
-            f"{run.path}: has {' and '.join(told)} in inputs.json, of which its scene knows nothing, so no coarser "
+            f"{run.path}: has {' and '.join(begun)} in inputs.json, of which its scene knows nothing, so no coarser "
             "coarser run of it can be grown."
         )
     others = companions(run.scene)
     grown = [_grown(run)]
     for done, (folder, coarse) in enumerate(others.items()):
-        tell = part_of(progress, done / len(others), 1 / len(others))
+        show = part_of(progress, done / len(others), 1 / len(others))
         try:
-            grown.append(_grown(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=tell)))
+            grown.append(_grown(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=show)))
         except UnstableError as error:
             raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
     found = between(run.scene, *grown)

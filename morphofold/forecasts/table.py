@@ -126,13 +126,13 @@ def doubts(scene: Scene, edge_over_T: float) -> list[str]:
 
     if not_studied(scene, edge_over_T):
         return []
-    growth, last, said = table()["errors"]["growth"], scene.growth.final, []
+    growth, last, sentences = table()["errors"]["growth"], scene.growth.final, []
     if abs(last - growth) > 0.05:
-        said.append(f"The errors of folds are those at g = {growth:g}, not at {last:g}, where this scene ends.")
+        sentences.append(f"The errors of folds are those at g = {growth:g}, not at {last:g}, where this scene ends.")
     layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers[0] != layers[1]:
-        said.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
-    return said
+        sentences.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
+    return sentences
 
 
 @dataclass(frozen=True)
@@ -191,11 +191,11 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     if not least / ALIKE <= sizes[0] <= most * ALIKE:
         how = f"not known of meshes of {sizes[0]:,} vertices: measured on those of {least:,} to {most:,} only"
         return MeasuredErrors({}, how, ())
-    said = []
+    sentences = []
     if any(cortex.origin == "simulation" for cortex in cortices):
-        said.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
+        sentences.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
     if unlike := [n for n in sizes if not 1 / ALIKE <= n / vertices <= ALIKE]:
-        said.append(
+        sentences.append(
             f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
             f"{' or '.join(f'{n:,}' for n in unlike)} is not known."
         )
@@ -204,4 +204,4 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
         f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each, and "
         "no accuracy is told to be better than a dearer one"
     )
-    return MeasuredErrors(errors, how, tuple(said))
+    return MeasuredErrors(errors, how, tuple(sentences))

@@ -162,12 +162,12 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     if None not in sides and sides[0] != sides[1]:
         raise UnlikeSurfaces(f"{white} is {sides[0]}, {pial} is {sides[1]}. Name two surfaces of one hemisphere.")
     for file in (white, pial):
-        said = side_named(file.name) or hemi
-        if hemi is not None and said != hemi:
+        fields = side_named(file.name) or hemi
+        if hemi is not None and fields != hemi:
             raise WrongFile(
-                f"{file}: is named {said}, but {hemi} was asked for. Ask for {said}, or name the other file."
+                f"{file}: is named {fields}, but {hemi} was asked for. Ask for {fields}, or name the other file."
             )
-        hemi = said
+        hemi = fields
     with _reading((white, pial)) as records:
         inner, outer = read_surface(white), read_surface(pial)
     return Cortex(
@@ -281,26 +281,26 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
     regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
-    said: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
+    fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
     if "stage" in files:
         info = _stage_info(files["stage"])
-        said = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
+        fields = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
     elif os.path.lexists(root / "summary.json"):
-        said |= _analysed(root / "summary.json", hemi)
+        fields |= _analysed(root / "summary.json", hemi)
     return Cortex(
         white,
         pial,
         hemi,
-        shown(name or said["name"]),
+        shown(name or fields["name"]),
         maps,
         cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,
         inflated=inflated,
-        origin=said["origin"],
-        units=str(said.get("units", "mm")),
+        origin=fields["origin"],
+        units=str(fields.get("units", "mm")),
         transform=scanner_transform(white.geometry),
-        portion=float(said.get("portion", 1.0)),
-        info=said["info"],
+        portion=float(fields.get("portion", 1.0)),
+        info=fields["info"],
         files=tuple(str(p) for p in files.values()),
     )
 
@@ -332,8 +332,8 @@ def _name(root: Path, info: dict[str, Any]) -> str:
 
 def _analysed(path: Path, hemi: str) -> dict[str, Any]:
     """What an analysis folder says of the surface it measured: name, origin, units, portion, info, annotation."""
-    said = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
-    found = next((entry for entry in said if entry["hemi"] == hemi), None)
+    fields = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
+    found = next((entry for entry in fields if entry["hemi"] == hemi), None)
     if found is None:
         raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
     return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}

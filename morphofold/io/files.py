@@ -89,8 +89,8 @@ def decoding(path: Path, what: str, advice: str = "Make it anew from its source.
             raise MemoryError(
                 f"{path}: memory did not suffice to read {what}. Close other programs, or take a computer with more."
             ) from error
-        told = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
-        reason = told or type(error).__name__.replace("SystemExit", "its reader gave up")
+        problem = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
+        reason = problem or type(error).__name__.replace("SystemExit", "its reader gave up")
         kind = WrongFile if isinstance(error, WrongFile) else DamagedFile
         raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
@@ -244,8 +244,8 @@ def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
         if error.errno is not None:
             raise
         _grow(Path(path), temporary)
-        told = _told(error, path, temporary)
-        raise OSError(f"{path}: can't be written, though there is room ({told}). Write it again.") from error
+        problem = _told(error, path, temporary)
+        raise OSError(f"{path}: can't be written, though there is room ({problem}). Write it again.") from error
 
 
 @contextmanager

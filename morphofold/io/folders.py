@@ -45,8 +45,8 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
         with naming(out, temporary):
             temporary.mkdir()
             yield temporary
-            said = {"morphofold": "replaces these files when told to write here again, and leaves all others"}
-            text = json.dumps({**said, "files": sorted(_below(temporary))}, indent=0)
+            mark = {"morphofold": "replaces these files when told to write here again, and leaves all others"}
+            text = json.dumps({**mark, "files": sorted(_below(temporary))}, indent=0)
             (temporary / MARKER).write_text(f"{text}\n", encoding="ascii")
         refuse_foreign(out)
         _move_onto(temporary, out)

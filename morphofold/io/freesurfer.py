@@ -97,8 +97,8 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     import nibabel.freesurfer as fs
 
-    told = surface.verts, surface.faces, _STAMP, surface.geometry
-    write_and_look(path, lambda name: fs.write_geometry(name, *told), read_geometry)
+    parts = surface.verts, surface.faces, _STAMP, surface.geometry
+    write_and_look(path, lambda name: fs.write_geometry(name, *parts), read_geometry)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -261,8 +261,8 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     if (ids == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
-    told = labels, table, list(regions.names)
-    write_and_look(path, lambda name: fs.write_annot(name, *told, fill_ctab=True), read_annotation)
+    parts = labels, table, list(regions.names)
+    write_and_look(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_annotation)
 
 
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:

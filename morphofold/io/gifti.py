@@ -206,8 +206,8 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
 
     labels, count = np.asarray(regions.labels), len(regions.names)
     if labels.ndim != 1 or labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
-        said = f"labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}"
-        raise OutOfRange(f"{path}: {said}. Pass a name for every label.")
+        problem = f"labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}"
+        raise OutOfRange(f"{path}: {problem}. Pass a name for every label.")
     table = GiftiLabelTable()
     for key, (name, colour) in enumerate([("???", None), *zip(regions.names, regions.colours.tolist())]):
         rgba = (1.0, 1.0, 1.0, 0.0) if colour is None else (*(x / 255 for x in colour), 1.0)

@@ -24,7 +24,7 @@ class _Tag:
 
     name: str
     around: str
-    said: Mapping[str, str]
+    attributes: Mapping[str, str]
     at: int
     text: int | None = None
 
@@ -35,10 +35,10 @@ def check_blocks(raw: bytes) -> None:
     Unpacked, each number takes at least a byte; zlib packs a thousand into one.
     """
     tags = _tags(raw)
-    file = next((tag.said for tag in tags if tag.name == "VTKFile"), {})
+    file = next((tag.attributes for tag in tags if tag.name == "VTKFile"), {})
     packed = "compressor" in file
     room = (1032 if packed else 1) * len(raw)
-    counts = [int(n) for tag in tags for key, n in tag.said.items() if _is_count(key)]
+    counts = [int(n) for tag in tags for key, n in tag.attributes.items() if _is_count(key)]
     if min(counts, default=0) < 0 or sum(counts) > min(MAX_COUNT, room):
         raise DamagedFile(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
     numbers = sum(_numbers(tags))
@@ -64,8 +64,8 @@ def _tags(raw: bytes) -> list[_Tag]:
     around: list[str] = []
     parser = expat.ParserCreate()
 
-    def start(name: str, said: dict[str, str]) -> None:
-        tags.append(_Tag(name, around[-1] if around else "", said, parser.CurrentByteIndex))
+    def start(name: str, attributes: dict[str, str]) -> None:
+        tags.append(_Tag(name, around[-1] if around else "", attributes, parser.CurrentByteIndex))
         around.append(name)
         if name == "AppendedData":
             raise _Appended
@@ -86,14 +86,14 @@ def _numbers(tags: list[_Tag]) -> Iterator[int]:
     counts: dict[str, int] = {}
     for tag in tags:
         if tag.name == "Piece":
-            counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.said.items() if _is_count(key)}
+            counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.attributes.items() if _is_count(key)}
             counts["CellData"] = sum(n for key, n in counts.items() if key != "Points")
-        elif tag.around and "type" in tag.said:  # whatever its name: VTK asks for the type alone
-            width = int(tag.said.get("NumberOfComponents", 1))
+        elif tag.around and "type" in tag.attributes:  # whatever its name: VTK asks for the type alone
+            width = int(tag.attributes.get("NumberOfComponents", 1))
             if width < 0:
                 raise DamagedFile(f"an array has {width} components")
             rows = counts.get(_ROWS.get(tag.around, tag.around), 0)
-            yield width * max(int(tag.said.get("NumberOfTuples", 0)), rows, 1)
+            yield width * max(int(tag.attributes.get("NumberOfTuples", 0)), rows, 1)
 
 
 def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) -> Iterator[int]:
@@ -118,9 +118,9 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
         return max(blocks * each, last)
 
     for tag in tags:  # VTK goes by the offset, meshio by the format
-        if "offset" in tag.said:
-            yield size(_appended(raw, tags[-1], tag.said["offset"]), tags[-1].said.get("encoding") == "raw")
-        if tag.said.get("format", "").lower() == "binary":
+        if "offset" in tag.attributes:
+            yield size(_appended(raw, tags[-1], tag.attributes["offset"]), tags[-1].attributes.get("encoding") == "raw")
+        if tag.attributes.get("format", "").lower() == "binary":
             yield size(_inline(raw, tag))
 
 
@@ -147,7 +147,7 @@ def _inline(raw: bytes, tag: _Tag) -> int:
 
 def _end(raw: bytes, tag: _Tag) -> int:
     """Where a tag ends before data: a bracket in an attribute would end it early for some readers."""
-    for key, value in tag.said.items():
+    for key, value in tag.attributes.items():
         if ">" in value:
             raise DamagedFile(f"its {tag.name} before data has a > in {key}")
     return raw.index(b">", tag.at) + 1

@@ -129,10 +129,10 @@ def write_dataset(
         for key, columns in COLUMNS.items():
             _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
         _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
-        said = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
+        content = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
         write_summary(
             measures,
-            said,
+            content,
             anat / f"{place.name}{PROVENANCE}",
             page=folder / "report.html",
             cost=anat / f"{place.name}{COST}",
@@ -179,9 +179,9 @@ def read_subject(folder: str | Path) -> list[Measures]:
             "bids` wrote."
         )
     path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
-    said = read_json(path, Summary, CURE)
-    tables = read_tables(said, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
-    return [read_hemisphere(entry, tables, anat, stem) for entry in entries_of(said)]
+    content = read_json(path, Summary, CURE)
+    tables = read_tables(content, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
+    return [read_hemisphere(entry, tables, anat, stem) for entry in entries_of(content)]
 
 
 def subject_place(dataset: Path, name: str) -> Path:
@@ -209,9 +209,9 @@ def refuse_other_dataset(dataset: Path) -> None:
 
 
 def _ours(dataset: Path) -> bool:
-    said = _json(dataset / "dataset_description.json")
-    makers = said.get("GeneratedBy")
-    return isinstance(makers, list) and any(map(_is_us, makers)) and said.get("DatasetType") == "derivative"
+    content = _json(dataset / "dataset_description.json")
+    makers = content.get("GeneratedBy")
+    return isinstance(makers, list) and any(map(_is_us, makers)) and content.get("DatasetType") == "derivative"
 
 
 def _is_us(maker: Any) -> bool:
@@ -233,10 +233,10 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     me = {"Name": "morphofold", "Version": morphofold.__version__}
     path = dataset / "dataset_description.json"
     if _ours(dataset):
-        said = _json(path)
-        said["GeneratedBy"] = [*(maker for maker in said["GeneratedBy"] if not _is_us(maker)), me]
+        content = _json(path)
+        content["GeneratedBy"] = [*(maker for maker in content["GeneratedBy"] if not _is_us(maker)), me]
     else:
-        said = {
+        content = {
             "Name": "Cortical morphometry by morphofold",
             "BIDSVersion": "1.11.1",
             "DatasetType": "derivative",
@@ -249,15 +249,15 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     with atomic_file(ignored) as file:
         file.write_text("\n".join([*dict.fromkeys([*there, *IGNORED.splitlines(), *ignoring]), ""]), encoding="utf-8")
     with atomic_file(path) as file:
-        file.write_text(strict_json(said), encoding="utf-8")
+        file.write_text(strict_json(content), encoding="utf-8")
 
 
 def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
     """A table, and beside it what each of its columns holds."""
     write_table(path, columns, rows)
-    said: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     for key in dict.fromkeys([*columns, *(k for row in rows for k in row)]):
         label, unit = column_words(key)
-        said[key] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
-        said[key] |= {"Levels": LEVELS[key]} if key in LEVELS else {}
-    path.with_suffix(".json").write_text(strict_json(said), encoding="utf-8")
+        content[key] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
+        content[key] |= {"Levels": LEVELS[key]} if key in LEVELS else {}
+    path.with_suffix(".json").write_text(strict_json(content), encoding="utf-8")

@@ -48,9 +48,9 @@ class HemisphereFiles:
     def file(self, end: str) -> Path:
         return self.anat / f"{self.subject}_hemi-{SIDES[self.hemi]}_{end}"
 
-    def say(self, end: str, **said: Any) -> None:
+    def say(self, end: str, **fields: Any) -> None:
         """Write the JSON file beside a map or the like."""
-        self.file(f"{end}.json").write_text(strict_json(said), encoding="utf-8")
+        self.file(f"{end}.json").write_text(strict_json(fields), encoding="utf-8")
 
 
 def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
@@ -185,9 +185,9 @@ def _joined(name: str) -> str:
 # maps and regions -------------------------------------------------------------------------------------------
 
 
-def _write_map(place: HemisphereFiles, end: str, values: PerVertex, **said: Any) -> None:
+def _write_map(place: HemisphereFiles, end: str, values: PerVertex, **fields: Any) -> None:
     write_gifti_map(place.file(f"{end}.shape.gii"), values, name=end, nan=np.nan, hemi=place.hemi)
-    place.say(end, **said)
+    place.say(end, **fields)
 
 
 def _read_map(place: HemisphereFiles, name: str, n: int) -> PerVertex:

@@ -129,10 +129,10 @@ def write_analysis(
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
-        said = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
+        content = {**summary_of(measures, records, parameters, failed or {}), "written": digests(folder)}
         write_summary(
             measures,
-            said,
+            content,
             folder / "summary.json",
             page=folder / "report.html",
             cost=folder / "cost.json",

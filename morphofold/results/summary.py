@@ -183,7 +183,7 @@ def summary_of(
     parameters: Mapping[str, Any] | None,
     failed: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What summary.json holds: where the numbers come from, the scalars, what is said of them, and what failed."""
+    """What summary.json holds: where the numbers come from, the scalars, what is content of them, and what failed."""
     import morphofold
 
     return {
@@ -199,7 +199,7 @@ def summary_of(
 
 def write_summary(
     measures: Sequence[Measures],
-    said: Mapping[str, Any],
+    content: Mapping[str, Any],
     path: Path,
     *,
     page: Path,
@@ -209,10 +209,10 @@ def write_summary(
     clock: Stages | None,
 ) -> None:
     """The last files of an analysis: its summary, the page if one is drawn, the cost if a clock went along."""
-    path.write_text(strict_json(said), encoding="utf-8")
+    path.write_text(strict_json(content), encoding="utf-8")
     if report:
         grown = [Measures(cortex, {}, {}) for cortex in stages]
-        report(measures, page, failed=said["failed"], inputs=said["inputs"], stages=grown, clock=clock)
+        report(measures, page, failed=content["failed"], inputs=content["inputs"], stages=grown, clock=clock)
     if clock is not None:
         cost.write_text(strict_json(cost_of_analysis(measures, clock).as_dict()), encoding="utf-8")
 

@@ -143,8 +143,10 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         counts[block.type] = counts.get(block.type, 0) + len(block.data)
     others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *BESIDE) and n}
     if others or not counts.get("tetra"):
-        told = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
-        raise WrongFile(f"{name}: needs linear tetrahedra (tetra) and holds {told}; split or mesh it anew into them.")
+        listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
+        raise WrongFile(
+            f"{name}: needs linear tetrahedra (tetra) and holds {listing}; split or mesh it anew into them."
+        )
     tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
         raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, at most {MOST_BRICKS:,} fit; coarsen the mesh.")
@@ -183,10 +185,10 @@ def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
     cortex = values == geometry.cortex_label
     if cortex.all() or not cortex.any():
         kinds, n = np.unique(values, return_counts=True)
-        told = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
+        listing = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
         raise NoCortex(
             f"{name}: needs tetrahedra of {label} = {geometry.cortex_label} (geometry.cortex_label) and others, the "
-            f"core; there are {told}."
+            f"core; there are {listing}."
         )
     return cortex
 

@@ -62,16 +62,16 @@ def blamed(
     else the last. ``still`` tells the problems that fewer settings have.
     """
     loc = _plain(problem["loc"])
-    own = [said for key, said in settings if _parts(key) == loc[: len(_parts(key))]]
+    own = [given for key, given in settings if _parts(key) == loc[: len(_parts(key))]]
     if own:
         return own[-1]
     cures, changes = {}, {}
-    for key, said in settings:
+    for key, given in settings:
         left = [p for p in still([s for s in settings if s[0] != key]) if _same(p, problem)]
         if not left:
-            cures[key] = said
+            cures[key] = given
         elif all(p["msg"] != problem["msg"] for p in left):
-            changes[key] = said
+            changes[key] = given
     for found in (cures, changes):
         if found:
             words = [word.strip(".,:;()") for word in problem["msg"].split()]

@@ -49,20 +49,20 @@ class Folds(NamedTuple):
     seconds: float
 
 
-def grown(setting: Setting, kept: Path, tell: Progress = silent) -> dict[float, Folds]:
+def grown(setting: Setting, kept: Path, show: Progress = silent) -> dict[float, Folds]:
     """Folds at each of ``STAGES``, grown now or read from the file ``kept`` (.npz), where they are then."""
     if not kept.exists():
-        arrays = _grow(setting, tell)
+        arrays = _grow(setting, show)
         with atomic_file(kept) as temporary, temporary.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
     with decoding(kept, "folds of a study", ANEW), np.load(existing_file(kept, "file of folds")) as arrays:
         return {g: _folds(arrays, g) for g in STAGES}
 
 
-def _grow(setting: Setting, tell: Progress) -> dict[str, Array]:
+def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
     run = setting.dynamics(folds=True)
     body, final = run.body, STAGES[-1]
-    after = lambda state: tell((state.growth - 1) / (final - 1), f"{setting.words}, g {state.growth:.2f}")
+    after = lambda state: show((state.growth - 1) / (final - 1), f"{setting.words}, g {state.growth:.2f}")
     sphere = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
     arrays: dict[str, Any] = {}
     seconds = 0.0

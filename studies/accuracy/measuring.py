@@ -162,8 +162,8 @@ def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple
     try:
         return timed(work)
     except Exception as error:  # whatever another package may raise
-        said = str(error).splitlines()[0] if str(error) else "no reason given"
-        about["setting"] += f": failed, {type(error).__name__}: {said}"
+        reason = str(error).splitlines()[0] if str(error) else "no reason given"
+        about["setting"] += f": failed, {type(error).__name__}: {reason}"
         return None, NEVER
 
 

@@ -180,8 +180,8 @@ def _logarithmic(ax: Axes) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     ax.set(xscale="log", yscale="log")
-    told = FuncFormatter(lambda s, _: f"{s:g}"), FuncFormatter(lambda e, _: f"{100 * e:g} %")
-    for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), told, (ax.get_xlim(), ax.get_ylim())):
+    formats = FuncFormatter(lambda s, _: f"{s:g}"), FuncFormatter(lambda e, _: f"{100 * e:g} %")
+    for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), formats, (ax.get_xlim(), ax.get_ylim())):
         axis.set_major_formatter(words)
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         axis.set_minor_formatter(words if math.log10(high / low) < 2.3 else FuncFormatter(lambda *_: ""))

@@ -144,9 +144,9 @@ def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
             person = found.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
             person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
     for person in found.values():
-        told, person["quantities"] = person["quantities"], {}
-        for name in (name for name in MEASURED if "standard" in told.get(name, {})):
-            errors = [told[name].get(preset, told[name]["standard"]) for preset in PRESETS]
+        whole, person["quantities"] = person["quantities"], {}
+        for name in (name for name in MEASURED if "standard" in whole.get(name, {})):
+            errors = [whole[name].get(preset, whole[name]["standard"]) for preset in PRESETS]
             largest = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
-            person["quantities"][name] = {"against": told[name]["against"], **largest}
+            person["quantities"][name] = {"against": whole[name]["against"], **largest}
     return list(found.values())

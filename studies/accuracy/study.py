@@ -78,9 +78,9 @@ def _digest_of_code() -> str:
 
 def _processor() -> str:
     """Model of the processor, as the system calls it."""
-    told = Path("/proc/cpuinfo")
-    if told.exists():
-        for line in told.read_text(encoding="utf-8", errors="replace").splitlines():
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
@@ -113,22 +113,22 @@ class Kept:
             raise DamagedFile(f"{file}: {error}. {ANEW}") from None
 
 
-def all_points(halves: Sequence[str], kept: Kept, tell: Progress) -> list[Point]:
+def all_points(halves: Sequence[str], kept: Kept, show: Progress) -> list[Point]:
     """All points of the study, in the order of its cases."""
     work = {"measuring": _measuring, "solver": _solver}
     points: list[Point] = []
     done, whole = 0.0, sum(SHARES[half] for half in halves)
     for half in HALVES:
         if half in halves:
-            points += work[half](kept, part_of(tell, done / whole, SHARES[half] / whole))
+            points += work[half](kept, part_of(show, done / whole, SHARES[half] / whole))
             done += SHARES[half]
     return points
 
 
-def _measuring(kept: Kept, tell: Progress) -> Iterator[Point]:
+def _measuring(kept: Kept, show: Progress) -> Iterator[Point]:
     todo = measuring_cases()
     for k, case in enumerate(todo):
-        tell(k / len(todo), case.name)
+        show(k / len(todo), case.name)
         yield from kept.points(case)
 
 
@@ -139,14 +139,14 @@ def measuring_cases() -> list[Case]:
     return [*measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
 
 
-def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
+def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
     from morphofold.studies.accuracy.assembly import SIZES, assembly_points
     from morphofold.studies.accuracy.folds import fold_points, grown, pairs
     from morphofold.studies.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
 
     yield from kept.points(Case("theory", theory_points))
     for cells in SIZES:
-        tell(0.0, f"forces, {cells} cells")
+        show(0.0, f"forces, {cells} cells")
         yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
     settings = [s for along in axes().values() for s in along]
     folding = [s for s in settings if s.axis != PACED]
@@ -158,7 +158,7 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
     folds = {}
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        share = lambda part, words: tell((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
+        share = lambda part, words: show((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
         if name in without_contact:
             share(0.0, f"{s.words}, smooth")
             smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
@@ -170,7 +170,7 @@ def _solver(kept: Kept, tell: Progress) -> Iterator[Point]:
         yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
     compared = pairs(folding)
     for k, (s, better, against) in enumerate(compared):
-        tell(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
+        show(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
         work = partial(fold_points, s, folds[s.name], folds[better.name], against)
         yield from _of(s, kept.points(Case(f"folds-{s.name}-against-{better.name}", work)))
 

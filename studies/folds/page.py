@@ -158,7 +158,7 @@ def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = ["scene", "g", "GI", "gyri", "range", "sulci", "range", "wavelength, mm", "range"]
 
-    def told(row: Row, name: str, how: str) -> str:
+    def shown(row: Row, name: str, how: str) -> str:
         mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
         return "–" if mean is None else f"{how.format(mean)} ± {how.format(sd)}"
 
@@ -170,12 +170,12 @@ def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
         [
             row["scene"],
             number(row["growth"], "{:.2f}"),
-            told(row, "gyrification_index", "{:.3f}"),
-            told(row, "gyri", "{:.1f}"),
+            shown(row, "gyrification_index", "{:.3f}"),
+            shown(row, "gyri", "{:.1f}"),
             ends(row, "gyri", "{:.0f}"),
-            told(row, "sulci", "{:.1f}"),
+            shown(row, "sulci", "{:.1f}"),
             ends(row, "sulci", "{:.0f}"),
-            told(row, "wavelength_mm", "{:.2f}"),
+            shown(row, "wavelength_mm", "{:.2f}"),
             ends(row, "wavelength_mm", "{:.2f}"),
         ]
         for row in rows
@@ -217,23 +217,23 @@ def _padded(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
     asked = summary["parameters"]
     unfolded = sum(row["wavelength_mm"] is None for row in rows)
-    told = (
+    shown = (
         f"At level {asked['levels'][-1]}, seed {asked['seeds'][0]}; simulated: {asked['portion']}. Numbers are of the "
         "whole sphere, mirrored parts included."
     )
-    return told + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
+    return shown + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
 
 
 def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
     """A paragraph per pair of meshes."""
-    told = [
+    shown = [
         f"The outer radius is compared along {summary['parameters']['directions']:,} directions of the whole sphere, "
         "at its first hit from outside."
     ]
     for coarser, finer in dict.fromkeys((row["coarser"], row["finer"]) for row in rows):
         mine = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
         if not mine:
-            told.append(f"Between {coarser} and {finer} no stage is folded on both.")
+            shown.append(f"Between {coarser} and {finer} no stage is folded on both.")
             continue
         known = [row for row in mine if row["correlation"] is not None]
         worst = min(known, key=lambda row: row["correlation"])
@@ -241,14 +241,14 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
         alike = sum(row["correlation"] >= ALIKE for row in known)
         same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in mine)
         waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
-        told.append(
+        shown.append(
             f"Between **{coarser} and {finer}** it correlates at {ALIKE:g} or more in {alike} of {len(mine)} folded "
             f"stages, in the median at {np.median([row['correlation'] for row in known]):.3f}, at least at "
             f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
             f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}); the wavelength most by "
             f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
         )
-    return "\n\n".join(told)
+    return "\n\n".join(shown)
 
 
 def _where(row: Row) -> str:
@@ -260,27 +260,27 @@ def _signed(percent: float | None) -> str:
 
 
 def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
-    told = []
+    shown = []
     for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
         share = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
         if share:
             most, row = max(share, key=lambda pair: pair[0])
             middle = np.median([percent for percent, _ in share])
-            told.append(f"of {NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+            shown.append(f"of {NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     asked = summary["parameters"]
     seeds = listed([str(seed) for seed in asked["seeds"]])
     begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {seeds}"
-    return f"{begin}, {f'the standard deviation over the mean is {listed(told)}' if told else 'nothing is folded'}."
+    return f"{begin}, {f'the standard deviation over the mean is {listed(shown)}' if shown else 'nothing is folded'}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
     """A sentence per law: the slope of the wavelength on the finest mesh that has lines."""
-    told = ["Lines by least squares on the thickness T of the cortex before growth, through all seeds of a mesh."]
+    shown = ["Lines by least squares on the thickness T of the cortex before growth, through all seeds of a mesh."]
     for law in dict.fromkeys(row["law"] for row in rows):
         mine = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
         fitted = [row for row in mine if row["slope"] is not None]
         if not fitted:
-            told.append(f"With {law} growth not all three bodies are folded at any growth.")
+            shown.append(f"With {law} growth not all three bodies are folded at any growth.")
             continue
         last = fitted[-1]["level"]
         slopes = [
@@ -288,18 +288,18 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
             for row in fitted
             if row["level"] == last
         ]
-        told.append(
+        shown.append(
             f"With **{law}** growth the wavelength grows, per mm of T, by {listed(slopes)} mm (level {last}); the "
             f"first wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "
             f"{mine[0]['film_slope']:.2f}."
         )
-    return "\n\n".join(told)
+    return "\n\n".join(shown)
 
 
 def _runs(summary: Summary) -> str:
-    told = summary["simulations"]
-    healthy = sum(entry["healthy"] for entry in told)
-    return f"{healthy} of {len(told)} runs are healthy. Version {summary['morphofold']}."
+    shown = summary["simulations"]
+    healthy = sum(entry["healthy"] for entry in shown)
+    return f"{healthy} of {len(shown)} runs are healthy. Version {summary['morphofold']}."
 
 
 class Part(NamedTuple):

@@ -21,9 +21,9 @@ from morphofold.surface import Surface
 DIRECTIONS = 4_000
 HITS = 64  # room for the hits of a ray; one with more is cast again with as much as it needs
 
-#: numbers of which the spread over seeds is told
+#: numbers of which the spread over seeds is spread
 SPREAD = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
-#: numbers of which the slope on the cortical thickness is told
+#: numbers of which the slope on the cortical thickness is spread
 SLOPES = ("wavelength_mm", "gyral_thickness_mm")
 #: scenes of one growth law that differ in the thickness of the cortex alone: T = 1, 2 and 3 mm
 BY_THICKNESS = (
@@ -153,7 +153,7 @@ def slope_rows(rows: Sequence[Row]) -> list[Row]:
 def _slope(name: str, rows: Sequence[Row]) -> Row:
     """The line of one number through the bodies at one growth."""
     first = rows[0]
-    told: Row = {
+    spread: Row = {
         "law": first["law"],
         "mu_ratio": first["mu_ratio"],
         "number": name,
@@ -163,11 +163,11 @@ def _slope(name: str, rows: Sequence[Row]) -> Row:
         "thicknesses": len({row["thickness_mm"] for row in rows}),
     }
     whole = all(row[name] is not None for row in rows)
-    told |= _line_of("", rows, name if whole else None)
+    spread |= _line_of("", rows, name if whole else None)
     bodies = list({row["scene"]: row for row in rows}.values())
     for source in ("theory", "film"):
-        told |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
-    return told
+        spread |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
+    return spread
 
 
 def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from morphofold.studies.folds.statistics import (
 )
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
 from morphofold.studies.indexes import write_tables
-from morphofold.studies.paper.runs import Runs, told
+from morphofold.studies.paper.runs import Runs, entry
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0
@@ -200,7 +200,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
                 for g in simulation.stages
                 if g > 1
             }
-        simulations.append({**told(simulation), "seed": run.seed})
+        simulations.append({**entry(simulation), "seed": run.seed})
     return _write(study, folder, rows, radii, simulations)
 
 
@@ -246,7 +246,7 @@ def _write(
         **write_tables(folder, tables),
         "columns": {**COLUMNS, **MORE_COLUMNS},
         "lengths": "mm; only ratios matter",
-        "warnings": [f"{told['folder'].rpartition('/')[2]}: {w}" for told in simulations for w in told["warnings"]],
+        "warnings": [f"{entry['folder'].rpartition('/')[2]}: {w}" for entry in simulations for w in entry["warnings"]],
         "simulations": list(simulations),
     }
     (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")

@@ -41,7 +41,7 @@ def refusals() -> str:
 
 def warnings() -> str:
     """A row for each warning about surfaces."""
-    return table(("code", "cause", "cure"), [(f"`{code}`", *said) for code, said in WARNINGS.items()])
+    return table(("code", "cause", "cure"), [(f"`{code}`", *texts) for code, texts in WARNINGS.items()])
 
 
 def health() -> str:

@@ -27,7 +27,7 @@ from morphofold.report.pictures.png import png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.paper.folds import grown
-from morphofold.studies.paper.runs import Runs, told
+from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
 from morphofold.tables import write_table
 
@@ -75,7 +75,7 @@ def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
         "files": ["fig8a.png", "fig8b.png", "fig8.tsv"],
         "columns": COLUMNS,
         "parameters": PARAMETERS,
-        "simulations": [told(simulation) for simulation in simulations],
+        "simulations": [run_record(simulation) for simulation in simulations],
     }
 
 
@@ -102,7 +102,7 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
             "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions",
         },
         "parameters": PARAMETERS,
-        "simulations": [told(simulation) for simulation in simulations],
+        "simulations": [run_record(simulation) for simulation in simulations],
     }
 
 

@@ -15,7 +15,7 @@ from morphofold.report.pictures.png import png_bytes
 from morphofold.sim.run import Simulation
 from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
-from morphofold.studies.paper.runs import Runs, told
+from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.tables import write_table
 
 #: growths at which every fold is written; 1 is the reference of displacement and height
@@ -109,5 +109,5 @@ def _write(
         "files": [f"{name}.png", f"{name}.tsv"],
         "columns": COLUMNS,
         "limits": f"one scale, with a ruler; colours of a row from 0 to {highest} mm",
-        "simulations": [told(simulation) for simulation in simulations],
+        "simulations": [run_record(simulation) for simulation in simulations],
     }

@@ -25,8 +25,12 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         What summary.json says.
     """
     figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
-    grown = {told["folder"]: told for entry in index["figures"].values() for told in entry.get("simulations", ())}
-    whole = sum(told["seconds"] for told in grown.values()) + sum(
+    grown = {
+        grown_run["folder"]: grown_run
+        for entry in index["figures"].values()
+        for grown_run in entry.get("simulations", ())
+    }
+    whole = sum(grown_run["seconds"] for grown_run in grown.values()) + sum(
         entry.get("seconds", 0.0) for entry in index["figures"].values()
     )
     return write_page(
@@ -36,7 +40,7 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         version=index["morphofold"],
         lengths=index["lengths"],
         whole=duration(whole),
-        grown=duration(sum(told["seconds"] for told in grown.values())),
+        grown=duration(sum(grown_run["seconds"] for grown_run in grown.values())),
         count=len(grown),
     )
 
@@ -56,8 +60,8 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
         "files": [file for file in entry["files"] if file.endswith(".tsv")],
         "took": duration(entry["seconds"]) if "seconds" in entry else None,
         "simulations": [
-            {**told, "name": told["folder"].rpartition("/")[2], "took": duration(told["seconds"])}
-            for told in simulations
+            {**grown_run, "name": grown_run["folder"].rpartition("/")[2], "took": duration(grown_run["seconds"])}
+            for grown_run in simulations
         ],
     }
 

@@ -25,7 +25,7 @@ class Runs(Protocol):
         """Someone who is told the share done, 0 to 1, and a few words, of the work that ``words`` name."""
 
 
-def told(simulation: Simulation) -> dict[str, Any]:
+def run_record(simulation: Simulation) -> dict[str, Any]:
     """What an index says of a simulation: where it lies, size, time, health."""
     health = simulation.health
     return {

@@ -23,7 +23,7 @@ from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.studies.folds.tables import FOLDED
 from morphofold.studies.markdown import read_rows
-from morphofold.studies.paper.runs import Runs, told
+from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.surface import Surface
 from morphofold.tables import write_table
 
@@ -245,7 +245,7 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
             "over_1d": "relative difference from finite elements in one dimension at the same kappa_ratio",
             "folded": "1: the sphere is folded, c is the mean over its surface before growth",
         },
-        "simulations": [told(simulation) for simulation in (*radial, solid)],
+        "simulations": [run_record(simulation) for simulation in (*radial, solid)],
     }
 
 

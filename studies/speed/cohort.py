@@ -74,7 +74,7 @@ class Load:
         return {**asdict(self), "overhead": self.overhead}
 
 
-def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lambda share: None) -> list[Path]:
+def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda share: None) -> list[Path]:
     """``count`` made-up left hemispheres of FreeSurfer's shape, each of another size; those that are there stay."""
     shape = bumpy_sphere(LEVEL, radius=40.0)
     inner = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
@@ -92,7 +92,7 @@ def write_subjects(folder: Path, count: int, tell: Callable[[float], None] = lam
         for name, verts in (("white", inner), ("pial", shape.verts)):
             write_surface(place / "surf" / f"lh.{name}", Surface((verts * size).astype(np.float32), shape.faces))
         write_annotation(place / "label" / "lh.aparc.annot", regions)
-        tell((i + 1) / count)
+        show((i + 1) / count)
     return found
 
 

@@ -84,8 +84,8 @@ def whole_run(folder: Path) -> Row:
     with _understood(file):
         _text(file, cure)
         scene = load_scene(folder / "scene.toml")
-        told = Simulation(folder, scene).health
-        seconds, elements, phases = float(told["seconds"]), told.get("elements"), dict(told["seconds_by_phase"])
+        record = Simulation(folder, scene).health
+        seconds, elements, phases = float(record["seconds"]), record.get("elements"), dict(record["seconds_by_phase"])
         if not 0 < seconds < math.inf:
             raise DamagedFile(f"{file}: a run of {seconds:g} s has no speed. {cure}")
         shares = {phase: spent / seconds for phase, spent in phases.items()}
@@ -96,16 +96,16 @@ def whole_run(folder: Path) -> Row:
             "portion": getattr(scene.geometry, "portion", None),
             "kind": None if elements is None else "tets" if scene.geometry.shape == "mesh" else "bricks",
             "elements": elements,
-            "steps": told["steps"] if elements else None,
+            "steps": record["steps"] if elements else None,
             "seconds": seconds,
-            "threads": told.get("threads"),
-            "millions": elements * told["steps"] / seconds / 1e6 if elements else None,
+            "threads": record.get("threads"),
+            "millions": elements * record["steps"] / seconds / 1e6 if elements else None,
             "shares": shares,
-            "memory": told.get("peak_memory_GiB"),
-            "healthy": told["healthy"],
+            "memory": record.get("peak_memory_GiB"),
+            "healthy": record["healthy"],
         }
-        steps = [stage["step"] for stage in told["stages"]]
-        called = "contact" in told["effects"]
+        steps = [stage["step"] for stage in record["stages"]]
+        called = "contact" in record["effects"]
     log = folder / "log.jsonl"
     with _understood(log):
         lines = [json.loads(line) for line in _text(log, cure).splitlines()]

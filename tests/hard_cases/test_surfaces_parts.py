@@ -190,7 +190,7 @@ def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds
 
 
 def numbers_only(patch):
-    patch.setattr(analyze, "_said", lambda value, form, unit="": f"{value:{form}}{unit}")
+    patch.setattr(analyze, "_formatted", lambda value, form, unit="": f"{value:{form}}{unit}")
 
 
 @hard_case(

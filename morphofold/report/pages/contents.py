@@ -154,12 +154,12 @@ def warnings(entries: Sequence[Entry]) -> list[str]:
 
 def cautions(entries: Sequence[Entry]) -> list[str]:
     """Which surfaces are no person's or were not marked out."""
-    told: dict[str, list[str]] = {}
+    notes_by_text: dict[str, list[str]] = {}
     for key in OF_INPUT:
         for e in entries:
-            if said := e.measures.notes.get(key):
-                told.setdefault(said, []).append(e.name)
-    return [f"{', '.join(names)}: {said}" for said, names in told.items()]
+            if sentences := e.measures.notes.get(key):
+                notes_by_text.setdefault(sentences, []).append(e.name)
+    return [f"{', '.join(names)}: {sentences}" for sentences, names in notes_by_text.items()]
 
 
 def _silent(m: Measures, key: str) -> bool:
@@ -188,22 +188,22 @@ def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) ->
 
 def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> list[str]:
     """What a reader should know about the surfaces as drawn; ``shown`` is what ``pack`` says of each."""
-    said = []
+    sentences = []
     for e, meta in zip(entries, shown):
         cortex = e.measures.cortex
         if meta["thinned"]:
             drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
-            said.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
+            sentences.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
         if cortex.portion != 1:
             part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
             share = f"{part} of the closed surface of {e.name}"
-            said.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
+            sentences.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
         label = cortex_label(cortex)[0]
         if not label.all():
             out = number(int((~label).sum()))
-            said.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
-        said += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
-    return said
+            sentences.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
+        sentences += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
+    return sentences
 
 
 def tables(entries: Sequence[Entry]) -> Rows:

@@ -50,7 +50,7 @@ def _of_run(name: str, cost: Cost) -> dict[str, Any]:
     ]
     return {
         "title": f"The simulation of {name}",
-        "said": _said(cost, parts),
+        "sentence": _sentence(cost, parts),
         "what": "Phase or effect",
         "times": times,
         "errors": errors,
@@ -65,7 +65,7 @@ def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
     how = f"Errors: {cost.how}."
     return {
         "title": "The measuring",
-        "said": _said(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
+        "sentence": _sentence(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
         "what": "Stage",
         "times": _times(cost.stages, STAGES),
         "errors": errors,
@@ -74,7 +74,7 @@ def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
     }
 
 
-def _said(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
+def _sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
     threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
     parts = [f"{span(cost.seconds)}{threads}, compiling left out", *parts]
     if cost.memory_GiB is not None:
@@ -91,11 +91,11 @@ def _beside(expected: Expected) -> str:
     return f"; other settings change it by {percent(expected.other)}" if expected.other else ""
 
 
-def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
+def _add_estimate(entry: dict[str, Any], estimate: Estimate | None) -> None:
     """Errors from a coarser run below those of the table, what the pace changes, and what they leave open."""
     if estimate is not None:
-        said["errors"] = [
-            *said["errors"],
+        entry["errors"] = [
+            *entry["errors"],
             *(
                 (
                     called(name),
@@ -111,4 +111,4 @@ def _add_estimate(said: dict[str, Any], estimate: Estimate | None) -> None:
                 for name, change in (estimate.pace or {}).items()
             ),
         ]
-        said["doubts"] = (*said["doubts"], *estimate.doubts)
+        entry["doubts"] = (*entry["doubts"], *estimate.doubts)

@@ -102,8 +102,10 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     scalars = measures_of(group)
     spread, sides, far = distributions(scalars), asymmetry(scalars), outliers(group.subjects, scalars)
     write_statistics(folder, spread, sides, far.found)
-    told = [{"subject": name, "remark": said} for name, remarks in group.remarks.items() for said in remarks]
-    write_table(folder / "remarks.tsv", ("subject", "remark"), told)
+    remark_rows = [
+        {"subject": name, "remark": sentences} for name, remarks in group.remarks.items() for sentences in remarks
+    ]
+    write_table(folder / "remarks.tsv", ("subject", "remark"), remark_rows)
     progress(0.3, "charts")
     there = [side for k, side in enumerate(BOTH) if known(group.scalars)[:, k].any()]
     charts = {name: chart for name in scalars if (chart := _chart(name, scalars[name], there))}
@@ -115,13 +117,13 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     )
     progress(0.9, "page")
     lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
-    said, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
+    sentences, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     path = write_page(
         folder / "report.html",
         "group.html",
         ["tables.js"],
         title=f"A group of {plural(len(group.subjects), 'subject')}",
-        told=told_number,
+        remark_rows=told_number,
         percent=percent,
         beside=beside,
         p_told=p_told,
@@ -155,7 +157,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         most_remarks=REMARKS,
         same=group.same[:REMARKS],
         n_same=len(group.same),
-        methods=said,
+        methods=sentences,
         references=references,
         files=FILES,
         renderer=renderer(),
@@ -181,40 +183,42 @@ def verdict(group: Group) -> str:
     """How many subjects and hemispheres of how many were measured."""
     there = known(group.scalars)
     some, n = int(there.any(axis=1).sum()), len(group.subjects)
-    said = f"{number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
+    sentences = f"{number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
     if not some:
-        return f"{said}: none could be measured."
+        return f"{sentences}: none could be measured."
     both = int(there.all(axis=1).sum())
     parts = [f"{number(both)} with both sides"] if both else []
     for k, side in enumerate(("left", "right")):
         if only := int((there[:, k] & ~there[:, 1 - k]).sum()):
             parts.append(f"{number(only)} with the {side} one alone")
-    said = f"{said}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
+    sentences = f"{sentences}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
     if group.simulated:
         simulated = number(group.simulated)
-        said += f" {simulated} of these are simulated: they have no side, and stand where their files do."
-    return said
+        sentences += f" {simulated} of these are simulated: they have no side, and stand where their files do."
+    return sentences
 
 
 def warnings(group: Group) -> list[Markup]:
     """What is to be known before the numbers are relied on, with links to where it is said in full."""
-    said = []
+    sentences = []
     if group.failures:
         who = len({row["subject"] for row in group.failures})
         link = Markup('<a href="#failed">why</a>')
-        said.append(Markup("{} could not be measured, in whole or in part: {}.").format(plural(who, "subject"), link))
+        sentences.append(
+            Markup("{} could not be measured, in whole or in part: {}.").format(plural(who, "subject"), link)
+        )
     if group.same:
         link = Markup('<a href="#same">which</a>')
         count = sum(map(len, group.same))
-        said.append(
+        sentences.append(
             Markup("{} have the same surfaces as another one, and count as often as they are named: {}.").format(
                 plural(count, "subject"), link
             )
         )
     if group.pooling.counts:
         link = Markup('<a href="#unlike">what that leaves out</a>')
-        said.append(Markup("{} Statistics are of those alike: {}.").format(group.pooling.said[0], link))
-    return said
+        sentences.append(Markup("{} Statistics are of those alike: {}.").format(group.pooling.sentences[0], link))
+    return sentences
 
 
 def unlike(group: Group) -> list[dict[str, Any]]:
@@ -225,25 +229,25 @@ def unlike(group: Group) -> list[dict[str, Any]]:
 
 def outlying(far: Outliers, subjects: int) -> list[str]:
     """What was looked for, and what would have been found by chance."""
-    said = []
+    sentences = []
     if far.looked_at or far.found:
-        said.append(
+        sentences.append(
             f"Far from the median of their side: {plural(len(far.found), 'value')} of {plural(subjects, 'subject')}."
         )
     if far.looked_at:
         chance = number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
-        said.append(
+        sentences.append(
             f"Of the {number(far.looked_at)} values looked at, {chance} would lie so far out if all were "
             "normally distributed."
         )
     if far.too_few:
         who = "Nothing was looked for" if not (far.looked_at or far.found) else f"Left out: {_listed(far.too_few)}"
-        said.append(f"{who}: fewer than {FEWEST} values, which say too little of what is usual.")
+        sentences.append(f"{who}: fewer than {FEWEST} values, which say too little of what is usual.")
     if far.divided:
-        said.append(
+        sentences.append(
             f"Left out: {_listed(far.divided)}: half of the values and more are alike, but more than a quarter differ."
         )
-    return said
+    return sentences
 
 
 def _listed(pairs: Sequence[tuple[str, str]]) -> str:
@@ -272,25 +276,25 @@ def sided(sides: Sequence[Asymmetry]) -> str:
 def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()) -> tuple[str, list[str]]:
     """A paragraph for a paper, and the references that it cites, of what the page has: ``sides`` against each other,
     values ``far`` out, and lines through ``clouds`` of gyral against cortical thickness."""
-    said = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
+    sentences = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
     if sides:
-        said.append(
+        sentences.append(
             "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides, given with its mean, a 95 % interval "
             "by Student's t and the paired effect size d_z, mean over standard deviation; t-tests against 0 were "
             "corrected over all measures (Holm 1979)."
         )
     if far:
-        said.append(
+        sentences.append(
             "Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
             f"deviation of their measure and side, is above {OUTLIER_Z:g} in size (Iglewicz and Hoaglin 1993)."
         )
     if clouds:
         through = " and through ".join(clouds)
-        said.append(
+        sentences.append(
             f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
             "(after Razavi et al. 2015)."
         )
-    return cited(said)
+    return cited(sentences)
 
 
 # --- numbers
@@ -379,11 +383,11 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     series = [(side, shown[:, HEMIS.index(side.hemi)], np.ones(len(values))) for side in there]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
-    told = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
-    told = told if len(set(numbers)) > 1 else []  # else the caption below all charts says it
-    told += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
-    if chart is not None and told:
-        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(told))
+    remark_rows = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
+    remark_rows = remark_rows if len(set(numbers)) > 1 else []  # else the caption below all charts says it
+    remark_rows += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
+    if chart is not None and remark_rows:
+        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(remark_rows))
     return chart
 
 
@@ -404,13 +408,13 @@ def are_alike(values: NDArray[np.float64]) -> bool:
 
 def alike(scalars: Scalars) -> list[str]:
     """Measures that are the same of all subjects and sides, of which there is nothing to draw, and their value."""
-    said = []
+    sentences = []
     for name, values in scalars.items():
         known = values[np.isfinite(values)]
         if known.size >= FEWEST_DRAWN and are_alike(known):
             label, unit = scalar_words(name)
-            said.append(f"{label} {told_number(name, float(np.median(known)))} {unit}".strip())
-    return said
+            sentences.append(f"{label} {told_number(name, float(np.median(known)))} {unit}".strip())
+    return sentences
 
 
 def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:

@@ -33,36 +33,36 @@ def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[st
 
     ``theory``: whether the page has a line of linear theory.
     """
-    said = [*_grown(entries), *measured([e.measures for e in entries], version)]
+    sentences = [*_grown(entries), *measured([e.measures for e in entries], version)]
     if any(e.folding is not None for e in entries):
-        said.append(
+        sentences.append(
             "The law of folding, total area times the root of thickness over exposed area to the power 5/4 (Mota and "
             "Herculano-Houzel 2015), takes the convex hull as exposed."
         )
     if theory:
-        said.append("The wavelength of first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
-    return cited(said)
+        sentences.append("The wavelength of first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
+    return cited(sentences)
 
 
-def cited(said: Sequence[str]) -> tuple[str, list[str]]:
+def cited(sentences: Sequence[str]) -> tuple[str, list[str]]:
     """Sentences as one paragraph, and the references that it cites."""
-    text = " ".join(said)
+    text = " ".join(sentences)
     return text, [work for name, work in REFERENCES.items() if name in text]
 
 
 def _grown(entries: Sequence[Entry]) -> list[str]:
     """A sentence on each simulated cortex."""
-    said = []
+    sentences = []
     for e in entries:
         info = e.measures.cortex.info
         material = str(info.get("material", "neo-hookean"))
         if e.measures.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
-            said.append(
+            sentences.append(
                 f"{e.name} was grown by finite elements: a {_MATERIALS.get(material, material)} cortex, "
                 f"{number(float(info['mu_ratio']))} times as stiff as its core, with {info['law']} growth to a stretch "
                 f"of {number(float(info['g']))} (after Razavi et al. 2015)."
             )
-    return said
+    return sentences
 
 
 def measured(measures: Sequence[Measures], version: str) -> list[str]:
@@ -93,7 +93,7 @@ def measured(measures: Sequence[Measures], version: str) -> list[str]:
 
 def _copied(measures: Sequence[Measures]) -> list[str]:
     """Which surfaces were measured on a copy with more or fewer vertices, and which in coarser or finer voxels."""
-    said = []
+    sentences = []
     for kind, how in (("draft", "thinned"), ("fine", "finer")):
         counts = sorted(
             {
@@ -104,12 +104,12 @@ def _copied(measures: Sequence[Measures]) -> list[str]:
         )
         if counts:
             sizes = " or ".join(f"{n:,}" for n in counts)
-            said.append(
+            sentences.append(
                 f"Cortical and gyral thickness and the gyral net were measured on {how} copies of the surfaces with "
                 f"{sizes} vertices."
             )
     usual = 1.25
     voxels = {float(m.parameters.get("local_gyrification_voxel_mm", usual)) for m in measures}
     if voxels - {usual}:
-        said.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
-    return said
+        sentences.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
+    return sentences

@@ -213,10 +213,10 @@ def _entries(
     entries = []
     for k, ((name, m), cloud) in enumerate(zip(named.items(), clouds)):
         group = held.get(name, "")
-        told = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
+        group_label = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one comes again
         grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
-        entries.append(Entry(name, m, colours[name], marker, dash, cloud, told, grown))
+        entries.append(Entry(name, m, colours[name], marker, dash, cloud, group_label, grown))
     return entries
 
 

@@ -253,14 +253,14 @@ def _known(phases: Phases) -> bool:
 def theory_words(phases: Phases) -> list[str]:
     """What the theory assumes, and where it says nothing."""
     found = list(phases.theory.values())
-    said = []
+    sentences = []
     if _known(phases):
-        said.append(
+        sentences.append(
             "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core, around a "
             "hole whose wall is held, both of the energy of the simulation, the core not growing. Critical growth is "
             "the least at which any wave grows; its wavelength is that of this wave on the sphere as it is by then."
         )
-        said.append(
+        sentences.append(
             "It says when a smooth sphere can no longer stay smooth, and nothing of the folds that follow. The "
             "wavelength that is measured is that of the folds at final growth, the way along the surface, down into "
             "the sulcus and up again: deep folds have a longer one than the wrinkles that they began as. An imperfect "
@@ -268,15 +268,17 @@ def theory_words(phases: Phases) -> list[str]:
         )
     shapes = {point.scene.geometry.shape for point in phases.grid.points}
     if "radial" in shapes:
-        said.append("A radial scene has one dimension and stays a sphere: it does not fold where theory says it would.")
+        sentences.append(
+            "A radial scene has one dimension and stays a sphere: it does not fold where theory says it would."
+        )
     nothing: dict[str, int] = {}
     for one in found:
         if math.isnan(one.g_crit):
             nothing[one.reason] = nothing.get(one.reason, 0) + 1
     for reason, count in sorted(nothing.items()):
         where = "" if count == len(found) else f" at {count} of {len(found)} points"
-        said.append(f"Theory says nothing here{where}: {reason or 'no wave was found to grow'}.")
-    return said
+        sentences.append(f"Theory says nothing here{where}: {reason or 'no wave was found to grow'}.")
+    return sentences
 
 
 def verdict(phases: Phases) -> str:
@@ -295,15 +297,15 @@ def verdict(phases: Phases) -> str:
 
 def missing(phases: Phases) -> list[str]:
     """How many runs lack which of the measures that are shown, and what one of them says of it."""
-    said = []
+    sentences = []
     done = [run for run in phases.runs if not run.reason]
     for shown in shown_of(phases):
         without = [run for run in done if shown.key not in run.measures]
         if without:
             why = without[0].notes.get(shown.key, "")
             example = f" {without[0].point.name} says: {why.rstrip('.')}." if why else ""
-            said.append(f"{shown.label}: {len(without)} of {len(done)} runs have none.{example}")
-    return said
+            sentences.append(f"{shown.label}: {len(without)} of {len(done)} runs have none.{example}")
+    return sentences
 
 
 def _levels(phases: Phases) -> str:

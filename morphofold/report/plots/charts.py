@@ -56,12 +56,12 @@ class _Chart:
     ax: Axes
     size: tuple[float, float]
     title: str
-    said: list[str] = field(default_factory=list)
+    titles: list[str] = field(default_factory=list)
 
     def reads(self, words: str) -> str:
         """The address that a mark is given for the pointer to read some words on it."""
-        self.said.append(words)
-        return f"{len(self.said) - 1}"
+        self.titles.append(words)
+        return f"{len(self.titles) - 1}"
 
     def line(self, x: Any, y: Any, kind: str, words: str | None = None, **style: Any) -> None:
         """A line, or marks where the style has a marker."""
@@ -92,7 +92,7 @@ class _Chart:
         drawn = drawn.replace('<g id="', '<g class="')  # alike in all charts
         drawn = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
-            lambda mark: f"<g><title>{escape(self.said[int(mark[1])])}</title>{mark[2]}</g>",
+            lambda mark: f"<g><title>{escape(self.titles[int(mark[1])])}</title>{mark[2]}</g>",
             drawn,
             flags=re.DOTALL,
         )

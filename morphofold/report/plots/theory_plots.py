@@ -297,9 +297,9 @@ def _legend_of_cases(
 
 def _say(figure: Figure, **parameters: float) -> None:
     """A line above all panels of what differs from the paper's sphere."""
-    said = [PAPER[name][1].format(value) for name, value in parameters.items() if value != PAPER[name][0]]
-    if said:
-        figure.suptitle(", ".join(said), x=0.02, ha="left", fontsize=11)
+    parts = [PAPER[name][1].format(value) for name, value in parameters.items() if value != PAPER[name][0]]
+    if parts:
+        figure.suptitle(", ".join(parts), x=0.02, ha="left", fontsize=11)
 
 
 def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
