@@ -117,8 +117,8 @@ def region_table(
             row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):
             row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
-        if len(known := _known(maps.get("thickness_file"), at)):
-            row.update(thickness_file_mm=float(known.mean()))
+        if len(from_file := _known(maps.get("thickness_file"), at)):
+            row.update(thickness_file_mm=float(from_file.mean()))
         if np.isfinite(across):
             row.update(gyral_thickness_mm=across)
         rows.append(row)

@@ -95,4 +95,4 @@ def test_the_options_that_would_measure_all_alike_are_said():
         way(folding_scale_mm=3.912, graph_width_mm=8.0),
         way(graph_width_mm=9.0),
     )
-    assert "--curvature-scale 3.91 --gyral-width 8.5" in found.said[1]
+    assert "--curvature-scale 3.91 --gyral-width 8.5" in found.sentences[1]

@@ -150,7 +150,7 @@ def run_cohort(
             with progress("group ", args.quiet) as show:
                 found = write_group(out, places, outcomes, report=group_report, progress=show)
             told_unlike(found, args.quiet)
-            more["remarks"] = found.pooling.answer
+            more["remarks"] = found.pooling.sentences
     page = out / "group" / "report.html" if group else out
     return ended(outcomes, "subject", page, as_json=args.json, **more)
 
@@ -194,7 +194,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
         answer = {"subjects": len(results), "with_results": group.measured, "failures": who}
-        print_json({**answer, "remarks": group.pooling.answer, "page": out / "group" / "report.html"})
+        print_json({**answer, "remarks": group.pooling.sentences, "page": out / "group" / "report.html"})
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
@@ -273,7 +273,7 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
 
 def told_unlike(group: Group, quiet: bool) -> None:
     """Say what of a group was not measured alike, and is not pooled."""
-    if answer := group.pooling.answer:
+    if answer := group.pooling.sentences:
         few = len(group.pooling.left_out)
         print_note(
             f"warning: {' '.join(answer)} {few} measures are not pooled whole: see the page of the group.", quiet

@@ -19,7 +19,7 @@ from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, expl
 
 MOST_PROBLEMS = 20  # that are told of one scene
 #: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
-_SAID = re.compile(
+_STRING = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
     r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""",
     re.DOTALL,
@@ -109,7 +109,7 @@ def _parsed(source: Source) -> dict[str, Any]:
 
 
 def _loads(text: str) -> dict[str, Any]:
-    if _DEEP.search(_SAID.sub("s", text)):
+    if _DEEP.search(_STRING.sub("s", text)):
         raise RecursionError("a key of too many parts")
     return tomllib.loads(text)
 

@@ -32,7 +32,7 @@ from morphofold.studies.folds.statistics import (
 )
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
 from morphofold.studies.indexes import write_tables
-from morphofold.studies.paper.runs import Runs, entry
+from morphofold.studies.paper.runs import Runs, run_record
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0
@@ -200,7 +200,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
                 for g in simulation.stages
                 if g > 1
             }
-        simulations.append({**entry(simulation), "seed": run.seed})
+        simulations.append({**run_record(simulation), "seed": run.seed})
     return _write(study, folder, rows, radii, simulations)
 
 

@@ -330,7 +330,7 @@ def is_taken(text):
     "files",
     "a key of up to 2,000 parts, in quotes or not, beside comments and texts with as many dots",
     guard="strings and comments left out",
-    without=lambda patch: patch.setattr(scene_file, "_SAID", re.compile("(?!)")),
+    without=lambda patch: patch.setattr(scene_file, "_STRING", re.compile("(?!)")),
 )
 def test_deep_keys(holds):
     right = []
