@@ -163,7 +163,8 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
         return
     for m in measures:
         s = m.scalars
-        index, thickness = _formatted(s["gyrification_index"], ".2f"), _formatted(s["mean_cortical_thickness_mm"], ".2f", " mm")
+        index = _formatted(s["gyrification_index"], ".2f")
+        thickness = _formatted(s["mean_cortical_thickness_mm"], ".2f", " mm")
         print(
             one_line(
                 f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
