@@ -30,6 +30,7 @@ TASKS = {
     "test": [
         ["ruff", "check", "."],
         ["ruff", "format", "--check", "."],
+        ["codespell"],
         ["mypy"],
         [*"python -m pytest -n auto --maxprocesses 4 --dist worksteal".split()],
     ],

@@ -1,8 +1,10 @@
-"""Writes the tables of docs/hard-cases.md: ``python tests/hard_cases/page.py FILE... docs/hard-cases.md``.
+"""Writes the tables of docs/hard-cases.md, and docs/hard-cases.tsv with every bound, from runs of the hard cases.
 
-FILE is what ``pytest tests/hard_cases -m "" --hard-cases FILE`` wrote.
+``python tests/hard_cases/page.py FILE... docs/hard-cases.md``; FILE is what ``pytest tests/hard_cases -m ""
+--hard-cases FILE`` wrote. A test that is in several files counts as the last of them has it.
 """
 
+import csv
 import json
 import re
 import sys
@@ -11,45 +13,72 @@ from pathlib import Path
 from morphofold.io import atomic_file
 from morphofold.studies.markdown import between_marks, table
 
-HEADS = ("case", "what", "bound", "measured", "without the guard", "peers")
-LONGEST = 160  # characters of a message in a cell
+HEADS = ("case", "kept by", "bounds", "one of them", "without the guard", "other programs")
+COLUMNS = ("group", "case", "what", "bound", "measured", "guard", "without_the_guard", "other_programs")
+LONGEST = 110  # characters of a cell of the page; the table of all bounds has them whole
 
 
 def rows_of(tests):
-    """Cells of the table by group, tests in the order of their names, each with its broken bound beside."""
+    """A row for every bound, by test; the first row of a test says how the test ends without its guard."""
     broken = {
         node.replace("[unguarded", "[guarded"): text
         for node, test in tests.items()
         for text in test["told"]
         if isinstance(text, str)
     }
-    found = {}
+    rows = []
     for node, test in tests.items():
         assert test["outcome"] == "passed", f"{node} did not pass: the page is made of a run in which all do"
-        told = [row for row in test["told"] if not isinstance(row, str)]
-        for k, row in enumerate(row for row in told if not row["unguarded"]):
-            without = f"{broken[node]} ({row['guard']})" if k == 0 and node in broken else ""
-            cells = [row["case"], row["what"], row["bound"], row["measured"], without, row["peers"] if k == 0 else ""]
-            found.setdefault(row["group"], []).append([_cell(text) for text in cells])
-    return found
+        told = [row for row in test["told"] if not isinstance(row, str) and not row["unguarded"]]
+        for k, row in enumerate(told):
+            without = broken.get(node, "") if k == 0 else ""
+            values = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
+            rows.append(
+                dict(zip(COLUMNS, map(_plain, [*values, without, row["peers"] if k == 0 else ""]), strict=True))
+            )
+    return rows
 
 
-def _cell(text):
-    text = re.sub(r"/\S*/pytest-of-\w+/pytest-\d+/[^/\s]+/", "", " ".join(text.split())).replace("|", "/")
+def summary(rows):
+    """Lines of the page by group: one for each case."""
+    cases = {}
+    for row in rows:
+        cases.setdefault((row["group"], row["case"]), []).append(row)
+    groups = {}
+    for (group, case), own in cases.items():
+        shown = next((row for row in own if row["bound"] not in ("equal", "")), own[0])
+        example = f"{shown['what']}: {shown['measured']} ({shown['bound']})"
+        first = {key: next((row[key] for row in own if row[key]), "") for key in COLUMNS}
+        cells = [case, first["guard"], str(len(own)), example, first["without_the_guard"], first["other_programs"]]
+        groups.setdefault(group, []).append([_short(text) for text in cells])
+    return groups
+
+
+def _plain(text):
+    return re.sub(r"/\S*/pytest-of-\w+/pytest-\d+/[^/\s]+/", "", " ".join((text or "").split()))
+
+
+def _short(text):
+    text = text.replace("|", "/")
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
 def main(*files, page):
     tests = {}
-    for file in files:  # a later run of a test counts
+    for file in files:
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
-    groups = rows_of(tests)
-    page = Path(page)
+    page, rows = Path(page), rows_of(tests)
     text = page.read_text(encoding="utf-8")
-    for group, rows in groups.items():
-        text = between_marks(text, group, [table(HEADS, rows)], page)
+    for group, lines in summary(rows).items():
+        text = between_marks(text, group, [table(HEADS, lines)], page)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    with atomic_file(page.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(
+            file, COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
+        )
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 if __name__ == "__main__":
