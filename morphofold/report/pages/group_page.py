@@ -123,7 +123,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         "group.html",
         ["tables.js"],
         title=f"A group of {plural(len(group.subjects), 'subject')}",
-        remark_rows=told_number,
+        shown=shown_number,
         percent=percent,
         beside=beside,
         p_told=p_told,
@@ -300,7 +300,7 @@ def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence
 # --- numbers
 
 
-def told_number(measure: str, value: float) -> str:
+def shown_number(measure: str, value: float) -> str:
     """A value as a page has it: counts as whole numbers where they are."""
     if np.isfinite(value) and value == round(value) and measure.startswith(("n_", "euler")):
         return number(round(value))
@@ -309,7 +309,7 @@ def told_number(measure: str, value: float) -> str:
 
 def beside(one: Outlier) -> tuple[str, str]:
     """An outlier's value and the median, in as many figures as tell them apart."""
-    value, median = told_number(one.measure, one.value), told_number(one.measure, one.median)
+    value, median = shown_number(one.measure, one.value), shown_number(one.measure, one.median)
     digits = 4
     while value == median and digits < 8:
         value, median = number(one.value, digits), number(one.median, digits)
@@ -383,11 +383,11 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     series = [(side, shown[:, HEMIS.index(side.hemi)], np.ones(len(values))) for side in there]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
-    remark_rows = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
-    remark_rows = remark_rows if len(set(numbers)) > 1 else []  # else the caption below all charts says it
-    remark_rows += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
-    if chart is not None and remark_rows:
-        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(remark_rows))
+    caption = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
+    caption = caption if len(set(numbers)) > 1 else []  # else the caption below all charts says it
+    caption += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
+    if chart is not None and caption:
+        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(caption))
     return chart
 
 
@@ -413,7 +413,7 @@ def alike(scalars: Scalars) -> list[str]:
         known = values[np.isfinite(values)]
         if known.size >= FEWEST_DRAWN and are_alike(known):
             label, unit = scalar_words(name)
-            sentences.append(f"{label} {told_number(name, float(np.median(known)))} {unit}".strip())
+            sentences.append(f"{label} {shown_number(name, float(np.median(known)))} {unit}".strip())
     return sentences
 
 
