@@ -257,7 +257,7 @@ def test_formulas_become_mathml_and_code_stays():
 
 
 def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
-    for package in ("mkdocs", "material", "latex2mathml"):
+    for package in ("mkdocs", "material", "latex2mathml", "mkdocstrings"):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed: pip install -e .[docs]")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
@@ -271,6 +271,16 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
         assert not re.findall(r"<(?:script|img|link|iframe)\b[^>]*(?:src|href)=\"?(?:https?:)?//", text), name
         assert "OF-PAGE" not in text, name
     assert pages["theory.html"].count("<math") > 50
+
+
+def test_the_reference_has_every_public_name():
+    text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "api").glob("*.md"))
+    shown = set(re.findall(r"^::: ([\w.]+)$", text, re.M))
+    for name in ("", ".analysis", ".sim.theory", ".comparison", ".forecasts", ".io", ".results", ".report"):
+        module = importlib.import_module(f"morphofold{name}")
+        for public in module.__all__:
+            home = getattr(getattr(module, public), "__module__", None) or module.__name__
+            assert public.startswith("__") or {f"{home}.{public}", f"{module.__name__}.{public}"} & shown, public
 
 
 # --- numbers that pages name and no other test holds
